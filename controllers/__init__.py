@@ -1,0 +1,1 @@
+"""Control laws, observers, predictor and analysis: numpy, scipy and control only."""

@@ -1,0 +1,92 @@
+"""Tracking by approximate feedback linearisation (AFL), without and with integral action."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.axes import chain
+from controllers.interfaces import Array, Law, Reference
+from controllers.poles import Pole, gains_from, real_gains, require_stable, stable_poles
+
+
+@dataclass(frozen=True, kw_only=True)
+class AFL(Law):
+    """AFL tracking (6.59): e^(4) + p3 e''' + p2 e'' + p1 e' + p0 e = 0 on the flat model (6.55c).
+
+    Raises:
+        ValueError: If the poles or gains are of wrong number, not real (poles: not in conjugate
+            pairs) or not stable, or if both are given.
+    """
+
+    name: ClassVar[str] = "afl"
+
+    poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
+    """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.4."""
+    gains: tuple[float, ...] | None = None
+    """The gains (p0, p1, p2, p3) themselves; given, they replace the poles."""
+
+    p: Array = field(init=False, repr=False, compare=False)
+    """Gains (p0, p1, p2, p3) on the error and its derivatives, followed by p_I if there is one."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and turn the poles into gains."""
+        default = type(self).poles
+        integral = len(default) - 4  # p_I is last of the gains, yet first in the polynomial (6.61)
+        if self.gains is None:
+            object.__setattr__(self, "poles", stable_poles(self.poles, len(default)))
+            p = np.roll(gains_from(self.poles), -integral)
+        elif self.poles == default:
+            p = np.array(real_gains(self.gains, len(default)))
+            require_stable(np.roll(p, integral), self.gains)
+        else:
+            raise ValueError("gains replace poles: give either gains or poles")
+        object.__setattr__(self, "p", p)
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
+        z, _, rate, a = chain(self.model, x)
+        r = reference(t)
+        v = r[4] - (z - r[:4].T) @ self.p[:4]
+        if self.memory:
+            v = v - self.p[4] * q
+        out: Array = (v + z[..., 2] * rate * rate) / a
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class AFLIntegral(AFL):
+    """AFL with integral action (6.62): e^(5) + p3 e^(4) + ... + p0 e' + p_I e = 0 (6.61).
+
+    The memory q is the integral of the error for x and y in m s.
+
+    Raises:
+        ValueError: As for ``AFL``, or if the limit is not positive.
+    """
+
+    name: ClassVar[str] = "afl_integral"
+    memory: ClassVar[int] = 2
+
+    poles: tuple[Pole, ...] = (-1, -1.5, -2, -2.5, -3)
+    """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.6."""
+    gains: tuple[float, ...] | None = None
+    """The gains (p0, p1, p2, p3, p_I) themselves; given, they replace the poles."""
+    integral_limit: float | None = None
+    """Anti-windup: q grows no further than this in m s. None, as in the thesis: no limit."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and turn the poles into gains."""
+        super().__post_init__()
+        limit = self.integral_limit
+        if limit is not None and not (math.isfinite(limit) and limit > 0):
+            raise ValueError(f"integral_limit must be a positive number or none, got {limit}")
+
+    def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Error e of x and y in m, or zero where q is at its limit and e points beyond it."""
+        e: Array = x[..., 0::4] - reference(t)[0]
+        if self.integral_limit is None:
+            return e
+        return np.where((np.abs(q) < self.integral_limit) | (q * e < 0), e, 0.0)

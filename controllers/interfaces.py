@@ -1,0 +1,126 @@
+"""What a law, an observer, a reference and a measurement are; everything else builds on these.
+
+Every array ends in its vector axis and may have any number of leading axes, one entry a rig:
+states ``x`` are (..., 8) in the order of (5.5), measurements ``y`` (..., 4) in the order of (5.3),
+inputs ``u`` and plate rates (..., 2). SI units throughout.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.ballplate import BallPlate
+
+Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What a rig hands over once a control period, simulated or real.
+
+    Attributes:
+        time: Seconds since the run started.
+        y: x, phi, y, theta; the ball in m in plate axes, the plate in rad; shape (..., 4).
+        age: Seconds since the ball position arrived, shape (...,).
+        touched: Whether the screen feels the ball, shape (...,).
+        state: The full state, shape (..., 8), from a simulated rig with ideal sensors; else None.
+    """
+
+    time: float
+    y: Array
+    age: Array
+    touched: Mask
+    state: Array | None = None
+
+
+class Reference(ABC):
+    """A path of the ball that may be asked at any time, ahead too.
+
+    A subclass is a frozen dataclass whose fields are its settings: the names a scenario may write
+    under ``[reference]``.
+    """
+
+    name: ClassVar[str]
+    """What a scenario calls the reference."""
+
+    @abstractmethod
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four time derivatives of the wished ball position.
+
+        Args:
+            t: Time in s, a number or an array of any shape.
+
+        Returns:
+            Shape (5, *shape(t), 2): derivative order first, then time, then the axes x and y;
+            in m, m/s, m/s^2, m/s^3, m/s^4.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law(ABC):
+    """A state feedback law u = control(t, x, reference, q) with optional memory q.
+
+    A subclass is a frozen dataclass whose fields are its settings: the names a scenario may write
+    under ``[controller]``. ``model`` is given by whoever builds the law.
+    """
+
+    name: ClassVar[str]
+    """What a scenario calls the law."""
+    memory: ClassVar[int] = 0
+    """Length of q, the law's own integrator states; 0 for a static law."""
+
+    model: BallPlate = field(default_factory=BallPlate, repr=False)
+    """The model the law is designed on."""
+
+    @abstractmethod
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations u = (phi'', theta'') in rad/s^2, shape (..., 2).
+
+        Args:
+            t: Time in s.
+            x: State or its estimate, shape (..., 8).
+            reference: The path to follow.
+            q: The law's memory, shape (..., memory).
+        """
+
+    def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Time derivative of the memory q, shape (..., memory)."""
+        return np.zeros_like(q)
+
+
+@dataclass(kw_only=True)
+class Observer(ABC):
+    """A state estimator at the control period: ``start``, then ``correct``, ``predict`` a tick.
+
+    A subclass is a dataclass whose fields are its settings, the names a scenario may write under
+    ``[observer]``; ``model`` and ``period`` are given by whoever builds it.
+    """
+
+    name: ClassVar[str]
+    """What a scenario calls the observer."""
+
+    model: BallPlate = field(default_factory=BallPlate, repr=False)
+    """The model the observer is designed on."""
+    period: float = 0.002
+    """Control period in s."""
+
+    x: Array = field(init=False, repr=False)
+    """The present estimate, shape (..., 8)."""
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x, shape (..., 8)."""
+        self.x = np.array(x, dtype=float)
+
+    @abstractmethod
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in a measurement and return the estimate at its time, shape (..., 8)."""
+
+    @abstractmethod
+    def predict(self, u: Array) -> None:
+        """Carry the estimate one period ahead under the applied input u, shape (..., 2)."""

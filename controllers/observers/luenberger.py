@@ -1,0 +1,98 @@
+"""Luenberger observer (7.1) on the linear model, designed by pole placement (7.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import place_poles
+
+from controllers.interfaces import Measurement, Observer
+from controllers.observers.innovation import OUTPUTS, innovation
+from controllers.observers.sampling import sample
+from controllers.poles import Pole, listed, stable_poles
+
+Array = NDArray[np.floating]
+
+
+@dataclass(kw_only=True)
+class Luenberger(Observer):
+    """Linear observer with the error dynamics of given poles.
+
+    Discrete in its current form: the estimate at a tick has that tick's measurement in it,
+
+        xhat[k] = xbar[k] + L (y[k] - C xbar[k]),    xbar[k+1] = A xhat[k] + B u[k],
+
+    with A, B the exact step of (5.35) over a period, so the error obeys A (I - L C) and a linear
+    plant is followed without bias. The two subsystems (x, phi) and (y, theta) are designed apart,
+    each with eigenvalues exp(p T) for its continuous poles p. With two measurements each, poles do
+    not fix L (nor do they fix the thesis's); the free part goes where Matlab's place, too, puts
+    it: eigenvectors as orthogonal as possible, by the deterministic search of Yang and Tits.
+
+    Raises:
+        ValueError: If the poles are not four or eight, not stable, not in conjugate pairs, or if
+            more than two of a subsystem coincide.
+    """
+
+    name: ClassVar[str] = "luenberger"
+
+    poles: tuple[Pole, ...] = (-8, -10, -14, -16)
+    """Poles of the error in 1/s: four for each subsystem alike, or eight, for (x, phi) and then
+    for (y, theta). By default (8.1)."""
+
+    A: Array = field(init=False, repr=False)
+    """State matrix of a step, shape (8, 8)."""
+    B: Array = field(init=False, repr=False)
+    """Input matrix of a step, shape (8, 2)."""
+    L: Array = field(init=False, repr=False)
+    """Gain of the current form, shape (8, 4)."""
+
+    def __post_init__(self) -> None:
+        """Design the gain."""
+        A, B, _ = self.model.linear()
+        self.A, self.B = sample(A, B, self.period)
+        self.L = np.zeros((8, 4))
+        for axis, mine in enumerate(axis_poles(self.poles)):
+            states, outputs = slice(4 * axis, 4 * axis + 4), slice(2 * axis, 2 * axis + 2)
+            self.L[states, outputs] = current_gain(self.A[states, states], mine, self.period)
+        self._A, self._B, self._L = self.A.T, self.B.T, self.L.T
+
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in a measurement; without a touch only the plate angles correct."""
+        self.x = self.x + innovation(measurement, self.x).dot(self._L)
+        return self.x
+
+    def predict(self, u: Array) -> None:
+        """Carry the estimate one period ahead."""
+        self.x = self.x.dot(self._A) + u.dot(self._B)
+
+
+def axis_poles(poles: Sequence[Pole]) -> tuple[tuple[Pole, ...], tuple[Pole, ...]]:
+    """Four poles for x and four for y of four for both or of eight, once checked."""
+    if len(poles) not in (4, 8):
+        raise ValueError(f"poles must be 4 or 8 numbers, got {len(poles)}")
+    return stable_poles(poles[:4], 4), stable_poles(poles[-4:], 4)
+
+
+def current_gain(A: Array, poles: Sequence[Pole], T: float) -> Array:
+    """Gain L that gives A (I - L C) the eigenvalues exp(p T), C picking every other state.
+
+    Args:
+        A: State matrix of a step of one subsystem, shape (4, 4).
+        poles: Continuous poles p in 1/s, shape (4,).
+        T: Period in s.
+
+    Returns:
+        Shape (4, 2).
+
+    Raises:
+        ValueError: If more than two poles coincide.
+    """
+    if max(map(poles.count, poles)) > 2:
+        raise ValueError(f"poles may coincide in pairs, no more, got {listed(poles)}")
+    C = np.eye(4)[OUTPUTS]
+    placed = place_poles(A.T, C.T, np.exp(np.sort(poles) * T))
+    return np.linalg.solve(A, placed.gain_matrix.T)

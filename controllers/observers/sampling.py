@@ -1,0 +1,39 @@
+"""A linear model from one control tick to the next."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.floating]
+
+
+def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:
+    """Exact step x[k+1] = Ad x[k] + Bd u[k] of x' = A x + B u with u held over a period.
+
+    Args:
+        A: State matrix, shape (n, n).
+        B: Input matrix, shape (n, m).
+        T: Period in s.
+
+    Returns:
+        Ad, shape (n, n), and Bd, shape (n, m).
+
+    Raises:
+        ValueError: If the period is not positive and finite.
+    """
+    check_period(T)
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A, B
+    step = expm(block * T)
+    return step[:n, :n], step[:n, n:]
+
+
+def check_period(T: float) -> None:
+    """Raise a ValueError unless the period is positive and finite."""
+    if not (math.isfinite(T) and T > 0):
+        raise ValueError(f"period must be a positive number, got {T}")

@@ -1,0 +1,145 @@
+"""References through points: a transition between two, a path through many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import factorial
+from typing import ClassVar
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from controllers.interfaces import Array, Reference
+from controllers.references.checks import finite, pair, positive
+from controllers.references.piecewise import Piecewise, at_rest, join, still
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition(Reference):
+    """On a straight line from rest at one point to rest at another, in a given time.
+
+    The polynomial of degree nine keeps the position smooth to the fourth derivative.
+
+    Raises:
+        ValueError: If a setting is not finite or the duration not positive.
+    """
+
+    name: ClassVar[str] = "transition"
+
+    start: tuple[float, float] = (0.0, 0.0)
+    """Position (x, y) up to ``time`` in m, plate axes."""
+    end: tuple[float, float] = (0.15, 0.1)
+    """Position (x, y) from ``time + duration`` on in m, plate axes."""
+    time: float = 0.0
+    """Time at which the ball sets off in s."""
+    duration: float = 3.0
+    """Time it takes in s."""
+
+    _motion: Piecewise = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings and join the two points."""
+        start, end = pair("start", self.start), pair("end", self.end)
+        time, duration = finite("time", self.time), positive("duration", self.duration)
+        pieces = (still(start), join(at_rest(start), at_rest(end), duration), still(end))
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "end", end)
+        motion = Piecewise((time, time, time + duration), np.array(pieces))
+        object.__setattr__(self, "_motion", motion)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        return self._motion(t)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path(Reference):
+    """A smooth curve through points, from rest to rest or round and round.
+
+    The curve is the quintic spline over the length of the polygon through the points; the ball runs
+    along it after a schedule that gathers speed, keeps it and, on an open path, sheds it again.
+    Both, and so the path in time, are smooth to the fourth derivative.
+
+    Raises:
+        ValueError: If there are too few points, two in a row coincide, or a time does not fit.
+    """
+
+    name: ClassVar[str] = "path"
+
+    points: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.15, 0.05), (0.1, -0.1), (-0.1, 0.0))
+    """The points (x, y) in order in m, plate axes; two or more, three or more of a closed path."""
+    duration: float = 8.0
+    """Time in s from the first point to the last or, on a closed path, for a lap at full speed."""
+    closed: bool = False
+    """Whether the path returns to its first point and goes on for ever."""
+    time: float = 0.0
+    """Time at which the ball sets off in s; it waits at the first point until then."""
+    ramp: float | None = None
+    """Time in s to gather full speed, and to shed it; at most half the duration on an open path.
+    Default: a quarter of the duration."""
+
+    _curve: Piecewise = field(init=False, repr=False, compare=False)
+    _schedule: Piecewise = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings, lay the curve and make the schedule."""
+        points = tuple(pair("points", point) for point in self.points)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "_curve", _curve(np.array(points), self.closed))
+        duration, time = positive("duration", self.duration), finite("time", self.time)
+        ramp = duration / 4 if self.ramp is None else positive("ramp", self.ramp)
+        if not self.closed and ramp > duration / 2:
+            raise ValueError(f"ramp must be at most half the duration, {duration / 2}, got {ramp}")
+        schedule = _schedule(time, duration, ramp, self.closed)
+        object.__setattr__(self, "_schedule", schedule)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        s, s1, s2, s3, s4 = self._schedule(t)
+        p, p1, p2, p3, p4 = self._curve((s % 1.0 if self.closed else s)[..., 0])
+        out = np.empty((5, *p.shape))
+        out[0] = p
+        # The chain rule, four times over.
+        out[1] = p1 * s1
+        out[2] = p2 * s1**2 + p1 * s2
+        out[3] = p3 * s1**3 + 3 * p2 * s1 * s2 + p1 * s3
+        out[4] = p4 * s1**4 + 6 * p3 * s1**2 * s2 + p2 * (3 * s2**2 + 4 * s1 * s3) + p1 * s4
+        return out
+
+
+def _curve(points: Array, closed: bool) -> Piecewise:
+    """Quintic spline through the points over the share of the polygon's length, 0 to 1."""
+    least = 3 if closed else 2
+    if len(points) < least:
+        kind = "a closed" if closed else "an open"
+        raise ValueError(f"points must be {least} or more for {kind} path, got {len(points)}")
+    if closed:
+        points = np.vstack((points, points[:1]))
+    sides = np.hypot(*np.diff(points, axis=0).T)
+    if not sides.all():
+        i = int(np.argmin(sides))
+        raise ValueError(f"points must differ from one to the next, got {points[i].tolist()} twice")
+    share = np.append(0.0, np.cumsum(sides)) / sides.sum()
+    share[-1] = 1.0
+    # An open curve ends straight: second and fourth derivative zero, so two points give a line.
+    straight = [(2, np.zeros(2)), (4, np.zeros(2))]
+    ends = "periodic" if closed else (straight, straight)
+    spline = make_interp_spline(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
+    pieces = [spline(share[:-1], nu=j) / factorial(j) for j in range(6)]
+    return Piecewise(share[:-1], np.stack(pieces, axis=1))
+
+
+def _schedule(time: float, duration: float, ramp: float, closed: bool) -> Piecewise:
+    """Share of the curve left behind over time, one column."""
+    pace = 1 / duration if closed else 1 / (duration - ramp)
+    # A ramp covers half of what full pace would.
+    covered = pace * ramp / 2
+    full, cruise = at_rest((covered,)), still((covered,))
+    full[1] = cruise[1] = pace
+    pieces = [still((0.0,)), join(at_rest((0.0,)), full, ramp), cruise]
+    origins = [time, time, time + ramp]
+    if not closed:
+        full[0] = 1 - covered
+        pieces += [join(full, at_rest((1.0,)), ramp), still((1.0,))]
+        origins += [time + duration - ramp, time + duration]
+    return Piecewise(origins, np.array(pieces))

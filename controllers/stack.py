@@ -1,0 +1,89 @@
+"""Law, observer and reference joined into one controller: measurement in, plate rate out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.interfaces import Array, Law, Measurement, Observer, Reference
+
+
+class Controller:
+    """What drives a rig, simulated or real.
+
+    Once a period: ``command`` takes the measurement and gives the wished plate rates; ``applied``
+    must then be told the rates the rig really commanded, from which the observer predicts.
+
+    Args:
+        law: The state feedback.
+        observer: The estimator (with predictor, if any).
+        reference: The path of the ball.
+        period: Control period in s.
+    """
+
+    def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
+        self.law = law
+        self.observer = observer
+        self.reference = SampledReference(reference, period)
+        self.period = period
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin with the ball and the plate where the measurement sees them, at rest."""
+        x = np.zeros((*measurement.y.shape[:-1], 8))
+        x[..., 0::2] = measurement.y
+        if measurement.state is not None:
+            x = np.array(measurement.state)
+        self.observer.start(x)
+        self.rate = np.zeros((*x.shape[:-1], 2))
+        self.memory = np.zeros((*x.shape[:-1], self.law.memory))
+        self.u = np.zeros_like(self.rate)
+
+    def command(self, measurement: Measurement) -> Array:
+        """Wished plate rates (phi', theta') in rad/s, shape (..., 2).
+
+        The wished accelerations are left in ``u``, the estimate in ``observer.x``.
+        """
+        t = measurement.time
+        x = self.observer.correct(measurement)
+        self.u = self.law.control(t, x, self.reference, self.memory)
+        if self.law.memory:
+            slope = self.law.memory_rate(t, x, self.reference, self.memory)
+            self.memory = self.memory + self.period * slope
+        wished: Array = self.rate + self.period * self.u
+        return wished
+
+    def applied(self, rate: Array) -> None:
+        """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2)."""
+        self.observer.predict((rate - self.rate) / self.period)
+        self.rate = rate
+
+
+class SampledReference(Reference):
+    """A reference evaluated ahead in blocks of control periods; elsewhere it is the original.
+
+    Args:
+        reference: The original.
+        period: Control period in s.
+    """
+
+    BLOCK = 512
+
+    def __init__(self, reference: Reference, period: float) -> None:
+        self.original = reference
+        self._period = period
+        self._first = 0
+        self._block = np.zeros((0, 5, 2))
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives, shape (5, *shape(t), 2)."""
+        if not isinstance(t, float):
+            return self.original(t)
+        tick = round(t / self._period)
+        if abs(tick * self._period - t) > 1e-9:
+            return self.original(t)
+        index = tick - self._first
+        if not 0 <= index < len(self._block):
+            self._first, index = tick, 0
+            times = (tick + np.arange(self.BLOCK)) * self._period
+            self._block = np.ascontiguousarray(self.original(times).swapaxes(0, 1))
+        block: Array = self._block[index]
+        return block

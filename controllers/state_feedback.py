@@ -1,0 +1,162 @@
+"""Linear state feedback u = K (x* - x): pole placement (6.1.1) and LQR (6.1.2)."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import control
+import numpy as np
+
+from controllers.interfaces import Array, Law, Reference
+from controllers.poles import Pole, listed, stable_poles
+
+
+@dataclass(frozen=True, kw_only=True)
+class _StateFeedback(Law):
+    """u = K (x* - x) (6.8) on the model linearised about the level plate."""
+
+    reference: Literal["position", "velocity"] = "velocity"
+    """Whether x* holds the wished position alone (6.9a) or its velocity too (6.9b)."""
+
+    K: Array = field(init=False, repr=False, compare=False)
+    """Gain, shape (2, 8), in rad/s^2 per unit of the state."""
+
+    @abstractmethod
+    def _gain(self) -> Array:
+        """Check the settings; the gain, shape (2, 8)."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and compute the gain once."""
+        if self.reference not in ("position", "velocity"):
+            allowed = '"position" or "velocity"'
+            raise ValueError(f"reference must be {allowed}, got {self.reference!r}")
+        object.__setattr__(self, "K", self._gain())
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations K (x* - x) (6.8) in rad/s^2, shape (..., 2)."""
+        r = reference(t)
+        wished = np.zeros(8)
+        wished[0::4] = r[0]
+        if self.reference == "velocity":
+            wished[1::4] = r[1]
+        out: Array = (wished - x) @ self.K.T
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolePlacement(_StateFeedback):
+    """State feedback with chosen closed-loop poles (6.6).
+
+    Raises:
+        ValueError: If the poles are not four or eight, not stable or not in conjugate pairs.
+    """
+
+    name: ClassVar[str] = "pole_placement"
+
+    poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
+    """Closed-loop poles in 1/s: four for each axis alike, or eight, for x and then for y."""
+
+    def _gain(self) -> Array:
+        both = self.poles if len(self.poles) == 8 else (*self.poles, *self.poles)
+        if len(both) != 8:
+            raise ValueError(f"poles must be 4 or 8 numbers, got {len(self.poles)}")
+        both = (*stable_poles(both[:4], 4), *stable_poles(both[4:], 4))
+        object.__setattr__(self, "poles", both[: len(self.poles)])
+        return placed(self.model.linear().A, self.model.linear().B, both)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LQR(_StateFeedback):
+    """State feedback that minimises the integral of x'Qx + u'Ru (6.10).
+
+    Raises:
+        ValueError: If a weight is not finite or has the wrong sign, or if the weights leave part of
+            the motion without control.
+    """
+
+    name: ClassVar[str] = "lqr"
+
+    rho: float = 300.0
+    """Weight of the state against the input (6.11)."""
+    kappa: float = 0.3
+    """Weight of the rates against the positions (6.11)."""
+    Q: tuple[float, ...] | None = None
+    """Diagonal of the state weight, eight numbers; given, it replaces ``rho`` and ``kappa``."""
+    R: tuple[float, float] = (1.0, 1.0)
+    """Diagonal of the input weight."""
+
+    def _gain(self) -> Array:
+        if self.Q is None:
+            Q = weights(self.rho, self.kappa)
+        elif (self.rho, self.kappa) != (LQR.rho, LQR.kappa):
+            raise ValueError("Q replaces rho and kappa: give either Q or rho and kappa")
+        else:
+            Q = self.Q
+        return optimal(self.model.linear().A, self.model.linear().B, Q, self.R)
+
+
+def weights(rho: float, kappa: float) -> tuple[float, ...]:
+    """Diagonal of Q = rho diag(1, kappa, 1, kappa, ...) (6.11).
+
+    Raises:
+        ValueError: If rho is not positive or kappa negative, or either not finite.
+    """
+    if not (math.isfinite(rho) and rho > 0):
+        raise ValueError(f"rho must be a positive number, got {rho}")
+    if not (math.isfinite(kappa) and kappa >= 0):
+        raise ValueError(f"kappa must be a number, 0 or more, got {kappa}")
+    return (rho, rho * kappa) * 4
+
+
+def placed(A: Array, B: Array, poles: Sequence[Pole]) -> Array:
+    """Gain K that gives A - B K the poles, axis by axis (6.4), (6.6).
+
+    Args:
+        A: State matrix of (5.35), shape (8, 8).
+        B: Input matrix of (5.35), shape (8, 2).
+        poles: Four poles for x, then four for y; a pole may repeat.
+
+    Returns:
+        K, shape (2, 8).
+    """
+    K = np.zeros((2, 8))
+    for axis in (0, 1):
+        own = slice(4 * axis, 4 * axis + 4)
+        K[axis, own] = control.acker(A[own, own], B[own, axis : axis + 1], poles[own])
+    return K
+
+
+def optimal(A: Array, B: Array, Q: Sequence[float], R: Sequence[float]) -> Array:
+    """Gain K = R^-1 B'P with A'P + PA - PBR^-1B'P + Q = 0, (6.12) and (6.13).
+
+    Args:
+        A: State matrix of (5.35), shape (8, 8).
+        B: Input matrix of (5.35), shape (8, 2).
+        Q: Diagonal of the state weight, eight numbers, none negative.
+        R: Diagonal of the input weight, two positive numbers.
+
+    Returns:
+        K, shape (2, 8).
+
+    Raises:
+        ValueError: If a weight is not allowed, or no gain stabilises the plate with these weights.
+    """
+    if len(Q) != 8 or not all(math.isfinite(w) and w >= 0 for w in Q):
+        raise ValueError(f"Q must be 8 finite numbers, none negative, got {list(Q)}")
+    if len(R) != 2 or not all(math.isfinite(w) and w > 0 for w in R):
+        raise ValueError(f"R must be 2 positive numbers, got {list(R)}")
+    try:
+        K = np.asarray(control.lqr(A, B, np.diag(Q), np.diag(R), method="scipy")[0])
+    except (ValueError, np.linalg.LinAlgError, control.ControlArgument):
+        K = np.zeros((2, 8))
+    poles = np.linalg.eigvals(A - B @ K)
+    # A mode without weight keeps its pole on the imaginary axis, to the solver's accuracy.
+    if not (poles.real < -1e-4).all():
+        raise ValueError(
+            f"Q {list(Q)} with R {list(R)} leaves a motion without control: poles {listed(poles)}"
+        )
+    return K

@@ -1,0 +1,212 @@
+import math
+
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from controllers.ballplate import BallPlate
+
+MODEL = BallPlate()
+PLAIN = {"mass": 0.024, "radius": 0.02, "inertia": 6.4e-6, "gravity": 9.81, "height": 0.122}
+
+
+def states(count=200, seed=0):
+    """States and inputs far beyond the operating range, where every term matters."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (count, 8)), rng.uniform(-7, 7, (count, 2))
+
+
+@pytest.fixture(scope="module")
+def lagrange():
+    """Ball accelerations (x'', y'') from the energies (4.14b), (4.16) and R = Rx(theta) Ry(phi)."""
+    m, r, J, g, h, t = sympy.symbols("m r J g h t")
+    x, y, phi, theta = (sympy.Function(name)(t) for name in ("x", "y", "phi", "theta"))
+    R = sympy.rot_axis1(-theta) * sympy.rot_axis2(-phi)
+    position = R * sympy.Matrix([x, y, h + r])
+    spin = R.T * R.diff(t)
+    omega = sympy.Matrix([spin[2, 1] - y.diff(t) / r, spin[0, 2] + x.diff(t) / r, spin[1, 0]])
+    velocity = position.diff(t)
+    L = m * velocity.dot(velocity) / 2 + J * omega.dot(omega) / 2 - m * g * position[2]
+    forces = [L.diff(q.diff(t)).diff(t) - L.diff(q) for q in (x, y)]
+    ax, ay = x.diff(t, 2), y.diff(t, 2)
+    mass = sympy.Matrix(forces).jacobian([ax, ay])
+    rest = sympy.Matrix([force.subs({ax: 0, ay: 0}) for force in forces])
+    plain = sympy.symbols("q:10")
+    ordered = (x, phi, y, theta)
+    swap = [(q.diff(t, 2), plain[8 + i]) for i, q in enumerate((phi, theta))]
+    swap += [(q.diff(t), plain[2 * i + 1]) for i, q in enumerate(ordered)]
+    swap += [(q, plain[2 * i]) for i, q in enumerate(ordered)]
+    names = [*plain, m, r, J, g, h]
+    function = sympy.lambdify(names, [mass.subs(swap), rest.subs(swap)], cse=True)
+
+    def accelerations(state, u, parameters):
+        M, b = function(*state, *u, *parameters.values())
+        return np.linalg.solve(np.array(M, dtype=float), -np.array(b, dtype=float)[:, 0])
+
+    return accelerations
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"mass": 0.1, "radius": 0.03, "inertia": 2e-5, "gravity": 3.7, "height": 0.05}]
+)
+def test_exact_model_is_the_lagrange_equation_of_the_energies(lagrange, changes):
+    parameters = PLAIN | changes
+    model = BallPlate(**parameters)
+    x, u = states(50)
+    expected = np.array([lagrange(*pair, parameters) for pair in zip(x, u, strict=True)])
+    np.testing.assert_allclose(model.derivative(x, u)[:, 1::4], expected, rtol=1e-11, atol=1e-12)
+
+
+def test_rate_of_an_angle_or_position_is_the_next_state_or_the_input():
+    x, u = states()
+    rate = MODEL.derivative(x, u)
+    np.testing.assert_array_equal(rate[:, 0::2], x[:, 1::2])
+    np.testing.assert_array_equal(rate[:, 3::4], u)
+
+
+def test_derivative_is_f_plus_g_u():
+    x, u = states()
+    expected = MODEL.f(x) + np.einsum("nij,nj->ni", MODEL.g(x), u)
+    np.testing.assert_allclose(MODEL.derivative(x, u), expected, rtol=1e-14, atol=1e-14)
+
+
+def test_input_map_is_the_derivative_by_the_input():
+    x, u = states()
+    for axis in (0, 1):
+        step = np.eye(2)[axis]
+        difference = MODEL.derivative(x, u + step) - MODEL.derivative(x, u)
+        np.testing.assert_allclose(difference, MODEL.g(x)[..., axis], rtol=1e-12, atol=1e-12)
+
+
+def differences(function, x, step=1e-6):
+    columns = [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(8)]
+    return np.stack(columns, axis=-1)
+
+
+def test_jacobian_of_f_is_its_central_difference():
+    x, _ = states()
+    np.testing.assert_allclose(MODEL.jacobian(x), differences(MODEL.f, x), rtol=1e-8, atol=1e-8)
+
+
+def test_jacobian_with_input_is_the_central_difference_of_the_whole_right_side():
+    x, u = states()
+    expected = differences(lambda x: MODEL.derivative(x, u), x)
+    np.testing.assert_allclose(MODEL.jacobian(x, u), expected, rtol=1e-8, atol=1e-8)
+
+
+def test_linear_model_is_5_35_with_the_sign_of_the_last_input_corrected():
+    m, r, J, g, h = PLAIN.values()
+    c1 = m * r**2 / (m * r**2 + J)
+    c2 = ((h + r) * m * r**2 + J * r) / (m * r**2 + J)
+    A = np.zeros((8, 8))
+    A[[0, 2, 4, 6], [1, 3, 5, 7]] = 1
+    A[1, 2], A[5, 6] = c1 * g, -c1 * g
+    B = np.zeros((8, 2))
+    B[[1, 3, 5, 7], [0, 0, 1, 1]] = -c2, 1, c2, 1
+    C = np.zeros((4, 8))
+    C[[0, 1, 2, 3], [0, 2, 4, 6]] = 1
+    for ours, theirs in zip(MODEL.linear(), (A, B, C), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-14)
+
+
+def test_output_is_the_linear_output_matrix_times_the_state():
+    x, _ = states()
+    np.testing.assert_array_equal(MODEL.output(x), x @ MODEL.linear().C.T)
+
+
+def test_flat_model_is_the_exact_one_without_plate_motion_for_a_small_tilt():
+    x = np.array([0.1, 0.2, 1e-4, 0.0, -0.1, 0.1, -2e-4, 0.0])
+    rest = np.zeros(2)
+    np.testing.assert_allclose(
+        MODEL.flat(x, rest), MODEL.derivative(x, rest), rtol=1e-7, atol=1e-12
+    )
+
+
+def test_ball_position_of_the_flat_model_has_the_derivatives_of_6_43_and_6_48():
+    x, u = states(20)
+    k1 = MODEL.c1 * MODEL.gravity
+
+    def along(function):
+        h = 1e-5
+        rate = MODEL.flat(x, u)
+        return (function(x + h * rate) - function(x - h * rate)) / (2 * h)
+
+    def chain(x):
+        z3 = np.stack([k1 * np.sin(x[:, 2]), -k1 * np.sin(x[:, 6])], axis=-1)
+        z4 = np.stack([k1 * np.cos(x[:, 2]) * x[:, 3], -k1 * np.cos(x[:, 6]) * x[:, 7]], axis=-1)
+        return z3, z4
+
+    z3, z4 = chain(x)
+    v1 = -k1 * np.sin(x[:, 2]) * x[:, 3] ** 2 + k1 * np.cos(x[:, 2]) * u[:, 0]
+    v2 = k1 * np.sin(x[:, 6]) * x[:, 7] ** 2 - k1 * np.cos(x[:, 6]) * u[:, 1]
+    np.testing.assert_allclose(along(lambda x: x[:, 1::4]), z3, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(along(lambda x: chain(x)[0]), z4, rtol=1e-7, atol=1e-7)
+    expected = np.stack([v1, v2], axis=-1)
+    np.testing.assert_allclose(along(lambda x: chain(x)[1]), expected, rtol=1e-7, atol=1e-7)
+
+
+def test_ball_on_a_fixed_tilted_plate_keeps_its_energy():
+    m, r, J, g, h = PLAIN.values()
+    phi, theta = 0.12, -0.07
+    start = np.array([0.05, 0.3, phi, 0.0, -0.02, -0.2, theta, 0.0])
+    rest = np.zeros(2)
+    run = solve_ivp(lambda _, x: MODEL.derivative(x, rest), (0, 2), start, rtol=1e-11, atol=1e-13)
+    x, vx, _, _, y, vy, _, _ = run.y
+    height = (
+        -math.cos(theta) * math.sin(phi) * x
+        + math.sin(theta) * y
+        + math.cos(theta) * math.cos(phi) * (h + r)
+    )
+    energy = (m + J / r**2) * (vx**2 + vy**2) / 2 + m * g * height
+    assert np.ptp(x) > 1
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
+
+
+def test_mirroring_y_mirrors_the_motion():
+    x, u = states()
+    mirror = np.array([1, 1, 1, 1, -1, -1, -1, -1])
+    mirrored = MODEL.derivative(x * mirror, u * [1, -1])
+    np.testing.assert_allclose(mirrored, MODEL.derivative(x, u) * mirror, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (5,), (2, 3)])
+@pytest.mark.parametrize("name", ["f", "g", "derivative", "jacobian", "driven", "flat", "output"])
+def test_leading_axes_are_rigs(name, shape):
+    functions = {
+        "f": lambda x, _: MODEL.f(x),
+        "g": lambda x, _: MODEL.g(x),
+        "derivative": MODEL.derivative,
+        "jacobian": lambda x, _: MODEL.jacobian(x),
+        "driven": MODEL.jacobian,
+        "flat": MODEL.flat,
+        "output": lambda x, _: MODEL.output(x),
+    }
+    x, u = states(math.prod(shape))
+    function = functions[name]
+    together = function(x.reshape(*shape, 8), u.reshape(*shape, 2))
+    apart = np.stack([function(*pair) for pair in zip(x, u, strict=True)])
+    assert together.shape == (*shape, *apart.shape[1:])
+    np.testing.assert_allclose(together.reshape(apart.shape), apart, rtol=1e-14, atol=1e-15)
+
+
+@given(
+    st.sampled_from(["mass", "radius", "inertia", "gravity"]),
+    st.floats(max_value=0) | st.sampled_from([math.nan, math.inf]),
+)
+def test_parameter_that_cannot_be_is_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=f"ball {name} must be finite and positive"):
+        BallPlate(**{name: value})
+
+
+def test_surface_through_the_joint_is_allowed_but_not_below_it():
+    assert BallPlate(height=0).d == MODEL.radius
+    with pytest.raises(ValueError, match="ball height"):
+        BallPlate(height=-1e-9)
+
+
+def test_ball_of_the_thesis_is_a_thin_hollow_sphere():
+    assert pytest.approx(2 / 3 * MODEL.mass * MODEL.radius**2, rel=1e-12) == MODEL.inertia
+    assert pytest.approx(3 / 5, rel=1e-12) == MODEL.c1

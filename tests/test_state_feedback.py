@@ -1,0 +1,157 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import solve_continuous_lyapunov
+
+from controllers.ballplate import BallPlate
+from controllers.references import Hold, Sine
+from controllers.state_feedback import LQR, PolePlacement
+
+A, B, _ = BallPlate().linear()
+NOTHING = np.zeros(0)
+
+real = st.floats(-8.0, -0.3)
+pair = st.builds(lambda re, im: (complex(re, im), complex(re, -im)), real, st.floats(0.1, 5.0))
+four_poles = st.one_of(
+    st.tuples(real, real, real, real),
+    st.builds(lambda p, a, b: (*p, a, b), pair, real, real),
+    st.builds(lambda p, q: (*p, *q), pair, pair),
+)
+weight = st.floats(0.1, 1000.0)
+
+
+def polynomial(matrix):
+    return np.poly(np.linalg.eigvals(matrix))
+
+
+@settings(max_examples=80, deadline=None)
+@given(x=four_poles, y=four_poles)
+def test_placement_puts_the_poles_of_each_axis_where_they_are_wished(x, y):
+    K = PolePlacement(poles=(*x, *y)).K
+    closed = A - B @ K
+    for axis, poles in ((slice(0, 4), x), (slice(4, 8), y)):
+        wished = np.poly(poles)
+        np.testing.assert_allclose(polynomial(closed[axis, axis]), wished, rtol=1e-7, atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(poles=four_poles)
+def test_the_gains_solve_the_equations_of_the_thesis(poles):
+    ball = BallPlate()
+    c2, c1g = ball.c2, ball.k1
+    (k11, k12, k13, k14), (k21, k22, k23, k24) = (
+        PolePlacement(poles=poles).K[0, :4],
+        PolePlacement(poles=poles).K[1, 4:],
+    )
+    wished = np.poly(poles)[1:]
+    x = (-c2 * k12 + k14, -c2 * k11 + k13, c1g * k12, c1g * k11)
+    y = (c2 * k22 + k24, c2 * k21 + k23, -c1g * k22, -c1g * k21)
+    np.testing.assert_allclose(x, wished, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(y, wished, rtol=1e-9, atol=1e-9)
+
+
+def test_a_pole_may_be_repeated():
+    closed = A - B @ PolePlacement(poles=(-3, -3, -3, -3)).K
+    np.testing.assert_allclose(polynomial(closed[:4, :4]), np.poly((-3,) * 4), rtol=1e-9)
+
+
+def test_a_pole_may_be_written_as_text():
+    text = PolePlacement(poles=("-2+1j", "-2-1j", -3, -4))
+    np.testing.assert_array_equal(text.K, PolePlacement(poles=(-2 + 1j, -2 - 1j, -3, -4)).K)
+
+
+@settings(max_examples=60, deadline=None)
+@given(Q=st.tuples(*[weight] * 8), R=st.tuples(weight, weight))
+def test_the_lqr_gain_is_the_best_answer_to_its_own_cost(Q, R):
+    K = LQR(Q=Q, R=R).K
+    closed = A - B @ K
+    # The cost of this gain is x'Px; the gain that is best for that P is K itself (6.12), so P
+    # solves the Riccati equation (6.13).
+    P = solve_continuous_lyapunov(closed.T, -(np.diag(Q) + K.T @ np.diag(R) @ K))
+    riccati = A.T @ P + P @ A - P @ B @ np.diag(1 / np.array(R)) @ B.T @ P + np.diag(Q)
+    np.testing.assert_allclose(np.diag(1 / np.array(R)) @ B.T @ P, K, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(riccati, 0, atol=1e-6 * np.abs(P).max() * np.abs(A).max())
+
+
+@settings(max_examples=40, deadline=None)
+@given(rho=weight, kappa=st.floats(0.0, 10.0))
+def test_rho_and_kappa_are_the_weights_of_the_thesis(rho, kappa):
+    Q = (rho, rho * kappa) * 4
+    np.testing.assert_allclose(LQR(rho=rho, kappa=kappa).K, LQR(Q=Q).K, rtol=1e-12, atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(rho=weight, kappa=st.floats(0.01, 10.0))
+def test_the_gain_on_the_position_is_the_root_of_rho(rho, kappa):
+    # The last coefficient of the return difference identity, s -> 0.
+    K = LQR(rho=rho, kappa=kappa).K
+    np.testing.assert_allclose((K[0, 0], -K[1, 4]), np.sqrt(rho), rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", [PolePlacement(), LQR()], ids=["pole_placement", "lqr"])
+def test_the_axes_do_not_act_on_each_other(law):
+    np.testing.assert_allclose(law.K[0, 4:], 0, atol=1e-9)
+    np.testing.assert_allclose(law.K[1, :4], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("wish", ["position", "velocity"])
+def test_the_reference_state_is_the_one_asked_for(wish):
+    law, path, t = LQR(reference=wish), Sine(amplitude=(0.1, 0.05), omega=(1, 2)), 0.7
+    r = path(t)
+    wished = np.zeros(8)
+    wished[[0, 4]] = r[0]
+    if wish == "velocity":
+        wished[[1, 5]] = r[1]
+    x = np.random.default_rng(3).normal(size=8)
+    np.testing.assert_allclose(law.control(t, x, path, NOTHING), -law.K @ (x - wished))
+
+
+def test_a_ball_at_rest_on_its_point_needs_no_input():
+    x = np.zeros(8)
+    x[[0, 4]] = 0.1, -0.05
+    assert not LQR().control(0.0, x, Hold(x=0.1, y=-0.05), NOTHING).any()
+
+
+@pytest.mark.parametrize(
+    ("poles", "said"),
+    [
+        ((-1, -2, -3), "poles must be 4 or 8 numbers, got 3"),
+        ((-1, -2, -3, -4, -5), "poles must be 4 or 8 numbers, got 5"),
+        ((-1, -2, -3, 0.5), "poles must have a negative real part, got 0.5"),
+        ((-1, -2, -3, 0), "poles must have a negative real part, got 0"),
+        ((-1, -2, -3, float("nan")), "poles must have a negative real part, got nan"),
+        ((-1, -2, -3 + 1j, -3 + 1j), "poles must come in conjugate pairs"),
+        ((-1, -2, -3, "fast"), "poles must be numbers"),
+    ],
+    ids=str,
+)
+def test_poles_that_cannot_be_are_refused(poles, said):
+    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
+        PolePlacement(poles=poles)
+
+
+def test_a_pair_must_not_be_split_between_the_axes():
+    with pytest.raises(ValueError, match="conjugate"):
+        PolePlacement(poles=(-2 + 1j, -2, -3, -4, -2 - 1j, -2, -3, -4))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"rho": 0}, "rho must be a positive number, got 0"),
+        ({"rho": float("inf")}, "rho must be a positive number, got inf"),
+        ({"kappa": -1}, "kappa must be a number, 0 or more, got -1"),
+        ({"Q": (1,) * 7}, "Q must be 8 finite numbers"),
+        ({"Q": (-1, *(1,) * 7)}, "Q must be 8 finite numbers, none negative"),
+        ({"R": (1, 0)}, "R must be 2 positive numbers"),
+        ({"Q": (0, 1, 1, 1, 1, 1, 1, 1)}, "Q .* leaves a motion without control"),
+        ({"Q": (0,) * 8}, "Q .* leaves a motion without control"),
+        ({"Q": (1,) * 8, "rho": 100}, "Q replaces rho and kappa"),
+        ({"reference": "angle"}, 'reference must be "position" or "velocity"'),
+    ],
+    ids=str,
+)
+def test_weights_that_cannot_be_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
+        LQR(**wrong)
