@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from controllers.ballplate import BallPlate
+from controllers.interfaces import Measurement
+from controllers.observers import Kalman
+from controllers.observers.kalman import bucy_covariance
+
+A, B, C = BallPlate().linear()
+TABLE_B1 = {"x": 7.2538e-07, "y": 1.7721e-07, "phi": 1.5433e-10, "theta": 1.1580e-10}
+MISPLACED = (0.7254e-6, 0.1772e-6, 0.0002e-6, 0.0001e-6)
+BOTH = pytest.mark.parametrize("R", [Kalman.R, MISPLACED], ids=["table_b1", "8.2"])
+
+
+def sampled(observer):
+    T = observer.period
+    return np.diag(observer.Q) / T, np.diag(observer.R) / T
+
+
+@BOTH
+@pytest.mark.parametrize("period", [0.0005, 0.002, 0.01])
+def test_covariance_solves_its_riccati_equation(R, period):
+    observer = Kalman(R=R, period=period)
+    Q, R = sampled(observer)
+    F, G, S = observer.A, observer.B, observer.S
+    gain = F @ S @ C.T @ np.linalg.inv(C @ S @ C.T + R)
+    residual = F @ S @ F.T - gain @ C @ S @ F.T + G @ Q @ G.T - S
+    assert np.abs(residual).max() < 1e-9 * np.abs(G @ Q @ G.T).max()
+
+
+@BOTH
+def test_continuous_covariance_solves_7_7(R):
+    Q, R = np.diag(Kalman.Q), np.diag(R)
+    S = bucy_covariance(A, B, C, Q, R)
+    residual = A @ S + S @ A.T - S @ C.T @ np.linalg.inv(R) @ C @ S + B @ Q @ B.T
+    assert np.abs(residual).max() < 1e-9 * np.abs(B @ Q @ B.T).max()
+    assert np.linalg.eigvalsh(S).min() > 0
+
+
+@BOTH
+def test_gain_over_the_period_tends_to_7_8(R):
+    expected = bucy_covariance(A, B, C, np.diag(Kalman.Q), np.diag(R)) @ C.T / np.array(R)
+
+    def deviation(period):
+        gain = Kalman(R=R, period=period).L / period
+        return np.abs(gain - expected).max() / np.abs(expected).max()
+
+    assert deviation(1e-4) < 0.003
+    assert deviation(2e-4) / deviation(1e-4) == pytest.approx(2, rel=0.02)
+
+
+@BOTH
+def test_error_dynamics_are_stable_and_near_the_continuous_ones(R):
+    observer = Kalman(R=R)
+    T = observer.period
+    poles = np.log(np.linalg.eigvals(observer.A @ (np.eye(8) - observer.L @ C))) / T
+    S = bucy_covariance(A, B, C, np.diag(Kalman.Q), np.diag(R))
+    continuous = np.linalg.eigvals(A - S @ C.T / np.array(R) @ C)
+    assert poles.real.max() < 0
+    assert continuous.real.max() < 0
+    np.testing.assert_allclose(np.sort(poles.real), np.sort(continuous.real), rtol=1e-3)
+
+
+def test_steady_covariance_is_where_the_riccati_recursion_ends():
+    observer = Kalman(Q=(0.1, 0.2), R=(1e-6, 1e-6, 1e-6, 1e-6))
+    Q, R = sampled(observer)
+    S = np.eye(8)
+    for _ in range(3000):
+        L = S @ C.T @ np.linalg.inv(C @ S @ C.T + R)
+        S = observer.A @ (S - L @ C @ S) @ observer.A.T + observer.B @ Q @ observer.B.T
+        S = (S + S.T) / 2
+    np.testing.assert_allclose(observer.S, S, rtol=1e-6, atol=1e-9 * S.max())
+    gain = S @ C.T @ np.linalg.inv(C @ S @ C.T + R)
+    np.testing.assert_allclose(observer.L, gain, rtol=1e-6, atol=1e-12)
+
+
+def test_default_noise_is_table_b1_in_the_order_of_the_measurement():
+    assert list(Kalman.R) == [TABLE_B1[name] for name in ("x", "phi", "y", "theta")]
+
+
+def test_8_2_swaps_the_noise_of_phi_and_y():
+    correct, misplaced = np.array(Kalman.R), np.array(MISPLACED)
+    assert misplaced[1] / correct[1] == pytest.approx(1150, rel=0.01)
+    assert correct[2] / misplaced[2] == pytest.approx(886, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Errors and innovations of 2,000 filters under the noise they assume, after 300 ticks."""
+    observer = Kalman(Q=(0.05, 0.02), R=(1e-7, 1e-8, 2e-7, 3e-8))
+    Q, R = sampled(observer)
+    rng = np.random.default_rng(7)
+    rigs = 2000
+    x = rng.normal(size=(rigs, 8))
+    observer.start(x + rng.multivariate_normal(np.zeros(8), observer.S, rigs))
+    for _ in range(300):
+        u = rng.normal(size=(rigs, 2))
+        observer.predict(u)
+        x = x @ observer.A.T + (u + rng.multivariate_normal(np.zeros(2), Q, rigs)) @ observer.B.T
+        y = x @ C.T + rng.multivariate_normal(np.zeros(4), R, rigs)
+        error, innovation = observer.x - x, y - observer.x @ C.T
+        observer.correct(Measurement(0.0, y, np.zeros(rigs), np.ones(rigs, bool)))
+    return observer, error, innovation, R
+
+
+def normalised(e, covariance):
+    return np.einsum("ni,ij,nj->", e, np.linalg.inv(covariance), e)
+
+
+def within_chance(total, freedom):
+    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+    return low < total < high
+
+
+def test_errors_are_as_large_as_the_covariance_says(crowd):
+    observer, error, _, _ = crowd
+    assert within_chance(normalised(error, observer.S), error.size)
+
+
+def test_innovations_are_as_large_as_their_covariance_says(crowd):
+    observer, _, innovation, R = crowd
+    covariance = C @ observer.S @ C.T + R
+    assert within_chance(normalised(innovation, covariance), innovation.size)
+
+
+def test_errors_have_no_bias(crowd):
+    observer, error, _, _ = crowd
+    mean = error.mean(axis=0)
+    total = len(error) * mean @ np.linalg.inv(observer.S) @ mean
+    assert within_chance(total, 8)
+
+
+def test_ball_that_is_not_felt_corrects_nothing_but_the_plate_still_does():
+    observer = Kalman()
+    observer.start(np.zeros(8))
+    y = np.array([np.nan, 0.1, np.nan, -0.1])
+    x = observer.correct(Measurement(0.0, y, np.zeros(()), np.array(False)))
+    np.testing.assert_allclose(x, observer.L @ [0, 0.1, 0, -0.1], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"Q": (1.0, -1.0)}, "Q must be 2 positive numbers"),
+        ({"Q": (1.0, 0.0)}, "Q must be 2 positive numbers"),
+        ({"Q": (1.0,)}, "Q must be 2 positive numbers"),
+        ({"R": (1.0, 1.0, 1.0)}, "R must be 4 positive numbers"),
+        ({"R": (1.0, 1.0, 1.0, np.inf)}, "R must be 4 positive numbers"),
+    ],
+)
+def test_variances_that_cannot_be_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Kalman(**settings)

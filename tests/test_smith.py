@@ -1,0 +1,250 @@
+import numpy as np
+import pytest
+
+from controllers.interfaces import Measurement
+from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
+from controllers.observers.error_dynamics import error_poles
+from controllers.smith import Smith
+
+T = 0.002
+MODELS = [Luenberger, Kalman, NonlinearLuenberger, ExtendedKalman]
+DELAYS = [0.0, 0.0007, 0.002, 0.042, 0.04256]
+
+
+class Plant:
+    """What an observer takes for the truth, seen late: the ball as it was, the plate as it is."""
+
+    def __init__(self, model, x):
+        self.model = model
+        model.start(x)
+        self.past = [model.x]
+
+    def advance(self, u):
+        self.model.predict(u)
+        self.past.append(self.model.x)
+
+    @property
+    def x(self):
+        return self.past[-1]
+
+    def ball(self, ago):
+        """Ball position some seconds ago, on a straight line between two ticks."""
+        whole = int(ago / T + 1e-9)
+        share = ago / T - whole
+        newer, older = (self.past[max(len(self.past) - 1 - n, 0)] for n in (whole, whole + 1))
+        return ((1 - share) * newer + share * older)[..., 0::4]
+
+    def measure(self, delay, age=None, touched=True):
+        shape = self.x.shape[:-1]
+        age = np.zeros(shape) if age is None else age
+        y = self.x[..., 0::2].copy()
+        for rig in np.ndindex(shape):
+            y[rig][0::2] = self.ball(delay + age[rig])[rig]
+        return Measurement(0.0, y, age, np.full(shape, touched))
+
+
+def swing(tick, rigs=2):
+    """Accelerations that swing the plate to and fro, each rig in its own phase."""
+    return 3 * np.cos(3 * np.pi * tick * T + np.arange(2.0 * rigs).reshape(rigs, 2))
+
+
+def follow(observer, plant, delay, ticks, age=None):
+    """Largest error of the estimates after each tick's measurement."""
+    errors = []
+    for tick in range(ticks):
+        x = observer.correct(plant.measure(delay, None if age is None else age(tick)))
+        errors.append(np.abs(x - plant.x).max())
+        u = swing(tick, len(plant.x))
+        observer.predict(u)
+        plant.advance(u)
+    return np.array(errors)
+
+
+def start(rigs=2, seed=0):
+    """States at rest: before the start the ball has always been where it is."""
+    x = np.random.default_rng(seed).uniform(-0.1, 0.1, (rigs, 8))
+    x[:, 1::2] = 0
+    return x
+
+
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("delay", DELAYS)
+def test_perfect_model_without_noise_takes_the_dead_time_away_entirely(kind, delay):
+    observer, plant = Smith(observer=kind(), delay=delay), Plant(kind(), start())
+    observer.start(plant.x)
+    assert follow(observer, plant, delay, 150).max() < 1e-12
+
+
+def test_ball_moves_meanwhile():
+    plant = Plant(Luenberger(), start())
+    for tick in range(150):
+        plant.advance(swing(tick))
+    assert np.abs(plant.ball(0.042) - plant.x[:, 0::4]).max() > 1e-3
+
+
+def test_position_waiting_for_the_next_frame_is_taken_for_as_old_as_it_is():
+    observer, plant = Smith(observer=Luenberger()), Plant(Luenberger(), start(3))
+    observer.start(plant.x)
+
+    def age(tick):
+        return (np.array([0.0, 0.003, 0.0123]) + tick * T) % (1 / 58)
+
+    assert follow(observer, plant, 0.042, 300, age).max() < 1e-12
+
+
+def test_without_the_predictor_the_dead_time_is_an_error():
+    observer, plant = Luenberger(), Plant(Luenberger(), start())
+    observer.start(plant.x)
+    assert follow(observer, plant, 0.042, 150).max() > 1e-2
+
+
+@pytest.mark.parametrize("kind", [Luenberger, Kalman])
+def test_no_dead_time_leaves_the_observer_as_it_is(kind):
+    rng = np.random.default_rng(1)
+    bare, wrapped = kind(), Smith(observer=kind(), delay=0)
+    for observer in (bare, wrapped):
+        observer.start(np.zeros((3, 8)))
+    for _ in range(20):
+        y = rng.normal(size=(3, 4))
+        measurement = Measurement(0.0, y, np.zeros(3), np.ones(3, bool))
+        expected, found = bare.correct(measurement), wrapped.correct(measurement)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        for observer in (bare, wrapped):
+            observer.predict(y[:, :2])
+
+
+def delayed_error_step(observer, ticks):
+    """Step of the stacked errors of now and the past when the ball's innovation comes late.
+
+    The error is e[k] = (I - L_p C_p) A e[k-1] - L_b C_b e[k - ticks], with plate p and ball b.
+    """
+    C = np.eye(8)[::2]
+    ball = observer.L[:, 0::2] @ C[0::2]
+    plate = observer.L[:, 1::2] @ C[1::2]
+    step = np.eye(8 * (ticks + 1), k=-8)
+    step[:8] = 0
+    step[:8, :8] = (np.eye(8) - plate) @ observer.A
+    step[:8, 8 * (ticks - 1) : 8 * ticks] -= ball
+    return step
+
+
+@pytest.mark.parametrize("delay", [0.042, 0.05, 0.06])
+def test_error_from_a_wrong_start_runs_through_a_loop_with_the_dead_time_in_it(delay):
+    inner = Luenberger()
+    plant = Plant(Luenberger(), start())
+    observer = Smith(observer=inner, delay=delay)
+    observer.start(plant.x + 0.01)
+    errors = follow(observer, plant, delay, 2000)
+    envelope = errors[:2000].reshape(10, 200).max(axis=1)
+    rate = np.log(envelope[-1] / envelope[-4]) / (600 * T)
+    modes = np.linalg.eigvals(delayed_error_step(inner, round(delay / T)))
+    slowest = np.log(np.abs(modes).max()) / T
+    np.testing.assert_allclose(rate, slowest, rtol=0.1, atol=0.02)
+
+
+@pytest.mark.parametrize("delay", [0.002, 0.01, 0.042])
+def test_error_poles_are_those_of_the_loop_with_the_dead_time_in_it(delay):
+    inner = Luenberger()
+    modes = np.linalg.eigvals(delayed_error_step(inner, round(delay / T)))
+    expected = np.log(np.abs(modes).max()) / T
+    assert error_poles(inner, delay)[0].real == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", [Luenberger, NonlinearLuenberger])
+def test_error_poles_without_a_dead_time_are_those_designed(kind):
+    observer = kind(poles=(-8, -10, -14, -16))
+    expected = np.repeat([-8, -10, -14, -16], 2)
+    np.testing.assert_allclose(error_poles(observer), expected, rtol=1e-5)
+
+
+def test_error_poles_of_the_extended_kalman_filter_are_the_kalman_filters():
+    np.testing.assert_allclose(
+        error_poles(ExtendedKalman()).real, error_poles(Kalman()).real, rtol=1e-4
+    )
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_observer_as_it_comes_bears_the_dead_time_of_the_screen(kind):
+    assert error_poles(kind(), 0.042)[0].real < 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "longest"), [(Luenberger, 0.056), (NonlinearLuenberger, 0.026)], ids=["8.1", "flat"]
+)
+def test_poles_of_8_1_bear_a_dead_time_so_long_and_no_longer(kind, longest):
+    observer = kind(poles=(-8, -10, -14, -16))
+    assert error_poles(observer, longest)[0].real < 0
+    assert error_poles(observer, longest + T)[0].real > 0
+
+
+def test_poles_of_8_1_are_left_with_a_damping_of_a_fifth_at_42_ms():
+    slowest = error_poles(Luenberger(), 0.042)[0]
+    assert -slowest.real / np.abs(slowest) == pytest.approx(0.2, abs=0.01)
+
+
+def test_asking_for_the_error_poles_leaves_the_observer_as_it_was():
+    observer = Luenberger()
+    observer.start(np.ones(8))
+    error_poles(observer)
+    np.testing.assert_array_equal(observer.x, 1)
+
+
+@pytest.mark.parametrize(("age", "touched"), [(0.0, False), (0.2, True)])
+def test_ball_not_felt_or_too_long_ago_corrects_nothing_but_the_plate_still_does(age, touched):
+    inner = Luenberger()
+    observer = Smith(observer=inner)
+    observer.start(np.zeros((1, 8)))
+    y = np.array([[0.1, 0.01, 0.1, -0.02]])
+    x = observer.correct(Measurement(0.0, y, np.full(1, age), np.full(1, touched)))
+    np.testing.assert_allclose(x[0], inner.L @ [0, 0.01, 0, -0.02], rtol=1e-13)
+
+
+def test_ball_that_comes_back_is_compared_with_the_estimate_of_then():
+    observer, plant = Smith(observer=Luenberger()), Plant(Luenberger(), start())
+    observer.start(plant.x)
+    for tick in range(200):
+        x = observer.correct(plant.measure(0.042, touched=not 50 < tick < 120))
+        assert np.abs(x - plant.x).max() < 1e-12
+        observer.predict(swing(tick))
+        plant.advance(swing(tick))
+
+
+def test_measurement_is_not_written_to():
+    observer = Smith(observer=Luenberger())
+    observer.start(np.zeros((2, 8)))
+    y = np.ones((2, 4))
+    observer.correct(Measurement(0.0, y, np.zeros(2), np.ones(2, bool)))
+    np.testing.assert_array_equal(y, 1)
+
+
+@pytest.mark.parametrize("framed", [False, True])
+def test_batch_gives_each_rig_what_it_gets_alone(framed):
+    rng = np.random.default_rng(3)
+    y, u = rng.normal(size=(50, 2, 3, 4)), rng.normal(size=(50, 2, 3, 2))
+    age = rng.uniform(0, 0.017, (50, 2, 3)) * framed
+
+    def final(rig):
+        observer = Smith(observer=Luenberger(), delay=0.013)
+        observer.start(np.zeros((*y[0][rig].shape[:-1], 8)))
+        for tick in range(50):
+            touched = np.ones(age[tick][rig].shape, bool)
+            observer.correct(Measurement(0.0, y[tick][rig], age[tick][rig], touched))
+            observer.predict(u[tick][rig])
+        return observer.x
+
+    together = final(...)
+    for rig in np.ndindex(2, 3):
+        np.testing.assert_allclose(together[rig], final(rig), rtol=1e-11, atol=1e-13)
+
+
+def test_model_and_period_are_the_observers():
+    inner = Luenberger(period=0.005)
+    observer = Smith(observer=inner)
+    assert observer.model is inner.model
+    assert observer.period == 0.005
+
+
+@pytest.mark.parametrize("delay", [-0.001, np.inf, np.nan])
+def test_delay_that_cannot_be_is_refused(delay):
+    with pytest.raises(ValueError, match="delay must be a number, 0 or more"):
+        Smith(observer=Luenberger(), delay=delay)
