@@ -1,0 +1,1 @@
+"""A digital twin of a cam-driven ball-and-plate rig."""

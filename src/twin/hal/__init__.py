@@ -1,0 +1,1 @@
+"""Hardware abstraction layer: one rig, simulated or real, behind one seam."""

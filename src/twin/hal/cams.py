@@ -1,0 +1,139 @@
+"""From plate angles to motor angles: the cams' two-dimensional lookup table, and no cams at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import NdBSpline, make_interp_spline
+
+from twin.errors import ModelError
+
+Array = NDArray[np.floating]
+
+_ORDER = 3
+_REMEDY = "run `ballplate calibrate cams`"
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Motors turn the plate's own axes, through a plain ratio."""
+
+    ratio: float = 1.0
+    """Motor angle per plate angle, dimensionless."""
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for plate angles in rad, both (..., 2)."""
+        return self.ratio * plate
+
+
+@dataclass(frozen=True)
+class CamTable:
+    """Motor angles over a grid of plate angles, with smooth (cubic) interpolation.
+
+    Both motors depend on both plate angles, because tilting one axis moves the other wheel along
+    its cam. Outside the grid the plate angle is clamped to its edge.
+
+    Raises:
+        ModelError: If the grid and the table do not fit each other, or are not finite.
+    """
+
+    grid: Array
+    """Plate angles of the grid's lines in rad, rising, the same for both axes, shape (n,)."""
+    angles: Array
+    """Motor angles (phi, theta) in rad over plate phi, then plate theta, shape (n, n, 2)."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """How the table was made: model file and its hash, engine, sweep."""
+    ratio: float = field(init=False)
+    """Motor angle per plate angle about level, mean of the two axes."""
+    _spline: NdBSpline = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the table and prepare its interpolation."""
+        n = len(self.grid)
+        if self.grid.ndim != 1 or n <= _ORDER or self.angles.shape != (n, n, 2):
+            raise ModelError(f"cam table: {self.angles.shape} angles on a grid of {n} lines")
+        if not (np.isfinite(self.angles).all() and np.all(np.diff(self.grid) > 0)):
+            raise ModelError("cam table: angles must be finite and the grid rising")
+        along_phi = make_interp_spline(self.grid, self.angles, k=_ORDER, axis=0)
+        along_both = make_interp_spline(self.grid, along_phi.c, k=_ORDER, axis=1)
+        spline = NdBSpline((along_phi.t, along_both.t), along_both.c.swapaxes(0, 1), k=_ORDER)
+        object.__setattr__(self, "_spline", spline)
+        level = np.zeros((1, 2))
+        slopes = spline(level, nu=(1, 0))[0, 0], spline(level, nu=(0, 1))[0, 1]
+        object.__setattr__(self, "ratio", float(np.mean(slopes)))
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for plate angles in rad, both (..., 2) in the order phi, theta."""
+        inside = np.minimum(np.maximum(plate, self.grid[0]), self.grid[-1])
+        return np.asarray(self._spline(inside))
+
+    def covers(self, plate: Array) -> NDArray[np.bool_]:
+        """Whether plate angles (..., 2) lie on the grid, so that they are not clamped, (...)."""
+        return np.asarray(np.all((plate >= self.grid[0]) & (plate <= self.grid[-1]), axis=-1))
+
+    def per_axis(self) -> CamTable:
+        """One table per axis: what each motor needs while the other axis is level."""
+        level = np.zeros_like(self.grid)
+        phi = self.motor(np.stack((self.grid, level), axis=-1))[:, 0]
+        theta = self.motor(np.stack((level, self.grid), axis=-1))[:, 1]
+        angles = np.stack(np.meshgrid(phi, theta, indexing="ij"), axis=-1)
+        return CamTable(self.grid, angles, {"made": "one table per axis", "from": self.provenance})
+
+    def save(self, path: Path) -> None:
+        """Write the table and its provenance as JSON, a line for every line of the grid."""
+        head = json.dumps(self.provenance, indent=2)
+        grid = json.dumps([round(float(a), 12) for a in self.grid])
+        rows = (json.dumps(np.round(row, 9).tolist()) for row in self.angles)
+        body = ",\n    ".join(rows)
+        text = (
+            f'{{\n"provenance": {head},\n"plate_rad": {grid},\n"motor_rad": [\n    {body}\n]\n}}\n'
+        )
+        path.write_text(text, encoding="utf-8")
+
+    @classmethod
+    def from_file(cls, path: Path) -> Self:
+        """Read a table that `save` wrote.
+
+        Raises:
+            ModelError: If the file is missing, or is not such a table.
+        """
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            grid = np.array(data["plate_rad"], dtype=float)
+            return cls(grid, np.array(data["motor_rad"], dtype=float), data["provenance"])
+        except OSError as error:
+            raise ModelError(f"cam table {path}: {error.strerror}; {_REMEDY}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise ModelError(f"cam table {path}: not a cam table ({error}); {_REMEDY}") from error
+
+    def check(self, model: Path) -> None:
+        """Make sure the table was made with this very model.
+
+        Raises:
+            ModelError: If it was not.
+        """
+        if self.provenance.get("model_sha256") != model_hash(model):
+            raise ModelError(
+                f"cam table was made with another {model.name} than {model}; {_REMEDY}"
+            )
+
+
+def model_hash(model: Path) -> str:
+    """SHA-256 of a model file without its comments and spacing.
+
+    Raises:
+        ModelError: If the file cannot be read.
+    """
+    try:
+        text = model.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ModelError(f"model {model}: cannot be read") from error
+    content = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL).split()
+    return hashlib.sha256(" ".join(content).encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""Plants: what is simulated in place of the real mechanism and ball."""
