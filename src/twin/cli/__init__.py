@@ -1,0 +1,68 @@
+"""The command line ``ballplate``: exit code 0 done, 1 ended badly, 2 wrong request."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.metadata import version
+
+import click
+
+from twin.errors import TwinError
+
+COMMANDS = {
+    "list": "twin.cli.scenarios:list_scenarios",
+    "run": "twin.cli.scenarios:run",
+    "compare": "twin.cli.scenarios:compare",
+    "calibrate": "twin.cli.calibrate:calibrate",
+}
+"""Command name to where it is defined; imported only when called, to start fast."""
+
+
+class Commands(click.Group):
+    """A group whose commands are imported when they are needed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of all commands, in the order of use."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of a name."""
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, name = COMMANDS[cmd_name].partition(":")
+        command: click.Command = getattr(import_module(module), name)
+        return command
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("ballplate"), prog_name="ballplate")
+def ballplate() -> None:
+    """A digital twin of a cam-driven ball-and-plate rig.
+
+    Start with: ballplate run circle
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit with its code; a user's mistake is one line."""
+    try:
+        code = ballplate.main(arguments, prog_name="ballplate", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        code = 0
+    except click.ClickException as error:
+        code = _fail(error.format_message())
+    except (click.Abort, KeyboardInterrupt):
+        code = _fail("interrupted", 1)
+    except TwinError as error:
+        code = _fail(str(error))
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str, code: int = 2) -> int:
+    line = " ".join(message.split())
+    click.echo(f"ballplate: {line}", err=True)
+    return code

@@ -1,0 +1,69 @@
+"""The command calibrate: measure what a rig needs to know of its own mechanism."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from twin.calibrate import Residual, residual, sweep_cams, tap_test
+from twin.cli.output import console, print_json, progress
+from twin.hal.cams import CamTable
+from twin.models import model_path
+from twin.record import write_whole
+
+
+@click.group()
+def calibrate() -> None:
+    """Measure what a rig needs to know of its own mechanism."""
+
+
+@calibrate.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Table file [cams.json beside the model]."
+)
+@click.option("--check", is_flag=True, help="Only measure the table that is there.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+def cams(out: Path | None, *, check: bool, as_json: bool) -> None:
+    """Sweep the mechanism, store its cam table, and measure what error is left."""
+    path = out or model_path("cams.json")
+    with progress("measuring the cams", 3) as advance:
+        if check:
+            table = CamTable.from_file(path)
+            table.check(model_path())
+        else:
+            table = sweep_cams()
+            write_whole(path, table.save)
+        advance(1)
+        found = {
+            "two-dimensional table": residual(table),
+            "one table per axis": residual(table.per_axis()),
+        }
+        advance(2)
+        resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
+        advance(3)
+    if as_json:
+        left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
+        ringing = {
+            axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
+            for axis, r in resonances.items()
+        }
+        print_json({"table": str(path), "residual": left, "resonance": ringing})
+        return
+    _show(found)
+    for axis, resonance in resonances.items():
+        console.print(
+            f"plate resonance in {axis}: {resonance.frequency_hz:.2f} Hz, "
+            f"damping {100 * resonance.damping:.1f} %"
+        )
+    console.print(f"{'checked' if check else 'written to'} {path}")
+
+
+def _show(found: dict[str, Residual]) -> None:
+    table = Table(
+        "static plate-angle error", "max [deg]", "RMS [deg]", "poses", header_style="bold"
+    )
+    for name, left in found.items():
+        table.add_row(name, f"{left.max_deg:.4f}", f"{left.rms_deg:.4f}", str(left.poses))
+    console.print(table)

@@ -1,0 +1,80 @@
+"""What the commands print: tables for people, JSON for programs, progress for waiting."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+LABELS = {
+    "outcome": ("outcome", ""),
+    "outcome_time": ("ended at", "s"),
+    "tracking_error_percent": ("tracking error e_tt", "%"),
+    "rms_error": ("RMS error, x", "mm"),
+    "mean_error": ("mean error, x", "mm"),
+    "max_steady_error": ("largest steady error, x", "mm"),
+    "overshoot_percent": ("overshoot, x", "%"),
+    "settling_time": ("settling time, x", "s"),
+    "steady_error": ("steady error, x", "mm"),
+    "phi_max_deg": ("largest |phi|", "deg"),
+    "theta_max_deg": ("largest |theta|", "deg"),
+    "u1_max": ("largest |phi''|", "rad/s²"),
+    "u2_max": ("largest |theta''|", "rad/s²"),
+    "u_rms": ("RMS control effort", "rad/s²"),
+    "real_time_factor": ("faster than real time", "×"),
+}
+"""Indicator to the words and the unit it is printed with."""
+
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+
+def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
+    """One JSON value on standard output, nothing else."""
+    click.echo(json.dumps(content, indent=2, allow_nan=False))
+
+
+def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
+    """A table of indicators, one column a run; indicators that apply to none are left out."""
+    table = Table("", *runs, "unit", header_style="bold")
+    for column in table.columns[1:-1]:
+        column.justify = "right"
+    for key, (label, unit) in LABELS.items():
+        values = [summary.get(key) for summary in runs.values()]
+        if any(value is not None for value in values):
+            table.add_row(label, *(shown(value, unit) for value in values), unit)
+    console.print(table)
+    for label, summary in runs.items():
+        if summary.get("reason"):
+            console.print(
+                f"{label}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
+                f"{summary['reason']}"
+            )
+
+
+def shown(value: Any, unit: str) -> str:
+    """A value in the digits a person wants to read."""
+    if value is None:
+        return "-"
+    if isinstance(value, str):
+        return value
+    return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.4g}"
+
+
+@contextmanager
+def progress(what: str, total: float) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal's standard error; a line at begin and end elsewhere."""
+    if not errors.is_terminal:
+        click.echo(f"{what} ...", err=True)
+        yield lambda _: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)

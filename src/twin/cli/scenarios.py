@@ -1,0 +1,186 @@
+"""The commands list, run and compare."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twin.cli.output import console, print_json, print_metrics, progress
+from twin.errors import ScenarioError
+from twin.loop import Ending
+from twin.metrics import Motion
+from twin.picture import draw
+from twin.run import Run, save
+from twin.run import run as run_scenario
+from twin.scenario import Scenario, load, shipped
+
+SETTING = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."
+)
+PLANT = click.option(
+    "--plant",
+    type=click.Choice(["mujoco", "lagrange"]),
+    help="The mechanism, or the exact equations.",
+)
+PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
+"""What the plants are called in tables and pictures."""
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+
+
+@click.command("list")
+@JSON
+def list_scenarios(*, as_json: bool) -> None:
+    """Show the scenarios that can be run by name."""
+    found = {name: _title(path) for name, path in shipped().items()}
+    if as_json:
+        print_json(found)
+        return
+    width = max(map(len, found), default=0)
+    for name, title in found.items():
+        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
+
+
+@click.command()
+@click.argument("scenario")
+@SETTING
+@PLANT
+@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO].")
+@JSON
+def run(
+    scenario: str, overrides: tuple[str, ...], plant: str | None, out: Path | None, *, as_json: bool
+) -> int:
+    """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
+    chosen = load(scenario, _with_plant(overrides, plant))
+    folder = out or Path("runs") / Path(scenario).stem
+    check_writable(folder)
+    done = _run(chosen)
+    runs: dict[str, Run] = {PLANTS[chosen.plant.kind]: done}
+    if chosen.baseline and chosen.plant.kind == "mujoco":
+        runs["clean model"] = _run(clean(chosen))
+    save(done, folder, {label: each.motion for label, each in runs.items()})
+    if as_json:
+        print_json(done.summary())
+    else:
+        console.print(f"[bold]{chosen.title}[/bold]")
+        print_metrics({label: each.summary() for label, each in runs.items()})
+        if len(runs) > 1:
+            console.print(
+                "clean model: the same controller on the frictionless exact equations, without "
+                "dead time, noise or mechanism"
+            )
+        console.print(f"written to {folder}/: picture.png, metrics.json, run.parquet")
+    return exit_code(done)
+
+
+@click.command()
+@click.argument("scenarios", nargs=-1, required=True)
+@SETTING
+@PLANT
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=[A,B,...]",
+    help="Run once with each of these values of a key; repeat for combinations.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/compare].")
+@JSON
+def compare(
+    scenarios: tuple[str, ...],
+    overrides: tuple[str, ...],
+    plant: str | None,
+    vary: tuple[str, ...],
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Run several scenarios, or variants of one, side by side: one table, one picture."""
+    cases: dict[str, Scenario] = {}
+    for name in scenarios:
+        for variant in itertools.product(*map(_variants, vary)):
+            label = " ".join((*([name] if len(scenarios) > 1 or not vary else []), *variant))
+            cases[label] = load(name, (*_with_plant(overrides, plant), *variant))
+    folder = out or Path("runs") / "compare"
+    check_writable(folder)
+    runs = {label: _run(case, label) for label, case in cases.items()}
+    for label, done in runs.items():
+        save(done, folder / _slug(label), {label: done.motion})
+    motions: dict[str, Motion] = {label: done.motion for label, done in runs.items()}
+    first = next(iter(runs.values())).scenario
+    draw(folder / "compare.png", motions, "Comparison", first.rig.limits.area)
+    summaries = {label: done.summary() for label, done in runs.items()}
+    if as_json:
+        print_json(summaries)
+    else:
+        print_metrics(summaries)
+        console.print(f"written to {folder}/: compare.png and a run folder each")
+    return max(exit_code(done) for done in runs.values())
+
+
+def clean(scenario: Scenario) -> Scenario:
+    """The scenario as its controller's designer saw it: exact equations, ideal sensors."""
+    tables = scenario.model_dump(exclude_defaults=True)
+    tables["plant"] = {**tables.get("plant", {}), "kind": "lagrange", "friction": {"rolling_mm": 0}}
+    tables["sensors"] = {
+        "touch": {"dead_time": 0.0, "grid": 0, "variance": (0.0, 0.0)},
+        "encoders": {"counts": 0, "variance": (0.0, 0.0)},
+    }
+    tables["disturbance"] = {"variance": (0.0, 0.0)}
+    tables.pop("predictor", None)
+    return Scenario.model_validate(tables, strict=False)
+
+
+def exit_code(done: Run) -> int:
+    """0 for a finished run, else 1."""
+    return 0 if done.outcome.ending is Ending.FINISHED else 1
+
+
+def check_writable(folder: Path) -> None:
+    """Find out before the work whether the results can be kept.
+
+    Raises:
+        ScenarioError: If the folder cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}") from error
+
+
+def _run(scenario: Scenario, label: str = "") -> Run:
+    with progress(label or scenario.title, scenario.duration) as advance:
+        return run_scenario(scenario, advance)
+
+
+def _with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:
+    return (*overrides, f"plant.kind={plant}") if plant else overrides
+
+
+def _variants(text: str) -> list[str]:
+    """The overrides ``key=value`` that ``key=[a, b]`` or ``key=a,b`` stands for."""
+    key, equals, values = text.partition("=")
+    if not equals or not key or not values:
+        raise ScenarioError(f"--vary '{text}': write KEY=[A,B,...], as in duration=[5,10]")
+    try:
+        listed: Any = tomllib.loads(f"values = {values}")["values"]
+    except tomllib.TOMLDecodeError:
+        listed = values.strip("[]").split(",")
+    items = listed if isinstance(listed, list) else [listed]
+    return [f"{key}={str(item).strip()}" for item in items]
+
+
+def _slug(label: str) -> str:
+    return "".join(char if char.isalnum() or char in "._-" else "-" for char in label)
+
+
+def _title(path: Path) -> str:
+    try:
+        return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        return f"(unreadable: {error})"

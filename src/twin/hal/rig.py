@@ -1,0 +1,127 @@
+"""The rig: the one seam between a controller and a mechanism, simulated or real."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.interfaces import Measurement
+from twin.hal.devices import Clock, Servos, TouchScreen
+from twin.hal.supervisor import Supervisor
+
+Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+
+class Transmission(Protocol):
+    """How motor shafts and plate hang together."""
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles that hold the plate angles (phi, theta), both rad, (..., 2)."""
+
+
+class Rig:
+    """N ball-and-plate rigs behind one seam: what is common to simulation and hardware.
+
+    Use it as a context manager: entering switches the drives on and holds the plate, leaving
+    levels the plate and switches off, whatever was raised inside. Within, once a period:
+    ``read``, ``write``, ``wait``.
+
+    Args:
+        servos: The servo axes with the plate encoders.
+        screen: The touch screen.
+        clock: Time.
+        transmission: Plate angles to motor angles.
+        supervisor: States and limits.
+        period: Control period in s.
+    """
+
+    LEVELLING_TIME = 2.0
+    """Longest time in s that leaving the rig spends on levelling the plate."""
+    LEVEL = 5e-4
+    """Plate angle in rad that counts as level: one count of the plate encoders."""
+
+    def __init__(
+        self,
+        *,
+        servos: Servos,
+        screen: TouchScreen,
+        clock: Clock,
+        transmission: Transmission,
+        supervisor: Supervisor,
+        period: float,
+    ) -> None:
+        self.period = period
+        self.supervisor = supervisor
+        self._servos = servos
+        self._screen = screen
+        self._clock = clock
+        self._transmission = transmission
+
+    def __enter__(self) -> Self:
+        self.supervisor.enable(self._servos.plate())
+        self._plate = self.supervisor.angle
+        self._motor = self._transmission.motor(self._plate)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.supervisor.level()
+        still = np.zeros_like(self.supervisor.rate)
+        for _ in range(round(self.LEVELLING_TIME / self.period)):
+            if np.abs(self.supervisor.angle).max() < self.LEVEL:
+                break
+            self.write(still)
+            self.wait()
+            self.read()
+        self._servos.command(np.zeros_like(self._motor))
+        self.supervisor.disable()
+
+    def start(self) -> None:
+        """Let the controller move the plate from now on."""
+        self.supervisor.start()
+
+    def read(self) -> Measurement:
+        """What the sensors say now; a rig past a limit is stopped here."""
+        touch = self._screen.read()
+        plate = self._servos.plate()
+        y = np.empty((*plate.shape[:-1], 4))
+        y[..., 0::2] = touch.position
+        y[..., 1::2] = plate
+        self.supervisor.watch(y)
+        return Measurement(self._clock.time, y, touch.age, touch.touched)
+
+    def write(self, rate: Array) -> Array:
+        """Command plate rates (phi', theta') in rad/s, shape (N, 2); return those applied.
+
+        The applied rates are the wished ones after every clamp of the supervisor.
+        """
+        applied = self.supervisor.clamp(rate)
+        self._plate = self._plate + self.period * applied
+        motor = self._transmission.motor(self._plate)
+        self._servos.command((motor - self._motor) / self.period)
+        self._motor = motor
+        return applied
+
+    def wait(self) -> None:
+        """Return at the beginning of the next control period."""
+        self._clock.wait()
+
+    @property
+    def fallen(self) -> Mask:
+        """Whether a ball is known to have left the plate, shape (N,); a real rig cannot know."""
+        return np.zeros(len(self.supervisor.state), bool)
+
+    channels: tuple[str, ...] = ()
+    """Names of the columns of the telemetry channel ``plant``, each ending in its unit."""
+
+    def telemetry(self) -> dict[str, Array]:
+        """Further channels for the record, each shape (N, columns); never for the controller."""
+        return {}

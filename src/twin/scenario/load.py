@@ -1,0 +1,156 @@
+"""From a name and overrides to a checked scenario, or one clear line about what is wrong."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+import controllers
+from twin.errors import ScenarioError
+from twin.scenario.schema import KINDS, Scenario, choices, settings_model
+
+Tables = dict[str, Any]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def folder() -> Path:
+    """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
+    return Path(controllers.__file__).parent.parent / "scenarios"
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped scenarios by name; those of a subfolder as ``folder/name``."""
+    root = folder()
+    return {
+        path.relative_to(root).with_suffix("").as_posix(): path
+        for path in sorted(root.rglob("*.toml"))
+        if path.relative_to(root).parts[0] != "studies"
+    }
+
+
+def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
+
+    Raises:
+        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+    """
+    tables, source = read(name)
+    return check(override(tables, overrides), source)
+
+
+def read(name: str) -> tuple[Tables, str]:
+    """The tables of a scenario and what to call their source in messages.
+
+    Raises:
+        ScenarioError: If there is no such scenario, or its file is not TOML.
+    """
+    known = shipped()
+    path = known.get(name) or Path(name)
+    if not path.is_file():
+        raise ScenarioError(f"scenario '{name}': not found{_nearest(name, known)}")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")), path.name
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: not a TOML file: {error}") from error
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def override(tables: Mapping[str, Any], overrides: Iterable[str]) -> Tables:
+    """The tables with each ``dotted.key=value`` put in; values are TOML, or else plain text.
+
+    Naming another ``kind`` of controller, observer or reference drops the settings of the old.
+
+    Raises:
+        ScenarioError: If an override is not of the form ``key=value``.
+    """
+    result = copy.deepcopy(dict(tables))
+    for text in sorted(overrides, key=lambda item: not item.partition("=")[0].endswith(".kind")):
+        key, equals, value = text.partition("=")
+        names = key.strip().split(".")
+        if not equals or not all(names):
+            raise ScenarioError(f"override '{text}': write key=value, as in duration=10")
+        table = result
+        for depth, name in enumerate(names[:-1]):
+            table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                path = ".".join(names[: depth + 1])
+                raise ScenarioError(f"override '{text}': {path} is a value, not a table")
+        new = _toml_value(value.strip())
+        if names[-1] == "kind" and names[0] in KINDS and table.get("kind") != new:
+            table.clear()
+        table[names[-1]] = new
+    return result
+
+
+def check(tables: Mapping[str, Any], source: str) -> Scenario:
+    """The scenario that the tables describe.
+
+    Raises:
+        ScenarioError: If anything in them is unknown, of the wrong type, or out of range.
+    """
+    scenario = _validate(Scenario, tables, source, "")
+    for table in KINDS:
+        choice = getattr(scenario, table)
+        known = choices(table)
+        if choice.kind not in known:
+            raise ScenarioError(
+                f"{source}: {table}.kind: no '{choice.kind}'{_nearest(choice.kind, known)}"
+            )
+        _validate(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+    return scenario
+
+
+def _validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix: str) -> Model:
+    try:
+        return model.model_validate_json(json.dumps(tables, default=str))
+    except ValidationError as error:
+        raise ScenarioError(f"{source}: {prefix}{_one_line(model, error)}") from None
+
+
+def _one_line(model: type[BaseModel], error: ValidationError) -> str:
+    """The first finding of a validation: which key, what is wrong, what is allowed."""
+    # An unknown key explains a missing one beside it, so it is told first.
+    findings = sorted(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    first = findings[0]
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        *path, name = (str(part) for part in first["loc"])
+        return f"{place}: unknown key{_nearest(name, _fields(model, path))}"
+    if first["type"] == "missing":
+        return f"{place}: missing; it has no default"
+    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    if first["type"] == "value_error" and not place:
+        return message
+    return f"{place}: must be {message}, got {json.dumps(first['input'], default=str)}"
+
+
+def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
+    for name in path:
+        field = model.model_fields.get(name)
+        inner = field.annotation if field is not None else None
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            break
+        model = inner
+    return list(model.model_fields)
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    return f"{hint} (known: {', '.join(names) or 'none'})"
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,218 @@
+"""What a scenario may say: its tables, keys, types, ranges and defaults."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import typing
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+
+from controllers.catalog import catalog
+from controllers.interfaces import Law, Observer, Reference
+
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Pair = tuple[NotNegative, NotNegative]
+
+
+class Section(BaseModel):
+    """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
+
+    model_config = STRICT
+
+
+class Ball(Section):
+    """The ball; defaults are the thesis's Table A.2."""
+
+    mass: Positive = 0.024
+    radius: Positive = 0.02
+    inertia: Positive = 6.4e-6
+
+
+class Friction(Section):
+    """Rolling resistance of ball on screen; 0 for the thesis's frictionless ball."""
+
+    rolling_mm: NotNegative = 0.18
+
+
+class Start(Section):
+    """Where the ball begins on the level plate: m and m/s in plate axes."""
+
+    x: Annotated[float, Field(ge=-0.35, le=0.35)] = 0.0
+    y: Annotated[float, Field(ge=-0.1975, le=0.1975)] = 0.0
+    x_rate: float = 0.0
+    y_rate: float = 0.0
+
+
+class Plant(Section):
+    """What is simulated: the mechanism in MuJoCo, or the exact equations (5.9)."""
+
+    kind: Literal["mujoco", "lagrange"] = "mujoco"
+    step: Positive = 0.001
+    ball: Ball = Ball()
+    friction: Friction = Friction()
+    start: Start = Start()
+
+
+class Limits(Section):
+    """What the rig may be told to do; thesis chapter 3."""
+
+    angle_deg: Annotated[float, Field(gt=0, le=10)] = 10.0
+    rate_deg: Positive = 35.0
+    acceleration: Positive = 7.0
+    area: tuple[Positive, Positive] = (0.25, 0.15)
+    margin: NotNegative = 0.04
+
+
+class Rig(Section):
+    """Control period in s, and limits."""
+
+    period: Positive = 0.002
+    limits: Limits = Limits()
+
+
+class Touch(Section):
+    """The touch screen: dead time in s, frames a second (0: every period), grid, variances."""
+
+    dead_time: NotNegative = 0.042
+    frame_rate: NotNegative = 0.0
+    grid: Annotated[int, Field(ge=0)] = 4096
+    variance: Pair = (7.2538e-7, 1.7721e-7)
+
+
+class Encoders(Section):
+    """The plate encoders: counts a revolution, variances of phi and theta in rad^2."""
+
+    counts: Annotated[int, Field(ge=0)] = 16384
+    variance: Pair = (1.5433e-10, 1.1580e-10)
+
+
+class Sensors(Section):
+    """What the rig measures, or with ``ideal`` the full true state."""
+
+    ideal: bool = False
+    noise_hold: NotNegative = 0.0
+    touch: Touch = Touch()
+    encoders: Encoders = Encoders()
+
+
+class Disturbance(Section):
+    """White noise on the plate accelerations: variances in (rad/s^2)^2, Table B.1."""
+
+    variance: Pair = (1.0816e-4, 2.8090e-5)
+
+
+class Metrics(Section):
+    """From which time in s on steady tracking is judged, and the settling band in percent."""
+
+    start: NotNegative = 0.0
+    band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
+
+
+class Choice(BaseModel):
+    """A law, observer or reference by name, with its own settings beside it."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False)
+
+    kind: str
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings written beside the name."""
+        return dict(self.model_extra or {})
+
+
+class Predictor(Section):
+    """The Smith predictor and the dead time in s that it assumes."""
+
+    kind: Literal["smith"] = "smith"
+    delay: NotNegative = 0.042
+
+
+class Scenario(Section):
+    """One experiment: a plant, its sensors, a controller, a reference, and for how long."""
+
+    title: str
+    duration: Positive
+    seed: Annotated[int, Field(ge=0)] = 0
+    baseline: bool = False
+    plant: Plant = Plant()
+    rig: Rig = Rig()
+    sensors: Sensors = Sensors()
+    disturbance: Disturbance = Disturbance()
+    controller: Choice
+    observer: Choice = Choice(kind="luenberger")
+    predictor: Predictor | None = None
+    reference: Choice
+    metrics: Metrics = Metrics()
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> Scenario:
+        period, step = self.rig.period, self.plant.step
+        steps = round(period / step)
+        if steps < 1 or abs(steps * step - period) > 1e-9 * period:
+            raise ValueError(
+                f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _metrics_within(self) -> Scenario:
+        if self.metrics.start >= self.duration:
+            raise ValueError(
+                f"metrics.start: {self.metrics.start:g} s is not before the end at "
+                f"duration = {self.duration:g} s"
+            )
+        return self
+
+
+KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
+    "controller": Law,
+    "observer": Observer,
+    "reference": Reference,
+}
+"""The tables whose settings belong to a class of the catalog."""
+
+
+def settings_model(cls: type) -> type[BaseModel]:
+    """A strict model of the settings of a law, observer or reference: its dataclass fields."""
+    hints = typing.get_type_hints(cls)
+    given = {
+        item.name
+        for base in (Law, Observer)
+        if issubclass(cls, base)
+        for item in dataclasses.fields(base)
+    }
+    fields: dict[str, Any] = {}
+    for item in dataclasses.fields(cls):
+        if item.name in given or not item.init:
+            continue
+        if item.default is not dataclasses.MISSING:
+            default = item.default
+        elif item.default_factory is not dataclasses.MISSING:
+            default = item.default_factory()
+        else:
+            default = ...
+        fields[item.name] = (hints[item.name], default)
+    return create_model(cls.__name__, __config__=STRICT, **fields)
+
+
+def checked_settings(cls: type, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as read from a file in the types that the class wants.
+
+    Raises:
+        pydantic.ValidationError: If one is unknown, missing or of the wrong type.
+    """
+    model = settings_model(cls)
+    checked = model.model_validate_json(json.dumps(settings, default=str))
+    return {name: getattr(checked, name) for name in model.model_fields}
+
+
+def choices(table: str) -> dict[str, type]:
+    """The classes that the ``kind`` of a table may name."""
+    return dict(catalog(KINDS[table]))  # type: ignore[type-var]

@@ -1,0 +1,102 @@
+"""The contract every rig behind the seam keeps."""
+
+import numpy as np
+import pytest
+
+from twin.assemble import assemble
+from twin.hal.supervisor import State
+
+QUIET = (
+    "sensors.touch.dead_time=0",
+    "sensors.touch.grid=0",
+    "sensors.touch.variance=[0,0]",
+    "sensors.encoders.counts=0",
+    "sensors.encoders.variance=[0,0]",
+    "disturbance.variance=[0,0]",
+)
+
+
+@pytest.fixture(params=["lagrange", "mujoco"])
+def rig(request, scenario):
+    return assemble(scenario(f"plant.kind={request.param}", *QUIET), rigs=2).rig
+
+
+def turn(rig, rate, periods):
+    for _ in range(periods):
+        rig.write(rate)
+        rig.wait()
+    return rig.read()
+
+
+def test_time_advances_by_one_period_a_wait(rig):
+    with rig:
+        assert rig.read().time == 0.0
+        rig.wait()
+        rig.wait()
+        assert rig.read().time == pytest.approx(2 * rig.period)
+
+
+def test_a_measurement_has_the_shapes_the_interface_promises(rig):
+    with rig:
+        measurement = rig.read()
+    assert measurement.y.shape == (2, 4)
+    assert measurement.age.shape == (2,)
+    assert measurement.touched.tolist() == [True, True]
+    assert measurement.state is None
+
+
+def test_nothing_moves_before_the_start(rig):
+    with rig:
+        applied = rig.write(np.full((2, 2), 0.01))
+        assert not applied.any()
+        measurement = turn(rig, np.full((2, 2), 0.01), 100)
+    assert np.abs(measurement.y[:, 1::2]).max() < np.radians(0.05)
+
+
+def test_applied_plate_rates_add_up_to_the_measured_plate_angle(rig):
+    goal = np.array([[0.08, -0.05], [-0.03, 0.1]])
+    with rig:
+        rig.start()
+        for tick in range(1500):
+            # A smooth ramp of 2 s, then 1 s of rest.
+            share = np.sin(np.pi * min(tick / 1000, 1.0)) ** 2
+            rig.write(goal * share)
+            rig.wait()
+        measured = rig.read().y[:, 1::2]
+    assert measured == pytest.approx(goal, abs=np.radians(0.05))
+
+
+def test_the_applied_rates_are_what_is_returned_after_every_clamp(rig):
+    with rig:
+        rig.start()
+        applied = rig.write(np.full((2, 2), 10.0))
+    assert applied == pytest.approx(np.full((2, 2), 7.0 * rig.period))
+
+
+def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
+    def run_until_it_dies():
+        with rig:
+            rig.start()
+            turn(rig, np.full((2, 2), 0.1), 300)
+            raise RuntimeError("controller died")
+
+    with pytest.raises(RuntimeError, match="controller died"):
+        run_until_it_dies()
+    assert (rig.supervisor.state == State.DISABLED).all()
+    assert np.abs(rig.bench.state[:, 2::4]).max() < np.radians(0.1)
+
+
+def test_a_tilted_plate_sends_the_ball_the_way_of_the_thesis(rig):
+    with rig:
+        rig.start()
+        measurement = turn(rig, np.full((2, 2), 0.2), 250)
+    # x'' ~ +c1 g sin(phi) and y'' ~ -c1 g sin(theta).
+    assert (measurement.y[:, 0] > 0.01).all()
+    assert (measurement.y[:, 2] < -0.01).all()
+
+
+def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(rig):
+    with rig:
+        rig.start()
+        measurement = turn(rig, np.full((2, 2), 0.1), 100)
+        assert measurement.y == pytest.approx(rig.bench.state[:, 0::2])

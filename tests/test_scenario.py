@@ -1,0 +1,91 @@
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.errors import ScenarioError
+from twin.scenario import load, shipped
+from twin.scenario.load import check, override
+
+MINIMAL = {
+    "title": "t",
+    "duration": 1.0,
+    "controller": {"kind": "lqr", "rho": 300.0, "kappa": 0.3},
+    "reference": {"kind": "hold"},
+}
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_scenario_is_valid(name):
+    assert load(name).title
+
+
+def test_the_four_first_scenarios_are_shipped():
+    assert {"hold", "step", "sine", "circle"} <= set(shipped())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["durration=3"], ["durration", "unknown", "'duration'"]),
+        (["sensors.touch.dead_tme=1"], ["sensors.touch.dead_tme", "'dead_time'"]),
+        (["controller.rhoo=1"], ["controller.rhoo", "'rho'", "kappa"]),
+        (["controller.kind=lqrr"], ["controller.kind", "'lqrr'", "'lqr'"]),
+        (["reference.kind=spiral"], ["reference.kind", "'spiral'", "circle"]),
+        (["duration=long"], ["duration", "number", "long"]),
+        (["duration=true"], ["duration", "number"]),
+        (["seed=1.5"], ["seed", "integer"]),
+        (["duration=inf"], ["duration", "finite"]),
+        (["plant.ball.mass=-0.1"], ["plant.ball.mass", "greater than 0", "-0.1"]),
+        (["plant.kind=real"], ["plant.kind", "mujoco", "lagrange"]),
+        (["plant.start.x=0.4"], ["plant.start.x", "0.35"]),
+        (["metrics.start=2"], ["metrics.start", "duration"]),
+        (["rig.period=0.0015"], ["rig.period", "0.001", "multiple"]),
+        (["duration"], ["duration", "key=value"]),
+        (["duration.x=1"], ["duration", "not a table"]),
+        (["rig.limits.area=[0.2]"], ["rig.limits.area"]),
+    ],
+)
+def test_a_wrong_override_is_refused_in_one_line_that_names_key_and_remedy(overrides, words):
+    with pytest.raises(ScenarioError) as caught:
+        check(override(MINIMAL, overrides), "file.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_a_missing_table_is_named():
+    without = {key: value for key, value in MINIMAL.items() if key != "controller"}
+    with pytest.raises(ScenarioError, match="controller: missing"):
+        check(without, "file.toml")
+
+
+def test_a_missing_scenario_lists_the_nearest():
+    with pytest.raises(ScenarioError, match="did you mean 'circle'"):
+        load("cirle")
+
+
+def test_a_file_that_is_not_toml_is_refused(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text("title = [", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="not a TOML file"):
+        load(str(path))
+
+
+def test_naming_another_controller_drops_the_settings_of_the_old():
+    tables = override(MINIMAL, ["controller.poles=[-1,-2,-3,-4]", "controller.kind=pole_placement"])
+    assert tables["controller"] == {"kind": "pole_placement", "poles": [-1, -2, -3, -4]}
+    check(tables, "file.toml")
+
+
+def test_an_override_leaves_the_original_alone():
+    override(MINIMAL, ["controller.rho=1"])
+    assert MINIMAL["controller"]["rho"] == 300.0
+
+
+@given(st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(), st.booleans()))
+def test_any_toml_value_survives_an_override(value):
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    assert override({}, [f"a.b={text}"]) == {"a": {"b": tomllib.loads(f"v={text}")["v"]}}

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from twin.hal.supervisor import Limits, State, Supervisor
+
+PERIOD = 0.002
+LIMITS = Limits()
+WISHES = arrays(float, (60, 2, 2), elements=st.floats(-50, 50))
+
+
+def running(rigs=2, limits=LIMITS):
+    supervisor = Supervisor(limits, PERIOD, rigs)
+    supervisor.enable(np.zeros((rigs, 2)))
+    supervisor.start()
+    return supervisor
+
+
+def measured(ball, plate=(0.0, 0.0)):
+    return np.array([[ball[0], plate[0], ball[1], plate[1]]])
+
+
+@settings(max_examples=200, deadline=None)
+@given(WISHES, st.integers(1, 40))
+def test_whatever_is_wished_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
+    supervisor = running()
+    before = np.zeros((2, 2))
+    for wish in wishes:
+        for _ in range(hold):
+            rate = supervisor.clamp(wish)
+            assert (np.abs(rate - before) <= LIMITS.acceleration * PERIOD + 1e-12).all()
+            assert (np.abs(rate) <= LIMITS.rate + 1e-12).all()
+            assert (np.abs(supervisor.angle) <= LIMITS.angle + 1e-9).all()
+            before = rate
+
+
+def test_a_wish_within_every_limit_passes_unchanged():
+    supervisor = running()
+    wish = np.array([[0.01, -0.005], [0.0, 0.012]])
+    assert np.array_equal(supervisor.clamp(wish), wish)
+
+
+def test_nothing_moves_before_the_explicit_start():
+    supervisor = Supervisor(LIMITS, PERIOD, 1)
+    wish = np.full((1, 2), 0.01)
+    assert not supervisor.clamp(wish).any()
+    supervisor.enable(np.zeros((1, 2)))
+    assert supervisor.state[0] == State.READY
+    assert not supervisor.clamp(wish).any()
+    supervisor.start()
+    assert supervisor.clamp(wish).any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
+    supervisor = running()
+    rate = supervisor.clamp(np.array([[bad, 0.0], [0.01, 0.0]]))
+    assert np.isfinite(rate).all()
+    assert supervisor.state.tolist() == [State.STOPPED, State.RUNNING]
+    assert "controller asked for" in supervisor.reason[0]
+
+
+@pytest.mark.parametrize(
+    ("ball", "plate"),
+    [((0.291, 0.0), (0.0, 0.0)), ((0.0, -0.191), (0.0, 0.0)), ((0.0, 0.0), (0.0, np.radians(11)))],
+)
+def test_a_ball_or_plate_past_its_limit_stops_the_rig(ball, plate):
+    supervisor = running(1)
+    supervisor.watch(measured(ball, plate))
+    assert supervisor.state[0] == State.STOPPED
+
+
+def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
+    supervisor = running(1)
+    supervisor.watch(measured((0.29, 0.19)))
+    assert supervisor.state[0] == State.RUNNING
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
+def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):
+    supervisor = Supervisor(LIMITS, PERIOD, 1)
+    supervisor.enable(np.array([[phi, theta]]))
+    supervisor.start()
+    supervisor.level()
+    for _ in range(1000):
+        supervisor.clamp(np.full((1, 2), 0.5))
+    assert np.abs(supervisor.angle).max() < 1e-5
+    assert np.abs(supervisor.rate).max() < 1e-3
+
+
+def test_a_stopped_rig_stays_stopped_when_the_ball_returns():
+    supervisor = running(1)
+    supervisor.watch(measured((0.3, 0.0)))
+    supervisor.watch(measured((0.0, 0.0)))
+    supervisor.start()
+    assert supervisor.state[0] == State.STOPPED

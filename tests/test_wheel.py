@@ -1,0 +1,64 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+UV = os.environ.get("UV") or shutil.which("uv")
+
+
+def call(*command, **options):
+    done = subprocess.run(
+        [str(part) for part in command], capture_output=True, text=True, check=False, **options
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    assert UV, "the tests are run with uv"
+    folder = tmp_path_factory.mktemp("wheel")
+    call(UV, "build", "--wheel", "--out-dir", folder, ROOT)
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    assert {
+        "twin/models/ballplate.xml",
+        "twin/models/cams.json",
+        "scenarios/circle.toml",
+        "controllers/stack.py",
+        "twin/cli/__init__.py",
+    } <= names
+    assert not [name for name in names if "test" in name or name.startswith("src/")]
+
+
+def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_path):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    pins = tmp_path / "pins.txt"
+    pins.write_text("\n".join(project["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
+    environment = tmp_path / "environment"
+    call(UV, "venv", "--python", sys.executable, environment)
+    python = environment / "bin" / "python"
+    call(UV, "pip", "install", "--python", python, "--constraint", pins, wheel)
+    clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    anywhere = tmp_path / "anywhere"
+    anywhere.mkdir()
+    ballplate = environment / "bin" / "ballplate"
+    listed = call(ballplate, "list", cwd=anywhere, env=clean)
+    assert "circle" in listed
+    printed = call(
+        ballplate, "run", "circle", "--set", "duration=1", "--set", "metrics.start=0", "--json",
+        cwd=anywhere, env=clean,
+    )  # fmt: skip
+    assert json.loads(printed)["outcome"] == "finished"
+    assert (anywhere / "runs" / "circle" / "picture.png").is_file()
