@@ -14,6 +14,7 @@ COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
+    "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",
 }
 """Command name to where it is defined; imported only when called, to start fast."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -31,13 +32,18 @@ LABELS = {
 }
 """Indicator to the words and the unit it is printed with."""
 
-console = Console(highlight=False)
+console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True, highlight=False)
 
 
 def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
     """One JSON value on standard output, nothing else."""
     click.echo(json.dumps(content, indent=2, allow_nan=False))
+
+
+def warn(message: str) -> None:
+    """One line on standard error about something that is allowed but not wise."""
+    click.echo(f"ballplate: warning: {message}", err=True)
 
 
 def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:

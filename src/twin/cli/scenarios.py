@@ -9,7 +9,9 @@ from typing import Any
 
 import click
 
-from twin.cli.output import console, print_json, print_metrics, progress
+from controllers.analysis import instability, slow_observer
+from twin.assemble import build_controller
+from twin.cli.output import console, print_json, print_metrics, progress, warn
 from twin.errors import ScenarioError
 from twin.loop import Ending
 from twin.metrics import Motion
@@ -125,6 +127,7 @@ def clean(scenario: Scenario) -> Scenario:
     tables = scenario.model_dump(exclude_defaults=True)
     tables["plant"] = {**tables.get("plant", {}), "kind": "lagrange", "friction": {"rolling_mm": 0}}
     tables["sensors"] = {
+        "ideal": scenario.sensors.ideal,
         "touch": {"dead_time": 0.0, "grid": 0, "variance": (0.0, 0.0)},
         "encoders": {"counts": 0, "variance": (0.0, 0.0)},
     }
@@ -154,6 +157,14 @@ def check_writable(folder: Path) -> None:
 
 
 def _run(scenario: Scenario, label: str = "") -> Run:
+    controller = build_controller(scenario)
+    dead_time = scenario.sensors.touch.dead_time
+    for danger in (
+        instability(controller.law, controller.observer, dead_time=dead_time),
+        slow_observer(controller.law, controller.observer),
+    ):
+        if danger:
+            warn(danger)
     with progress(label or scenario.title, scenario.duration) as advance:
         return run_scenario(scenario, advance)
 

@@ -127,6 +127,12 @@ class Choice(BaseModel):
         return dict(self.model_extra or {})
 
 
+class ObserverChoice(Choice):
+    """An observer; the thesis's experiments use the Luenberger observer."""
+
+    kind: str = "luenberger"
+
+
 class Predictor(Section):
     """The Smith predictor and the dead time in s that it assumes."""
 
@@ -146,7 +152,7 @@ class Scenario(Section):
     sensors: Sensors = Sensors()
     disturbance: Disturbance = Disturbance()
     controller: Choice
-    observer: Choice = Choice(kind="luenberger")
+    observer: ObserverChoice = ObserverChoice()
     predictor: Predictor | None = None
     reference: Choice
     metrics: Metrics = Metrics()

@@ -1,0 +1,110 @@
+"""The controllers of the thesis with its gains, and the poles it designs them for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.analysis.loops import sampled_loop, state_feedback_loop
+from controllers.analysis.margins import Margins, margins
+from controllers.backstepping import Backstepping
+from controllers.ballplate import BallPlate
+from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.interfaces import Law, Observer
+from controllers.poles import Pole
+from controllers.state_feedback import LQR, PolePlacement
+
+
+class Design(NamedTuple):
+    """A controller with the gains of the thesis.
+
+    Attributes:
+        source: Table or chapter.
+        settings: What was chosen, in words.
+        law: The controller.
+        poles: Poles of an axis in 1/s as designed, or None where the thesis gives weights or gains.
+        flat: Whether they are poles of the flat model (6.44) rather than of (5.35).
+    """
+
+    source: str
+    settings: str
+    law: Law
+    poles: tuple[Pole, ...] | None = None
+    flat: bool = False
+
+
+PLACED = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-1, -2, -5, -6))
+WEIGHTS = (("8.2, 9.1", 100, 0.1), ("8.2", 300, 0.1), ("8.2", 1000, 0.1), ("8.3", 300, 0.3))
+TRACKING = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-3, -4, -5, -6))
+INTEGRAL = ((-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.5, -4, -5))
+STEPS = ((0.1, 1, 1.5, 2), (1, 2, 2.5, 3), (1, 4, 5, 6))
+
+
+def designs(model: BallPlate | None = None) -> list[Design]:
+    """Every design of chapters 8 and 9 that has a linearisation: all but the sliding mode.
+
+    Chapter 9 gives gains without poles; those beside them follow from its gains and the flat model.
+    Feed-forward with LQR has the loop of the LQR.
+
+    Args:
+        model: The model the laws are designed on.
+    """
+    m = model or BallPlate()
+    return [
+        *(Design("8.1", f"{p}", PolePlacement(model=m, poles=p), p) for p in PLACED),
+        *(Design(n, f"ρ={r}, κ={k}", LQR(model=m, rho=r, kappa=k)) for n, r, k in WEIGHTS),
+        *(Design("8.4", f"{p}", AFL(model=m, poles=p), p, flat=True) for p in TRACKING),
+        Design("9.2", "p=(180, 162, 66, 13)", AFL(model=m, gains=(180, 162, 66, 13)), flat=True),
+        *(Design("8.6", f"{p}", AFLIntegral(model=m, poles=p), p, flat=True) for p in INTEGRAL),
+        Design(
+            "9.4",
+            "p=(200, 132, 51, 12), p_I=4",
+            AFLIntegral(model=m, gains=(200, 132, 51, 12, 4)),
+            flat=True,
+        ),
+        *(Design("8.8", f"c={c}", Backstepping(model=m, c=c), flat=True) for c in STEPS),
+        Design("9.6", "c=(2, 3, 4, 5.5)", Backstepping(model=m, c=(2, 3, 4, 5.5)), flat=True),
+    ]
+
+
+class Assessment(NamedTuple):
+    """A design's loop about the level plate; axis x, axis y being alike.
+
+    Attributes:
+        poles: With the full state, continuous, on (5.35), in 1/s; both axes.
+        flat_poles: The same on the flat model (6.44).
+        full_state: Margins of that loop cut at u1.
+        at_input: Margins of the sampled loop with the observer, cut at u1.
+        at_ball: The same cut where the ball is measured.
+        late_pole: Slowest pole of the sampled loop with the ball measured a dead time late.
+    """
+
+    poles: NDArray[np.complexfloating]
+    flat_poles: NDArray[np.complexfloating]
+    full_state: Margins | None
+    at_input: Margins | None
+    at_ball: Margins | None
+    late_pole: complex
+
+
+def assess(law: Law, observer: Observer, dead_time: float) -> Assessment:
+    """Poles and margins of a law with an observer.
+
+    Args:
+        law: A law with a linearisation.
+        observer: The observer it is to work with.
+        dead_time: Of the ball's measurement in s, which nothing compensates.
+    """
+    full = state_feedback_loop(law)
+    sampled = sampled_loop(law, observer)
+    late = sampled_loop(law, observer, dead_time=dead_time)
+    return Assessment(
+        poles=full.poles(),
+        flat_poles=state_feedback_loop(law, flat=True).poles(),
+        full_state=margins(full, "u1"),
+        at_input=margins(sampled, "u1"),
+        at_ball=margins(sampled, "x"),
+        late_pole=complex(late.poles()[0]),
+    )

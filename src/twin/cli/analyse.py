@@ -1,0 +1,182 @@
+"""The command analyse: what the thesis claims about the system and its loops, and what holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from controllers.analysis import designs, findings
+from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row, neglected_rows
+from controllers.ballplate import BallPlate
+from twin.assemble import build_controller
+from twin.cli.output import console, print_json, progress
+from twin.cli.scenarios import JSON, SETTING, clean
+from twin.run import run as run_scenario
+from twin.scenario import Scenario, load
+
+Row = dict[str, Any]
+
+CUTS = {
+    "full_state_at_u1": "full state, continuous, cut at u1",
+    "observer_at_u1": "Luenberger observer (8.1) at 2 ms, cut at u1",
+    "observer_at_ball": "Luenberger observer (8.1) at 2 ms, cut at the ball's measurement",
+}
+TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' and the like"}
+
+
+@click.command()
+@click.argument("scenario", default="sine")
+@SETTING
+@JSON
+def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
+    """Analyse the system and its loops beside the thesis, chapters 5 and 6.2.1.
+
+    SCENARIO [sine] gives the motion whose neglected terms are measured, and a loop to judge.
+    """
+    chosen = load(scenario, overrides)
+    model = BallPlate()
+    with progress("analysis", len(designs(model)) + 1) as advance:
+        structure = [finding._asdict() for finding in findings(model)]
+        rows = design_rows(model, advance)
+        neglected = _neglected(chosen, model)
+        loop = _loop(chosen)
+    if as_json:
+        content = {"structure": structure, "designs": rows, "neglected": neglected, "loop": loop}
+        print_json({"scenario": chosen.title, **content})
+        return
+    _print_structure(structure)
+    _print_poles(rows)
+    for cut, title in CUTS.items():
+        _print_margins(rows, cut, title)
+    _print_neglected(neglected, chosen.title)
+    _print_loop(loop)
+
+
+def _neglected(scenario: Scenario, model: BallPlate) -> Row:
+    """Terms of (6.42) along the scenario's motion on the clean exact model."""
+    motion = clean(scenario)
+    # Ideal sensors stay so: the observer 'ideal' needs the state they hand over.
+    sensors = motion.sensors.model_copy(update={"ideal": scenario.sensors.ideal})
+    record = run_scenario(motion.model_copy(update={"sensors": sensors})).record
+    x, u = record["state"][:, 0], record["applied"][:, 0]
+    steady = record.time >= scenario.metrics.start - 1e-9
+    return {
+        "from": scenario.metrics.start,
+        "whole": neglected_rows(model, x, u),
+        "steady": neglected_rows(model, x[steady], u[steady]) if steady.any() else [],
+    }
+
+
+def _loop(scenario: Scenario) -> Row:
+    """The scenario's own controller, observer and predictor as a sampled loop."""
+    controller = build_controller(scenario)
+    dead_time = scenario.sensors.touch.dead_time
+    return {
+        "controller": scenario.controller.kind,
+        "observer": scenario.observer.kind,
+        "predictor": None if scenario.predictor is None else scenario.predictor.delay,
+        "dead_time": dead_time,
+        **loop_row(controller.law, controller.observer, dead_time),
+    }
+
+
+def _print_structure(rows: Sequence[Row]) -> None:
+    table = _table("Structure, chapters 5 and 6.2.1", "eq.", "", "thesis", "here", "agrees", "note")
+    words = {True: "yes", False: "[bold red]no[/bold red]", None: ""}
+    for row in rows:
+        texts = (f"({row['equation']})", row["quantity"], row["thesis"] or "", row["found"])
+        table.add_row(*map(escape, texts), words[row["agrees"]], escape(row["note"]))
+    console.print(table)
+
+
+def _print_poles(rows: Sequence[Row]) -> None:
+    late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
+    columns = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
+    table = _table("Closed-loop poles in 1/s about the level plate, full state", *columns)
+    for row in rows:
+        slowest = row["slowest_pole_with_observer_and_dead_time"]
+        table.add_row(
+            row["table"],
+            _name(row),
+            _poles(row["thesis_poles"] or []),
+            _poles(row["poles_flat_model"]),
+            _poles(row["poles_linear_model"]),
+            _poles([[slowest[0], abs(slowest[1])]]),
+        )
+    console.print(table)
+    console.print("The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44).")
+
+
+def _print_margins(rows: Sequence[Row], cut: str, title: str) -> None:
+    table = _table(f"Margins: {title}", "table", "", *MARGINS)
+    for row in rows:
+        table.add_row(row["table"], _name(row), *_margins(row["margins"][cut]))
+    console.print(table)
+
+
+def _print_neglected(found: Row, title: str) -> None:
+    columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
+    table = _table(f"Terms the flat model leaves out, Figure 8.6: {title}, clean model", *columns)
+    for when in ("whole", "steady"):
+        label = "whole run" if when == "whole" else f"from {found['from']:g} s on"
+        for row in found[when]:
+            table.add_row(
+                f"({row['equation']})",
+                TERMS[row["terms"]],
+                label,
+                *(_shown(row[key]) for key in ("main_max", "max")),
+                *(_shown(row[key], 100) for key in ("peak_ratio", "rms_ratio")),
+            )
+    console.print(table)
+
+
+def _print_loop(found: Row) -> None:
+    parts = [found["controller"], found["observer"]]
+    if found["predictor"] is not None:
+        parts.append(f"predictor {1000 * found['predictor']:g} ms")
+    parts.append(f"dead time {1000 * found['dead_time']:g} ms")
+    title = f"The scenario's sampled loop: {', '.join(parts)}"
+    if found["reason"]:
+        console.print(f"{title}: {found['reason']}")
+        return
+    table = _table(title, "cut at", *MARGINS)
+    for cut, row in found["margins"].items():
+        table.add_row(cut, *_margins(row))
+    console.print(table)
+    console.print(f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}")
+    if not found["stable"]:
+        console.print("[bold red]this loop is unstable[/bold red]")
+
+
+MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
+
+
+def _margins(row: Row | None) -> list[str]:
+    if row is None:
+        return ["unstable"]
+    gain = f"{_shown(row['gain_down'] or 0.0)} to {_shown(row['gain_up'])}"
+    rest = (("phase", 1), ("disk", 1), ("delay", 1000), ("crossover", 1))
+    return [gain, *(_shown(row[key], scale) for key, scale in rest)]
+
+
+def _table(title: str, *columns: str) -> Table:
+    return Table(*columns, title=title, title_justify="left", header_style="bold")
+
+
+def _name(row: Row) -> str:
+    return f"{row['controller']} {row['settings']}"
+
+
+def _poles(pairs: Sequence[Sequence[float]], most: int = 5) -> str:
+    """Poles for people: conjugate ones as a±bj."""
+    upper = [(real, imag) for real, imag in pairs if imag > -1e-6]
+    shown = [f"{re:.3g}±{im:.3g}j" if im > 1e-4 else f"{re:.3g}" for re, im in upper[:most]]
+    return ", ".join(shown) + (", ..." if len(upper) > most else "")
+
+
+def _shown(value: float | None, scale: float = 1.0) -> str:
+    return "∞" if value is None else f"{scale * value:.3g}"

@@ -1,0 +1,250 @@
+from dataclasses import dataclass
+
+import control
+import numpy as np
+import pytest
+
+from controllers.analysis import (
+    designs,
+    instability,
+    margins,
+    sampled_loop,
+    sampled_poles,
+    state_feedback_loop,
+)
+from controllers.analysis.linearise import System, linear_law
+from controllers.analysis.loops import STATES, close
+from controllers.backstepping import Backstepping
+from controllers.ballplate import BallPlate
+from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.interfaces import Measurement
+from controllers.observers import (
+    ExtendedKalman,
+    Ideal,
+    Kalman,
+    Luenberger,
+    NonlinearLuenberger,
+)
+from controllers.observers.sampling import sample
+from controllers.references.point import Hold
+from controllers.sliding_mode import SlidingMode
+from controllers.smith import Smith
+from controllers.state_feedback import LQR, PolePlacement
+
+T = 0.002
+A, B, C = BallPlate().linear()
+OMEGA = np.geomspace(0.1, 100, 50)
+AFL_CH9 = AFL(gains=(180, 162, 66, 13))
+AFLI_CH9 = AFLIntegral(gains=(200, 132, 51, 12, 4))
+BS_CH9 = Backstepping(c=(2, 3, 4, 5.5))
+
+
+def same(found, expected, rtol=1e-6):
+    """Whether two sets of poles are the same in some order."""
+    found = list(np.asarray(found, complex))
+    for pole in np.asarray(expected, complex):
+        nearest = min(found, key=lambda other: abs(other - pole), default=np.inf)
+        if abs(nearest - pole) > rtol * (1 + abs(pole)):
+            return False
+        found.remove(nearest)
+    return not found
+
+
+@pytest.mark.parametrize("design", [d for d in designs() if d.poles], ids=lambda d: f"{d[:2]}")
+def test_every_design_has_the_poles_the_thesis_asks_for_on_its_own_model(design):
+    poles = state_feedback_loop(design.law, flat=design.flat).poles()
+    # Poles are roots: an error e in a coefficient moves a near-double one by the root of e.
+    assert same(poles, [*design.poles, *design.poles], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("law", "flat", "poles"),
+    [
+        (AFL_CH9, True, (-4.469 + 1.112j, -2.031 + 2.089j)),
+        (AFLI_CH9, True, (-6.622, -3.436, -0.961 + 2.784j, -0.0203)),
+        (BS_CH9, True, (-2.535 + 0.835j, -4.715 + 5.914j)),
+        (LQR(rho=100, kappa=0.1), False, (-1.799 + 1.907j, -2.646 + 1.248j)),
+    ],
+    ids=["AFL", "AFL+I", "BS", "LQR"],
+)
+def test_the_gains_of_chapter_9_give_the_poles_of_erratum_35(law, flat, poles):
+    expected = {complex(p) for q in poles for p in (q, np.conj(q))}
+    found = state_feedback_loop(law, flat=flat).poles()
+    assert same(found, [*expected, *expected], rtol=3e-4)
+
+
+@pytest.mark.parametrize("rho", [10.0, 100.0, 1000.0])
+def test_no_frequency_makes_the_return_difference_of_an_lqr_less_than_one(rho):
+    loop = state_feedback_loop(LQR(rho=rho, kappa=0.3))
+    assert (np.abs(loop.sensitivity("u1", OMEGA)) <= 1 + 1e-9).all()
+    found = margins(loop, "u1")
+    assert found.phase >= 60
+    assert found.gain_up is None
+    assert found.gain_down < 0.5
+
+
+def transfer_of_axis_x(law):
+    """Loop gain of a static law cut at u1, by python-control."""
+    K = -linear_law(law).D[:1, :4]
+    return control.ss(A[:4, :4], B[:4, :1], K, 0)
+
+
+@pytest.mark.parametrize("law", [PolePlacement(), AFL_CH9, BS_CH9], ids=lambda law: law.name)
+def test_the_sensitivity_is_that_of_the_transfer_function(law):
+    L = transfer_of_axis_x(law)
+    expected = 1 / (1 + L(1j * OMEGA))
+    assert np.allclose(state_feedback_loop(law).sensitivity("u1", OMEGA), expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("law", [PolePlacement(), AFL_CH9, BS_CH9], ids=lambda law: law.name)
+def test_margins_are_those_of_the_transfer_function(law):
+    L = transfer_of_axis_x(law)
+    found = margins(state_feedback_loop(law), "u1")
+    gain, phase, _, _, crossover, _ = control.stability_margins(L)
+    disk = control.disk_margins(L, np.geomspace(0.1, 100, 2000))[0]
+    assert found.gain_down == pytest.approx(gain, rel=1e-3)
+    assert found.phase == pytest.approx(phase, rel=1e-3)
+    assert found.crossover == pytest.approx(crossover, rel=1e-3)
+    assert found.delay == pytest.approx(np.radians(phase) / crossover, rel=2e-3)
+    assert found.disk == pytest.approx(disk, rel=2e-3)
+
+
+def test_at_the_gain_margin_a_pole_is_on_the_imaginary_axis():
+    law = PolePlacement()
+    gain = margins(state_feedback_loop(law), "u1").gain_down
+    weaker = linear_law(law)
+    weaker.D[0] *= gain
+    loop = close(System(A, B, np.eye(8), np.zeros((8, 2))), weaker, STATES)
+    assert abs(loop.poles()[0].real) < 1e-3
+
+
+@pytest.mark.parametrize("law", [AFL(poles=(-3, -4, -5, -6)), BS_CH9], ids=lambda law: law.name)
+def test_a_dead_time_beyond_the_delay_margin_makes_the_loop_unstable(law):
+    allowed = margins(sampled_loop(law, Luenberger()), "x").delay
+    below, above = (
+        sampled_loop(law, Luenberger(), dead_time=share * allowed).poles()[0].real
+        for share in (0.97, 1.03)
+    )
+    assert below < 0 < above
+
+
+def test_margins_of_an_unstable_loop_do_not_exist():
+    assert margins(sampled_loop(LQR(rho=1e9), Luenberger()), "u1") is None
+
+
+@pytest.mark.parametrize("observer", [Luenberger(), Kalman()], ids=lambda o: o.name)
+def test_poles_of_law_and_linear_observer_are_separate(observer):
+    law = LQR()
+    Ad, Bd = sample(A, B, T)
+    expected = [
+        *np.linalg.eigvals(Ad - Bd @ law.K),
+        *np.linalg.eigvals(Ad @ (np.eye(8) - observer.L @ C)),
+    ]
+    z = sampled_poles(law, observer, T)
+    assert same(z[np.abs(z) > 1e-6], expected, rtol=1e-8)
+
+
+def test_the_ekf_about_the_level_plate_is_the_kalman_filter():
+    loops = [sampled_loop(LQR(), observer) for observer in (Kalman(), ExtendedKalman())]
+    kalman, ekf = (loop.sensitivity("u1", OMEGA) for loop in loops)
+    assert np.allclose(ekf, kalman, rtol=1e-4)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.042, 0.0431])
+def test_a_predictor_with_the_right_dead_time_leaves_the_poles_of_the_law(delay):
+    law = LQR()
+    Ad, Bd = sample(A, B, T)
+    z = sampled_poles(law, Smith(observer=Luenberger(), delay=delay), dead_time=delay)
+    for pole in np.linalg.eigvals(Ad - Bd @ law.K):
+        assert np.abs(z - pole).min() < 1e-8
+
+
+def test_the_predicted_luenberger_observer_becomes_unstable_above_56_ms():
+    stable, not_stable = (
+        instability(LQR(), Smith(observer=Luenberger(), delay=delay), dead_time=delay)
+        for delay in (0.056, 0.057)
+    )
+    assert stable is None
+    assert "0.212+24.1j" in not_stable
+
+
+def run(law, observer, x, ticks, delay):
+    """Law and observer themselves on the linear plant, the ball measured ``delay`` ticks late."""
+    Ad, Bd = sample(A, B, T)
+    observer.start(np.zeros(8))
+    q, past, states = np.zeros(law.memory), [np.zeros(2)] * delay, []
+    reference, touched, age = Hold(), np.array(True), np.zeros(())
+    for k in range(ticks):
+        states.append(x)
+        past.append(x[0::4])
+        y = x[0::2].copy()
+        y[0::2] = past[k]
+        estimate = observer.correct(Measurement(k * T, y, age, touched, state=x)).copy()
+        u = law.control(k * T, estimate, reference, q)
+        q = q + T * law.memory_rate(k * T, estimate, reference, q)
+        observer.predict(u)
+        x = Ad @ x + Bd @ u
+    return np.array(states)
+
+
+@pytest.mark.parametrize(
+    ("law", "make", "delay"),
+    [
+        (LQR(), Luenberger, 0),
+        (AFLI_CH9, Kalman, 21),
+        (BS_CH9, lambda: NonlinearLuenberger(plate_observer=True), 3),
+        (AFL_CH9, lambda: Smith(observer=ExtendedKalman(), delay=0.042), 21),
+        (AFLI_CH9, lambda: Smith(observer=Luenberger(), delay=0.0), 0),
+        (AFL_CH9, lambda: Smith(observer=Luenberger(), delay=0.035), 21),
+    ],
+)
+def test_the_linear_loop_moves_like_the_real_objects(law, make, delay):
+    loop = sampled_loop(law, make(), dead_time=delay * T)
+    s = np.zeros(len(loop.A))
+    s[:8] = 1e-4 * np.array([1, -2, 1, 0, -1, 1, 1, 0])
+    real = run(law, make(), s[:8].copy(), 300, delay)
+    for expected in real:
+        assert np.allclose(s[:8], expected, rtol=0, atol=1e-3 * np.abs(real).max())
+        s = loop.A @ s
+
+
+def test_with_the_ideal_observer_the_law_gets_the_state():
+    law = LQR()
+    Ad, Bd = sample(A, B, T)
+    assert same(sampled_poles(law, Ideal()), np.linalg.eigvals(Ad - Bd @ law.K), rtol=1e-8)
+
+
+def test_gains_too_high_for_the_period_are_told_with_their_poles():
+    assert "unstable" in instability(PolePlacement(poles=(-300, -310, -320, -330)), Ideal())
+    assert instability(PolePlacement(), Ideal()) is None
+
+
+def test_a_sliding_mode_has_no_linearisation():
+    with pytest.raises(ValueError, match="sliding_mode"):
+        sampled_loop(SlidingMode(), Luenberger())
+    assert instability(SlidingMode(), Luenberger()) is None
+
+
+def test_an_observer_of_another_period_is_refused():
+    with pytest.raises(ValueError, match=r"0\.002 s, the loop 0\.001 s"):
+        sampled_loop(LQR(), Luenberger(), 0.001)
+
+
+@dataclass(kw_only=True)
+class Secretive(Luenberger):
+    """An observer that remembers the last measurement where nobody looks."""
+
+    def start(self, x):
+        super().start(x)
+        self._last = [np.zeros_like(x)[..., 0::2]]
+
+    def correct(self, measurement):
+        late, self._last[0] = self._last[0], measurement.y
+        return super().correct(
+            Measurement(measurement.time, late, measurement.age, measurement.touched)
+        )
+
+
+def test_an_observer_with_hidden_memory_is_refused_rather_than_misjudged():
+    with pytest.raises(ValueError, match="cannot be linearised"):
+        sampled_loop(LQR(), Secretive())
