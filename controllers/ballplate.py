@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,9 +84,8 @@ class BallPlate:
 
     def f(self, x: Array) -> Array:
         """Drift of the exact model (5.9b), shape (..., 8)."""
-        x1, x2, x3, x4, x5, x6, x7, x8 = (x[..., i] for i in range(8))
-        s3 = np.sin(x3)
-        c3 = np.cos(x3)
+        sin, cos, (x1, x2, x3, x4, x5, x6, x7, x8) = _parts(x)
+        s3, c3 = sin(x3), cos(x3)
         out = np.zeros_like(x)
         out[..., 0] = x2
         out[..., 1] = self.c1 * (
@@ -93,7 +93,7 @@ class BallPlate:
             + x1 * x8**2 * s3**2
             + 2 * x6 * x8 * s3
             + x1 * x4**2
-            + self.gravity * s3 * np.cos(x7)
+            + self.gravity * s3 * cos(x7)
         )
         out[..., 2] = x4
         out[..., 4] = x6
@@ -102,30 +102,30 @@ class BallPlate:
             - 2 * x1 * x4 * x8 * c3
             - 2 * x2 * x8 * s3
             + x5 * x8**2
-            - self.gravity * np.sin(x7)
+            - self.gravity * sin(x7)
         )
         out[..., 6] = x8
         return out
 
     def g(self, x: Array) -> Array:
         """Input map of the exact model (5.9c), shape (..., 8, 2)."""
+        sin, cos, (x1, _, x3, _, x5, *_) = _parts(x)
         out = np.zeros((*x.shape, 2))
-        s3 = np.sin(x[..., 2])
         out[..., 1, 0] = -self.c2
-        out[..., 1, 1] = self.c1 * x[..., 4] * s3
+        out[..., 1, 1] = self.c1 * x5 * sin(x3)
         out[..., 3, 0] = 1
-        out[..., 5, 1] = -self.c1 * x[..., 0] * s3 + self.c2 * np.cos(x[..., 2])
+        out[..., 5, 1] = -self.c1 * x1 * sin(x3) + self.c2 * cos(x3)
         out[..., 7, 1] = 1
         return out
 
     def derivative(self, x: Array, u: Array) -> Array:
         """Rate of the state, f(x) + g(x) u of (5.9a), shape (..., 8)."""
-        out = self.f(x)
+        sin, cos, (x1, _, x3, _, x5, *_) = _parts(x)
         u1, u2 = u[..., 0], u[..., 1]
-        s3 = np.sin(x[..., 2])
-        out[..., 1] += -self.c2 * u1 + self.c1 * x[..., 4] * s3 * u2
+        out = self.f(x)
+        out[..., 1] += -self.c2 * u1 + self.c1 * x5 * sin(x3) * u2
         out[..., 3] = u1
-        out[..., 5] += (-self.c1 * x[..., 0] * s3 + self.c2 * np.cos(x[..., 2])) * u2
+        out[..., 5] += (-self.c1 * x1 * sin(x3) + self.c2 * cos(x3)) * u2
         out[..., 7] = u2
         return out
 
@@ -138,28 +138,28 @@ class BallPlate:
 
         The thesis's (7.15a) leaves out the input terms; pass u to have them.
         """
-        x1, x2, x3, x4, x5, x6, x7, x8 = (x[..., i] for i in range(8))
+        sin, cos, (x1, x2, x3, x4, x5, x6, x7, x8) = _parts(x)
         k, d, c3, g = self.c1, self.d, self.c3, self.gravity
-        sin3, cos3 = np.sin(x3), np.cos(x3)
+        sin3, cos3 = sin(x3), cos(x3)
         A = np.zeros((*x.shape, 8))
         A[..., 0, 1] = A[..., 2, 3] = A[..., 4, 5] = A[..., 6, 7] = 1
         A[..., 1, 0] = k * (x8**2 * sin3**2 + x4**2)
         A[..., 1, 2] = k * (
-            -d * x8**2 * np.cos(2 * x3)
-            + x1 * x8**2 * np.sin(2 * x3)
+            -d * x8**2 * cos(2 * x3)
+            + x1 * x8**2 * sin(2 * x3)
             + 2 * x6 * x8 * cos3
-            + g * np.cos(x7) * cos3
+            + g * cos(x7) * cos3
         )
         A[..., 1, 3] = 2 * k * x1 * x4
         A[..., 1, 5] = 2 * k * sin3 * x8
-        A[..., 1, 6] = -k * g * np.sin(x7) * sin3
-        A[..., 1, 7] = k * (-d * x8 * np.sin(2 * x3) + 2 * x1 * x8 * sin3**2 + 2 * x6 * sin3)
+        A[..., 1, 6] = -k * g * sin(x7) * sin3
+        A[..., 1, 7] = k * (-d * x8 * sin(2 * x3) + 2 * x1 * x8 * sin3**2 + 2 * x6 * sin3)
         A[..., 5, 0] = -2 * k * x4 * x8 * cos3
         A[..., 5, 1] = -2 * k * sin3 * x8
         A[..., 5, 2] = k * (-c3 * x4 * x8 * cos3 + 2 * x1 * x4 * x8 * sin3 - 2 * x2 * x8 * cos3)
         A[..., 5, 3] = k * (-c3 * x8 * sin3 - 2 * x1 * x8 * cos3)
         A[..., 5, 4] = k * x8**2
-        A[..., 5, 6] = -k * g * np.cos(x7)
+        A[..., 5, 6] = -k * g * cos(x7)
         A[..., 5, 7] = k * (-c3 * x4 * sin3 - 2 * x1 * x4 * cos3 - 2 * x2 * sin3 + 2 * x5 * x8)
         if u is not None:
             u2 = u[..., 1]
@@ -183,3 +183,16 @@ class BallPlate:
         out[..., 5] = -self.k1 * np.sin(x[..., 6])
         out[..., 7] = u[..., 1]
         return out
+
+
+def _parts(x: Array) -> tuple[Any, Any, Sequence[Any]]:
+    """Sine, cosine and the eight states: numbers for one rig, arrays for several.
+
+    Python calculates with numbers several times faster than numpy with arrays of one, but raises
+    where a state has grown beyond bounds and numpy goes on with infinities; that is left to numpy.
+    """
+    if x.size == 8 and x.dtype == np.float64:
+        numbers = x.ravel().tolist()
+        if all(-1e9 < number < 1e9 for number in numbers):
+            return math.sin, math.cos, numbers
+    return np.sin, np.cos, [x[..., i] for i in range(8)]

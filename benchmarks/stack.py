@@ -1,0 +1,127 @@
+"""Cost of a tick of each law, observer and predictor, beside the physics of a tick.
+
+Run with ``uv run python benchmarks/stack.py``. Everything is timed in one run on one thread, best
+of several rounds, so that the ratios hold on any machine; the two baselines are two physics steps
+of the mechanism (one control period) and one call of scipy's algebraic Riccati solver, which an
+extended Kalman filter written as the thesis writes it would call every tick.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+from controllers.catalog import catalog
+from controllers.interfaces import Law, Measurement, Observer
+from controllers.references import Circle
+from controllers.smith import Smith
+from controllers.stack import SampledReference
+from twin.plant.mechanism import Mechanism
+
+PERIOD = 0.002
+RIGS = (1, 256)
+REQUIRED = {"feedforward": {"rho": 300.0, "kappa": 0.3}, "lqr": {"rho": 300.0, "kappa": 0.3}}
+
+
+def best(work: Callable[[], None], calls: int, rounds: int) -> float:
+    """Least microseconds a call over several rounds."""
+    times = []
+    for _ in range(rounds):
+        begin = time.perf_counter()
+        for _ in range(calls):
+            work()
+        times.append((time.perf_counter() - begin) / calls)
+    return 1e6 * min(times)
+
+
+def law_tick(law: Law, rigs: int) -> Callable[[], None]:
+    """One evaluation of a law as the stack does it."""
+    reference = SampledReference(Circle(amplitude=0.15, omega=0.75), PERIOD)
+    x = np.random.default_rng(1).normal(size=(rigs, 8)) * 0.02
+    q = np.zeros((rigs, law.memory))
+
+    def tick() -> None:
+        law.control(0.5, x, reference, q)
+        if law.memory:
+            law.memory_rate(0.5, x, reference, q)
+
+    return tick
+
+
+def observer_tick(observer: Observer, rigs: int) -> Callable[[], None]:
+    """One correction and one prediction."""
+    x = np.random.default_rng(2).normal(size=(rigs, 8)) * 0.01
+    observer.start(x)
+    fresh = np.zeros(rigs), np.ones(rigs, bool)
+    measurement = Measurement(0.0, x[:, 0::2].copy(), *fresh, x)
+    u = np.full((rigs, 2), 0.01)
+
+    def tick() -> None:
+        observer.correct(measurement)
+        observer.predict(u)
+
+    return tick
+
+
+def physics_tick(rigs: int) -> Callable[[], None]:
+    """Two physics steps, on one thread, with the ball rolling on a plate in motion."""
+    plant = Mechanism(rigs=rigs, threads=1)
+    plant.start(np.tile([0.0, 0.1, 0.0, -0.1], (rigs, 1)))
+    rate, sign = np.full((rigs, 2), 0.3), [1.0]
+
+    def tick() -> None:
+        sign[0] = -sign[0]
+        plant.advance(sign[0] * rate, 2)
+
+    return tick
+
+
+def riccati() -> None:
+    """The algebraic Riccati equation (7.16) by scipy, outputs scaled to unit variance."""
+    A, B, C = RICCATI  # noqa: N806
+    solve_continuous_are(A.T, C.T, B @ B.T * 1e-4 + np.eye(8) * 1e-9, np.eye(4) * 1e-6)
+
+
+RICCATI = catalog(Observer)["kalman"]().model.linear()
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7)
+    rounds = parser.parse_args().rounds
+    parts: dict[str, Callable[[int], Callable[[], None]]] = {
+        "physics, two steps": physics_tick,
+    }
+    for name, law in catalog(Law).items():
+        built = law(**REQUIRED.get(name, {}))
+        parts[f"law {name}"] = lambda rigs, built=built: law_tick(built, rigs)
+    for name, observer in catalog(Observer).items():
+        if observer is not Smith:
+            parts[f"observer {name}"] = lambda rigs, kind=observer: observer_tick(kind(), rigs)
+            parts[f"observer {name} + Smith"] = lambda rigs, kind=observer: observer_tick(
+                Smith(observer=kind()), rigs
+            )
+    solve = best(riccati, 20, rounds)
+    print(f"scipy's algebraic Riccati equation: {solve:.0f} us a call")
+    print(f"{'':34} {'one rig':>12} {'us':>4} {'N = 256':>10} us a rig")
+    physics = {}
+    for name, make in parts.items():
+        cost = {rigs: best(make(rigs), 400 if rigs == 1 else 40, rounds) / rigs for rigs in RIGS}
+        physics = physics or cost
+        shares = [f"{cost[rigs]:8.2f} ({cost[rigs] / physics[rigs]:5.2f})" for rigs in RIGS]
+        print(f"{name:34} {shares[0]:>17} {shares[1]:>17}")
+    print("in brackets: share of the physics of one control period in the same run")
+    ekf = best(observer_tick(Smith(observer=catalog(Observer)["ekf"]()), 1), 400, rounds)
+    print(
+        f"EKF with predictor, one rig: {ekf:.0f} us a tick, {ekf / solve:.2f} of one Riccati solve"
+        f" (goal: at most {150 / 620:.2f})"
+    )
+
+
+if __name__ == "__main__":
+    main()
