@@ -26,6 +26,10 @@ class Ending(StrEnum):
     ABORTED = "aborted"
 
 
+INTERRUPTED = "interrupted"
+"""The reason of a run that Ctrl-C ended."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How one rig's run ended, at what time in s, and why in words."""
@@ -33,6 +37,11 @@ class Outcome:
     ending: Ending
     time: float
     reason: str = ""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a person ended the run."""
+        return self.reason == INTERRUPTED
 
 
 class Referee:
@@ -141,5 +150,5 @@ def drive(
                 if tick % 100 == 0:
                     progress(measurement.time)
         except KeyboardInterrupt:
-            end, reason = Ending.ABORTED, "interrupted"
+            end, reason = Ending.ABORTED, INTERRUPTED
     return referee.final(recorder.length * rig.period, end, reason)

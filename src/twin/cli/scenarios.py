@@ -61,7 +61,7 @@ def run(
     check_writable(folder)
     done = _run(chosen)
     runs: dict[str, Run] = {PLANTS[chosen.plant.kind]: done}
-    if chosen.baseline and chosen.plant.kind == "mujoco":
+    if chosen.baseline and chosen.plant.kind == "mujoco" and not done.outcome.interrupted:
         runs["clean model"] = _run(clean(chosen))
     save(done, folder, {label: each.motion for label, each in runs.items()})
     if as_json:
@@ -107,9 +107,12 @@ def compare(
             cases[label] = load(name, (*_with_plant(overrides, plant), *variant))
     folder = out or Path("runs") / "compare"
     check_writable(folder)
-    runs = {label: _run(case, label) for label, case in cases.items()}
-    for label, done in runs.items():
+    runs: dict[str, Run] = {}
+    for label, case in cases.items():
+        runs[label] = done = _run(case, label)
         save(done, folder / _slug(label), {label: done.motion})
+        if done.outcome.interrupted:
+            break
     motions: dict[str, Motion] = {label: done.motion for label, done in runs.items()}
     first = next(iter(runs.values())).scenario
     draw(folder / "compare.png", motions, "Comparison", first.rig.limits.area)
