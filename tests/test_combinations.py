@@ -12,7 +12,7 @@ LAWS = {
     "afl": (),
     "afl_integral": (),
     "backstepping": ("controller.c=[1.0,2.0,2.5,3.0]",),
-    "sliding_mode": ("controller.betas=[1.5,3.0,5.0]", "controller.epsilon=0.3"),
+    "sliding_mode": ("duration=6", "controller.betas=[1.5,3.0,5.0]", "controller.epsilon=0.3"),
 }
 OBSERVERS = {
     "ideal": ("sensors.ideal=true",),
