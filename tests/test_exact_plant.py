@@ -4,7 +4,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.plant.exact import ExactPlant
-from twin.plant.friction import RollingFriction
+from twin.plant.friction import Friction
 
 MODEL = BallPlate()
 
@@ -34,7 +34,7 @@ def test_a_driven_plate_matches_an_adaptive_integration_of_the_same_equations():
 
 @pytest.mark.parametrize("slope_deg", [0.3, 0.5])
 def test_a_ball_below_its_breakaway_slope_does_not_creep(slope_deg):
-    plant = tilted(ExactPlant(friction=RollingFriction(arm=2e-4)), np.radians(slope_deg))
+    plant = tilted(ExactPlant(friction=Friction(rolling=2e-4)), np.radians(slope_deg))
     plant.advance(np.zeros((1, 2)), 2000)
     assert plant.state[0, 0] == 0.0
 
@@ -42,7 +42,7 @@ def test_a_ball_below_its_breakaway_slope_does_not_creep(slope_deg):
 @pytest.mark.parametrize("slope_deg", [0.8, 2.0])
 def test_a_ball_above_it_rolls_as_coulomb_says(slope_deg):
     slope, arm = np.radians(slope_deg), 2e-4
-    plant = tilted(ExactPlant(friction=RollingFriction(arm=arm)), slope)
+    plant = tilted(ExactPlant(friction=Friction(rolling=arm)), slope)
     plant.advance(np.zeros((1, 2)), 2000)
     pull = MODEL.c1 * 9.81 * (np.sin(slope) - arm / MODEL.radius * np.cos(slope))
     assert plant.state[0, 0] == pytest.approx(pull * 2.0**2 / 2, rel=1e-6)
@@ -50,7 +50,7 @@ def test_a_ball_above_it_rolls_as_coulomb_says(slope_deg):
 
 def test_a_rolling_ball_stops_after_the_distance_coulomb_says_and_stays():
     arm, speed = 2e-4, 0.1
-    plant = ExactPlant(friction=RollingFriction(arm=arm))
+    plant = ExactPlant(friction=Friction(rolling=arm))
     plant.start(np.array([[0.0, speed * 0.6, 0.0, speed * 0.8]]))
     plant.advance(np.zeros((1, 2)), 5000)
     pull = MODEL.c1 * 9.81 * arm / MODEL.radius
@@ -60,7 +60,7 @@ def test_a_rolling_ball_stops_after_the_distance_coulomb_says_and_stays():
 
 def test_rigs_of_one_plant_may_have_different_friction():
     arms = np.array([0.0, 1e-4, 3e-4])
-    plant = ExactPlant(rigs=3, friction=RollingFriction(arm=arms))
+    plant = ExactPlant(rigs=3, friction=Friction(rolling=arms))
     plant.start(np.tile([0.0, 0.1, 0.0, 0.0], (3, 1)))
     plant.advance(np.zeros((3, 2)), 100)
     lost = 0.1 - plant.state[:, 1]

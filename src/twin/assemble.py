@@ -13,15 +13,20 @@ from controllers.smith import Smith
 from controllers.stack import Controller
 from twin.errors import ScenarioError
 from twin.hal.cams import CamTable, Direct
+from twin.hal.drives import DriveModel
+from twin.hal.misjudged import Misjudged
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.hal.simulated import Bench, SimulatedRig
 from twin.hal.supervisor import Limits
 from twin.models import model_path
 from twin.plant.exact import ExactPlant
-from twin.plant.friction import RollingFriction
+from twin.plant.friction import Friction
 from twin.plant.interface import Plant
 from twin.plant.mechanism import Mechanism
+from twin.plant.parts import Parts
+from twin.plant.surface import SurfaceMap
+from twin.scenario.plant import Plant as PlantTables
 from twin.scenario.schema import Choice, Scenario, checked_settings, choices
 
 
@@ -43,13 +48,25 @@ def assemble(scenario: Scenario, *, rigs: int = 1, threads: int = 0) -> Experime
     plant, transmission = build_plant(scenario, rigs=rigs, threads=threads)
     period = scenario.rig.period
     touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
-    start = scenario.plant.start
-    plant.start(np.tile([start.x, start.x_rate, start.y, start.y_rate], (rigs, 1)))
+    start, servo = scenario.plant.start, scenario.plant.servo
+    ball = np.tile([start.x, start.x_rate, start.y, start.y_rate], (rigs, 1))
+    if isinstance(plant, Mechanism):
+        plant.start(ball, start.spin)
+    else:
+        plant.start(ball)
     bench = Bench(
         plant,
         period=period,
-        touch=TouchModel(**dict(touch)),
+        touch=TouchModel(
+            dead_time=touch.dead_time,
+            spread=touch.dead_time_spread,
+            frame_rate=touch.frame_rate,
+            grid=touch.grid,
+            variance=touch.variance,
+            rotation=radians(touch.rotation_deg),
+        ),
         encoders=EncoderModel(**dict(encoders)),
+        drives=DriveModel(bandwidth=servo.bandwidth_hz, backlash=radians(servo.backlash_deg)),
         disturbance=scenario.disturbance.variance,
         hold=max(1, round(scenario.sensors.noise_hold / period)),
         seed=scenario.seed,
@@ -67,19 +84,101 @@ def assemble(scenario: Scenario, *, rigs: int = 1, threads: int = 0) -> Experime
 def build_plant(
     scenario: Scenario, *, rigs: int = 1, threads: int = 0
 ) -> tuple[Plant, Transmission]:
-    """The plant of a scenario and the transmission that fits it."""
+    """The plant of a scenario and the transmission that the rig believes in.
+
+    Raises:
+        ModelError: If the mechanism or its cam table cannot be used.
+    """
     settings = scenario.plant
-    rolling = settings.friction.rolling_mm / 1000
+    friction = build_friction(settings)
+    plant: Plant
+    known: Transmission
     if settings.kind == "lagrange":
-        friction = RollingFriction(arm=rolling) if rolling > 0 else None
-        model = BallPlate(**dict(settings.ball))
-        return ExactPlant(model, rigs=rigs, step=settings.step, friction=friction), Direct()
-    if settings.ball != type(settings.ball)():
-        raise ScenarioError("plant.ball: fixed by models/ballplate.xml; set plant.kind=lagrange")
-    plant = Mechanism(rigs=rigs, step=settings.step, threads=threads, rolling=rolling)
+        ball = settings.ball
+        plant = ExactPlant(
+            BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+            rigs=rigs,
+            step=settings.step,
+            friction=friction,
+            level=np.radians(settings.level_deg),
+        )
+        known = Direct()
+    else:
+        plant = Mechanism(
+            rigs=rigs,
+            step=settings.step,
+            threads=threads,
+            friction=friction or Friction(),
+            parts=build_parts(settings),
+        )
+        known = _cams(scenario.rig.cams, plant.ratio)
+    error = np.divide(scenario.rig.cam_error_percent, 100)
+    return plant, Misjudged(known, 1 + error) if error.any() else known
+
+
+def _cams(kind: str, ratio: float) -> Transmission:
+    """What the rig knows of its cams."""
+    if kind == "ratio":
+        return Direct(ratio)
     table = CamTable.from_file(model_path("cams.json"))
     table.check(model_path())
-    return plant, table
+    return table.per_axis() if kind == "per_axis" else table
+
+
+def build_friction(settings: PlantTables) -> Friction | None:
+    """The resistance of ball on screen; None if the screen is level and without friction."""
+    given, surface = settings.friction, settings.surface
+    patchwork: SurfaceMap | None = None
+    if surface.given:
+        patchwork = SurfaceMap(
+            relative=np.array(surface.relative) if surface.relative else None,
+            height=np.array(surface.height_um) * 1e-6 if surface.height_um else None,
+        )
+    elif surface.drawn:
+        patchwork = SurfaceMap.random(
+            seed=surface.seed,
+            patch=surface.patch_mm / 1000,
+            spread=surface.spread_percent / 100,
+            slope=radians(surface.slope_deg),
+        )
+    friction = Friction(
+        rolling=given.rolling_mm / 1000,
+        breakaway_ratio=given.breakaway_ratio,
+        stribeck_speed=given.stribeck_speed,
+        dwell_time=given.dwell_time,
+        viscous=given.viscous_mm / 1000,
+        map=patchwork,
+    )
+    return None if friction.absent and patchwork is None else friction
+
+
+def build_parts(settings: PlantTables) -> Parts:
+    """What of the mechanism differs from its model file."""
+    ball, friction, servo = settings.ball, settings.friction, settings.servo
+    nominal = type(ball)()
+
+    def changed(value: float, default: float) -> float | None:
+        return None if value == default else value
+
+    centre = settings.plate.offset_mm
+    offset = tuple(part / 1000 for part in ball.offset_mm)
+    tilt = tuple(radians(angle) for angle in settings.level_deg)
+    return Parts(
+        mass=changed(ball.mass, nominal.mass),
+        radius=changed(ball.radius, nominal.radius),
+        inertia=changed(ball.inertia, nominal.inertia),
+        offset=(offset[0], offset[1], offset[2]) if any(offset) else None,
+        oval=changed(ball.oval_mm / 1000, 0.0),
+        sliding=changed(friction.sliding, type(friction)().sliding),
+        spinning=changed(friction.spinning_mm / 1000, type(friction)().spinning_mm / 1000),
+        stiffness=settings.wheels.stiffness,
+        damping_ratio=settings.wheels.damping_ratio,
+        preload=settings.spring.preload,
+        torque=servo.torque_limit,
+        speed=servo.speed_limit,
+        plate_centre=(centre[0] / 1000, centre[1] / 1000) if centre is not None else None,
+        level=(tilt[0], tilt[1]) if any(tilt) else None,
+    )
 
 
 def build_limits(scenario: Scenario) -> Limits:

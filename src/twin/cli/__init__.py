@@ -14,6 +14,9 @@ COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
+    "reproduce": "twin.cli.reproduce:reproduce",
+    "experiments": "twin.cli.experiments:experiments",
+    "explain": "twin.cli.explain:explain",
     "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",
 }

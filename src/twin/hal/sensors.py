@@ -66,12 +66,16 @@ class TouchModel:
         frame_rate: Frames a second; 0 for a fresh sample every control period.
         grid: Positions the screen tells apart along each side.
         variance: Noise variance of x and y in m^2.
+        spread: Standard deviation in s of the dead time from sample to sample.
+        rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
     dead_time: float = 0.042
     frame_rate: float = 0.0
     grid: int = 4096
     variance: tuple[float, float] = (0.0, 0.0)
+    spread: float = 0.0
+    rotation: float = 0.0
 
 
 class SimulatedScreen:
@@ -98,10 +102,19 @@ class SimulatedScreen:
         phase = [np.random.default_rng(s.spawn(1)[0]).random() for s in seeds]
         self._phase = np.array(phase) * self._frame
         self._delay = model.dead_time / period
-        self._length = 2 + math.ceil((model.dead_time + self._frame) / period)
+        # As far back as is kept: a sample may be late by four standard deviations at most.
+        self._latest = model.dead_time + 4 * model.spread
+        self._length = 2 + math.ceil((self._latest + self._frame) / period)
         self._pitch = np.divide(SCREEN, model.grid) if model.grid else np.zeros(2)
         self._rows = np.arange(len(seeds))
         self._fresh = np.zeros(len(seeds))
+        # Streams of their own, beside those spawned: with and without spread, all else is the same.
+        apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
+        self._spread = Noise((model.spread**2,), apart, hold)
+        self._late = np.full(len(seeds), model.dead_time)
+        self._shown = np.full(len(seeds), np.nan)
+        cos, sin = math.cos(model.rotation), math.sin(model.rotation)
+        self._turn = np.array([[cos, -sin], [sin, cos]]) if model.rotation else None
         self._tick = -1
 
     def see(self, position: Array, touching: Mask) -> None:
@@ -117,10 +130,15 @@ class SimulatedScreen:
     def read(self) -> Touch:
         """The newest sample that has arrived."""
         if self._frame:
-            position, age, touched = self._newest_frame()
-        else:
+            position, touched, age = self._newest_frame()
+        elif self._spread.silent:
             position, touched = self._look_back(self._delay)
             age = self._fresh
+        else:
+            position, touched = self._look_back_each(self._dead_time())
+            age = self._fresh
+        if self._turn is not None:
+            position = position @ self._turn
         if not self._noise.silent:
             position = position + self._noise.draw()
         if self.model.grid:
@@ -137,11 +155,15 @@ class SimulatedScreen:
         older = (newer - 1) % self._length
         return (1 - share) * self._past[newer] + share * self._past[older], self._felt[newer]
 
-    def _newest_frame(self) -> tuple[Array, Array, Mask]:
-        now = self._tick * self._period
-        lag = now - self.model.dead_time - self._phase
-        age = lag - np.floor(lag / self._frame) * self._frame
-        back = (self.model.dead_time + age) / self._period
+    def _dead_time(self) -> Array:
+        """Each rig's dead time of a new sample, s, shape (N,)."""
+        drawn = self.model.dead_time + self._spread.draw()[:, 0]
+        limited: Array = np.minimum(np.maximum(drawn, 0.0), self._latest)
+        return limited
+
+    def _look_back_each(self, time: Array) -> tuple[Array, Mask]:
+        """Ball at each rig's own time in s ago, shape (N,)."""
+        back = time / self._period
         whole = np.floor(back).astype(int)
         share = (back - whole)[:, None]
         newer = (self._tick - whole) % self._length
@@ -149,7 +171,18 @@ class SimulatedScreen:
         position = (1 - share) * self._past[newer, self._rows] + share * self._past[
             older, self._rows
         ]
-        return position, age, self._felt[newer, self._rows]
+        return position, self._felt[newer, self._rows]
+
+    def _newest_frame(self) -> tuple[Array, Mask, Array]:
+        """Frames arrive on their clock; how old what they show is may spread from one to next."""
+        lag = self._tick * self._period - self.model.dead_time - self._phase
+        frame = np.floor(lag / self._frame)
+        age = lag - frame * self._frame
+        if not self._spread.silent:
+            self._late = np.where(frame != self._shown, self._dead_time(), self._late)
+            self._shown = frame
+        position, touched = self._look_back_each(self._late + age)
+        return position, touched, age
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from controllers.interfaces import Measurement
 from twin.hal.devices import Touch
+from twin.hal.drives import DriveModel, SimulatedDrives
 from twin.hal.rig import Rig, Transmission
 from twin.hal.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
 from twin.hal.supervisor import Limits, Supervisor
@@ -24,6 +25,7 @@ class Bench:
         period: Control period in s, a whole number of physics steps.
         touch: Imperfections of the touch screen.
         encoders: Imperfections of the plate encoders.
+        drives: Imperfections of the drives; None for those of the plant alone.
         disturbance: Variances of the white plate accelerations added to the commanded ones,
             (rad/s^2)^2, for phi and theta; Table B.1.
         hold: Control periods for which noise and disturbance are held.
@@ -37,6 +39,7 @@ class Bench:
         period: float,
         touch: TouchModel,
         encoders: EncoderModel,
+        drives: DriveModel | None = None,
         disturbance: tuple[float, float] = (0.0, 0.0),
         hold: int = 1,
         seed: int = 0,
@@ -47,6 +50,7 @@ class Bench:
         streams = [np.random.SeedSequence(seed, spawn_key=(rig,)) for rig in range(plant.rigs)]
         self._screen = SimulatedScreen(touch, period, streams, hold)
         self._encoders = SimulatedEncoders(encoders, streams, hold)
+        self._drives = SimulatedDrives(drives or DriveModel(), period, plant.ratio)
         # Accelerations of the plate, drawn as steps of the motor rates they add up to.
         step = (plant.ratio * period) ** 2 * np.asarray(disturbance)
         self._disturbance = Noise(step, [s.spawn(1)[0] for s in streams], hold)
@@ -62,7 +66,7 @@ class Bench:
 
     def wait(self) -> None:
         """Simulate one control period."""
-        rate = self._rate
+        rate = self._rate if self._drives.ideal else self._drives.follow(self._rate)
         if not self._disturbance.silent:
             self._drift += self._disturbance.draw()
             rate = rate + self._drift

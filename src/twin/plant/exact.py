@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from controllers.ballplate import BallPlate
-from twin.plant.friction import RollingFriction
+from twin.plant.friction import Friction
+from twin.plant.level import in_plate, tilted_gravity
+from twin.plant.surface import SCREEN
+
+__all__ = ["SCREEN", "ExactPlant"]
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
-
-SCREEN = (0.70, 0.395)
-"""Size of the screen along x and y in m, thesis chapter 3."""
 
 
 class ExactPlant:
@@ -26,6 +27,8 @@ class ExactPlant:
         rigs: Number of copies.
         step: Physics step in s.
         friction: Rolling resistance; None for the thesis's frictionless ball.
+        level: Tilt (phi, theta) in rad of the base the plate angles are measured against, shape
+            (2,) or (N, 2).
     """
 
     ratio = 1.0
@@ -37,19 +40,30 @@ class ExactPlant:
         *,
         rigs: int = 1,
         step: float = 0.001,
-        friction: RollingFriction | None = None,
+        friction: Friction | None = None,
+        level: ArrayLike = (0.0, 0.0),
     ) -> None:
         self.model = model or BallPlate()
         self.rigs = rigs
         self.step = step
         self.friction = friction
-        self._x: Array = np.zeros((rigs, 8))
-        self._fallen = np.zeros(rigs, bool)
+        self._ageing = friction is not None and friction.ageing
+        self._sloping = friction is not None and friction.map is not None and friction.map.sloping
+        tilted = np.any(level) or self._sloping
+        self._gravity = tilted_gravity(level, self.model.gravity) if tilted else None
+        self.start(np.zeros((rigs, 4)))
 
     def start(self, ball: Array) -> None:
-        """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4)."""
-        self._x = np.zeros((self.rigs, 8))
+        """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4).
+
+        A ball at rest is taken to have rested long.
+        """
+        self._x: Array = np.zeros((self.rigs, 8))
         self._x[:, (0, 1, 4, 5)] = ball
+        self._age: Array | None = None
+        if self._ageing:
+            assert self.friction is not None
+            self._age = self.friction.settled(np.hypot(self._x[:, 1], self._x[:, 5]))
         self._fallen = np.zeros(self.rigs, bool)
 
     def advance(self, motor_rate: Array, steps: int) -> None:
@@ -79,10 +93,29 @@ class ExactPlant:
         """Nothing beyond the state, shape (N, 0)."""
         return self._x[:, :0]
 
-    def _rate(self, x: Array, u: Array) -> Array:
+    def _free(self, x: Array, u: Array) -> tuple[Array, Array | None]:
+        """Rate of the state without resistance, and the normal force per mass if not g cos cos."""
         rate = self.model.derivative(x, u)
+        if self._gravity is None:
+            return rate, None
+        k1, phi, theta = self.model.k1, x[..., 2], x[..., 6]
+        pull = in_plate(self._gravity, phi, theta)
+        normal = -pull[..., 2]
+        force = self.model.c1 * pull[..., :2]
+        if self._sloping:
+            assert self.friction is not None
+            assert self.friction.map is not None
+            slope = self.friction.map(x[..., 0::4])[1]
+            force = force - self.model.c1 * normal[..., None] * slope
+        # the model's own pull of gravity, k1 (sin phi cos theta, -sin theta), gives way to this one
+        rate[..., 1] += force[..., 0] - k1 * np.sin(phi) * np.cos(theta)
+        rate[..., 5] += force[..., 1] + k1 * np.sin(theta)
+        return rate, normal
+
+    def _rate(self, x: Array, u: Array) -> Array:
+        rate, normal = self._free(x, u)
         if self.friction is not None:
-            rate[:, 1::4] = self.friction.resist(self.model, x, rate[:, 1::4])
+            rate[:, 1::4] = self.friction.resist(self.model, x, rate[:, 1::4], self._age, normal)
         return rate
 
     def _integrate(self, x: Array, u: Array) -> Array:
@@ -93,15 +126,22 @@ class ExactPlant:
         k4 = self._rate(x + h * k3, u)
         after = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         if self.friction is not None:
-            self._bring_to_rest(x, after, u)
+            self._bring_to_rest(self.friction, x, after, u)
+        if self._age is not None:
+            assert self.friction is not None
+            speed = np.hypot(x[:, 1] + after[:, 1], x[:, 5] + after[:, 5]) / 2
+            self._age = self.friction.aged(self._age, speed, h)
         return after
 
-    def _bring_to_rest(self, before: Array, after: Array, u: Array) -> None:
+    def _bring_to_rest(self, friction: Friction, before: Array, after: Array, u: Array) -> None:
         """Stop a ball whose last speed friction takes away within this step, and that it holds."""
-        assert self.friction is not None
-        limit = self.friction.deceleration(self.model, before)
+        limit = friction.deceleration(self.model, before, self._age)
         slow = np.hypot(before[:, 1], before[:, 5]) <= limit * self.step
         if slow.any():
-            free = self.model.derivative(before, u)[:, 1::4]
-            held = slow & (np.hypot(free[:, 0], free[:, 1]) <= limit)
+            resting = before.copy()
+            resting[:, 1::4] = 0.0
+            rate, normal = self._free(resting, u)
+            free = rate[:, 1::4]
+            hold = friction.deceleration(self.model, resting, self._age, normal)
+            held = slow & (np.hypot(free[:, 0], free[:, 1]) <= hold)
             after[held, 1::4] = 0.0

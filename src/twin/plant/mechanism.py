@@ -11,35 +11,14 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from twin.errors import ModelError
-from twin.models import model_path
+from twin.plant.ball_contact import BallContact
+from twin.plant.friction import Friction
 from twin.plant.interface import Array, Mask
 from twin.plant.kinematics import ball_in_plate
+from twin.plant.model import NAMES, differing, load_model
+from twin.plant.parts import Parts
 
-_NAMES = {
-    "joint": ("theta", "phi", "cam_theta", "cam_phi", "ball"),
-    "geom": ("plate", "ball", "wheel_phi", "wheel_theta", "cam_phi", "cam_theta"),
-    "body": ("plate", "ball"),
-    "tendon": ("spring",),
-    "actuator": ("servo_phi", "servo_theta"),
-    "pair": ("ball_plate",),
-    "key": ("level",),
-    "sensor": (
-        "ball_position",
-        "ball_velocity",
-        "ball_on_plate",
-        "phi",
-        "phi_rate",
-        "theta",
-        "theta_rate",
-        "wheel_phi_force",
-        "wheel_theta_force",
-        "ball_force",
-        "torque_phi",
-        "torque_theta",
-        "spring_length",
-    ),
-}
-"""What this plant asks of a model, by kind; the contract of the model file."""
+__all__ = ["Mechanism", "load_model"]
 
 _TELEMETRY = {
     "wheel_phi_N": "wheel_phi_force",
@@ -51,40 +30,10 @@ _TELEMETRY = {
 }
 """Name in the record, and the sensor whose first number it is."""
 
-_LEAST_ROLLING = mujoco.mjMINMU
-"""Smallest rolling friction in m the engine can simulate; it lifts anything below to this."""
-
 _MANY = 16
 """From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
-
-
-def load_model(path: Path | None = None) -> mujoco.MjModel:
-    """Compile a mechanism and check that it has every name the plant needs.
-
-    Args:
-        path: The MJCF file; None for the packaged one.
-
-    Raises:
-        ModelError: If the file cannot be read or compiled, or lacks names.
-    """
-    path = model_path() if path is None else path
-    if not path.is_file():
-        raise ModelError(f"model {path}: no such file")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise ModelError(f"model {path}: {' '.join(str(error).split())}") from error
-    missing = [
-        f"{kind} {name}"
-        for kind, names in _NAMES.items()
-        for name in names
-        if mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name) < 0
-    ]
-    if missing:
-        raise ModelError(f"model {path}: missing {', '.join(missing)}")
-    return model
 
 
 class Mechanism:
@@ -96,7 +45,9 @@ class Mechanism:
         step: Physics step in s; None for the model's own.
         threads: Threads to step on, 0 for one a processor; one rig needs only one.
         rolling: Rolling friction of the ball in m, one for all or shape (N,); 0 is frictionless
-            rolling, None the model's own.
+            rolling. The same as ``friction=Friction(rolling=rolling)``.
+        friction: Rolling resistance of the ball; None and no ``rolling``: the model's own.
+        parts: What differs from the model file, one for all or one a rig.
 
     Raises:
         ModelError: If the model cannot be used, or a number is out of range.
@@ -111,14 +62,25 @@ class Mechanism:
         step: float | None = None,
         threads: int = 0,
         rolling: ArrayLike | None = None,
+        friction: Friction | None = None,
+        parts: Parts | Sequence[Parts] | None = None,
     ) -> None:
-        model = load_model(path)
         if rigs < 1:
             raise ModelError(f"rigs must be 1 or more, got {rigs}")
+        if step is not None and not 0 < step <= 0.002:
+            raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
+        if rolling is not None:
+            if friction is not None:
+                raise ModelError("give the mechanism either rolling or friction")
+            friction = Friction(rolling=np.asarray(rolling, float))
+        each = [parts] * rigs if parts is None or isinstance(parts, Parts) else list(parts)
+        if len(each) != rigs:
+            raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
+        models = {part: load_model(path, part) for part in dict.fromkeys(each)}
         if step is not None:
-            if not 0 < step <= 0.002:
-                raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
-            model.opt.timestep = step
+            for model in models.values():
+                model.opt.timestep = step
+        model = models[each[0]]
         self.rigs = rigs
         self.step = float(model.opt.timestep)
         lever = np.abs(model.geom("wheel_phi").pos[0])
@@ -126,16 +88,22 @@ class Mechanism:
         self._sensing = rigs < _MANY
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
-        if rolling is not None:
-            self._roll(rolling)
+        for name, values in differing([models[part] for part in each]).items():
+            self._batch.expand(name)[:] = values
         self._resolve(model)
+        height = model.joint("ball").qposadr[0] + 2
+        self._height = np.array([models[part].key("level").qpos[height] for part in each])
+        self._radius = self._height - self._surface
+        self._contact = None if friction is None else BallContact(self._batch, friction)
+        # how often friction that changes with speed or place is looked at anew: every 2 ms
+        self._stride = max(1, round(0.002 / self.step))
+        self._varying = self._contact is not None and self._contact.varying
         self.start(np.zeros((rigs, 4)))
 
     def _resolve(self, model: mujoco.MjModel) -> None:
         """Find, once, where everything of interest stands in the batch's arrays."""
         ball = model.joint("ball")
         self._level = model.key("level").id
-        self._height = float(model.key("level").qpos[ball.qposadr[0] + 2])
         self._ball_pose = slice(ball.qposadr[0], ball.qposadr[0] + 3)
         self._ball_rate = slice(ball.dofadr[0], ball.dofadr[0] + 6)
         plate = [model.joint(axis) for axis in ("phi", "theta")]
@@ -149,8 +117,7 @@ class Mechanism:
         screen = model.geom("plate")
         self._surface = float(screen.pos[2] + screen.size[2])
         self._half = screen.size[:2, None]
-        self._radius = self._height - self._surface
-        at = {name: int(model.sensor(name).adr[0]) for name in _NAMES["sensor"]}
+        at = {name: int(model.sensor(name).adr[0]) for name in NAMES["sensor"]}
         position, velocity = at["ball_position"], at["ball_velocity"]
         self._over = at["ball_on_plate"]
         self._state = np.array(
@@ -173,36 +140,38 @@ class Mechanism:
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
 
-    def _roll(self, friction: ArrayLike) -> None:
-        """Give each rig its rolling friction; 0 leaves rolling out of the contact."""
-        roll = np.broadcast_to(np.asarray(friction, dtype=float), (self.rigs,))
-        free = roll == 0
-        if not np.all(free | (np.isfinite(roll) & (roll >= _LEAST_ROLLING))):
-            raise ModelError(
-                f"rolling friction must be 0 or at least {_LEAST_ROLLING} m, got {friction!r}"
-            )
-        pair = self._batch.model.pair("ball_plate").id
-        self._batch.expand("pair_friction")[:, pair, 3:5] = roll[:, None]
-        self._batch.expand("pair_dim")[:, pair] = np.where(free, 3, 6)
-
-    def start(self, ball: Array) -> None:
+    def start(self, ball: Array, spin: float = 0.0) -> None:
         """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
 
-        Positions in m, speeds in m/s, in plate axes.
+        Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the
+        vertical in rad/s.
         """
         batch = self._batch
         batch.reset(keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         x, vx, y, vy = np.broadcast_to(ball, (self.rigs, 4)).T
         zero = np.zeros(self.rigs)
-        self._qpos[:, self._ball_pose] = np.stack((x, y, zero + self._height), axis=-1)
-        spin = (-vy / self._radius, vx / self._radius, zero)
-        self._qvel[:, self._ball_rate] = np.stack((vx, vy, zero, *spin), axis=-1)
+        self._qpos[:, self._ball_pose] = np.stack((x, y, self._height), axis=-1)
+        turn = (-vy / self._radius, vx / self._radius, zero + spin)
+        self._qvel[:, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
         batch.forward()
         self._look()
+        if self._contact is not None:
+            self._contact.start(self.state)
 
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor speeds (rad/s, shape (N, 2), order phi, theta) for physics steps."""
         self._ctrl[:, self._servo] = motor_rate
+        if not self._varying:
+            self._step(steps)
+            return
+        assert self._contact is not None
+        while steps > 0:
+            stride = min(steps, self._stride)
+            self._contact.feel(self.state, stride * self.step)
+            self._step(stride)
+            steps -= stride
+
+    def _step(self, steps: int) -> None:
         if self._sensing:
             # sensors lag one step behind unless their stage is computed again at the new state
             self._batch.step(None, steps, _VELOCITY_STAGE)

@@ -12,51 +12,42 @@ from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference
+from twin.scenario.plant import (
+    STRICT,
+    Ball,
+    Friction,
+    NotNegative,
+    Pair,
+    Plant,
+    Positive,
+    Section,
+    Start,
+)
 
-STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+__all__ = [
+    "KINDS",
+    "STRICT",
+    "Ball",
+    "Choice",
+    "Disturbance",
+    "Encoders",
+    "Friction",
+    "Limits",
+    "Metrics",
+    "Plant",
+    "Predictor",
+    "Rig",
+    "Scenario",
+    "Section",
+    "Sensors",
+    "Start",
+    "Touch",
+    "checked_settings",
+    "choices",
+    "settings_model",
+]
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Pair = tuple[NotNegative, NotNegative]
-
-
-class Section(BaseModel):
-    """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
-
-    model_config = STRICT
-
-
-class Ball(Section):
-    """The ball; defaults are the thesis's Table A.2."""
-
-    mass: Positive = 0.024
-    radius: Positive = 0.02
-    inertia: Positive = 6.4e-6
-
-
-class Friction(Section):
-    """Rolling resistance of ball on screen; 0 for the thesis's frictionless ball."""
-
-    rolling_mm: NotNegative = 0.18
-
-
-class Start(Section):
-    """Where the ball begins on the level plate: m and m/s in plate axes."""
-
-    x: Annotated[float, Field(ge=-0.35, le=0.35)] = 0.0
-    y: Annotated[float, Field(ge=-0.1975, le=0.1975)] = 0.0
-    x_rate: float = 0.0
-    y_rate: float = 0.0
-
-
-class Plant(Section):
-    """What is simulated: the mechanism in MuJoCo, or the exact equations (5.9)."""
-
-    kind: Literal["mujoco", "lagrange"] = "mujoco"
-    step: Positive = 0.001
-    ball: Ball = Ball()
-    friction: Friction = Friction()
-    start: Start = Start()
+Error = Annotated[float, Field(ge=-20, le=20)]
 
 
 class Limits(Section):
@@ -70,16 +61,28 @@ class Limits(Section):
 
 
 class Rig(Section):
-    """Control period in s, and limits."""
+    """Control period in s, limits, and what the rig knows of its cams.
+
+    ``cams``: the calibrated table over both plate angles, one table an axis, or a plain ratio.
+    ``cam_error_percent``: how much too far (phi, theta) they take the plate.
+    """
 
     period: Positive = 0.002
+    cams: Literal["table", "per_axis", "ratio"] = "table"
+    cam_error_percent: tuple[Error, Error] = (0.0, 0.0)
     limits: Limits = Limits()
 
 
 class Touch(Section):
-    """The touch screen: dead time in s, frames a second (0: every period), grid, variances."""
+    """The touch screen: dead time in s, frames a second (0: every period), grid, variances.
 
-    dead_time: NotNegative = 0.042
+    ``dead_time_spread``: standard deviation in s from sample to sample (thesis Table 7.2: 0.00187).
+    ``rotation_deg``: how far the screen is mounted turned about the plate's normal.
+    """
+
+    dead_time: Annotated[float, Field(ge=0, le=1)] = 0.042
+    dead_time_spread: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    rotation_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
     frame_rate: NotNegative = 0.0
     grid: Annotated[int, Field(ge=0)] = 4096
     variance: Pair = (7.2538e-7, 1.7721e-7)
@@ -165,6 +168,15 @@ class Scenario(Section):
             raise ValueError(
                 f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _possible_plant(self) -> Scenario:
+        problem = self.plant.problem()
+        if problem:
+            raise ValueError(problem)
+        if self.plant.kind == "lagrange" and self.rig.cams != "table":
+            raise ValueError("rig.cams: the exact equations have no cams; set plant.kind=mujoco")
         return self
 
     @model_validator(mode="after")

@@ -1,0 +1,81 @@
+"""What of a rig's mechanism differs from the model file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from twin.errors import ModelError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Numbers of one mechanism, SI units; None leaves what the model file says.
+
+    A mechanism whose balance they change is levelled anew, as a rig is after work on it: the
+    motor shafts are set to the height at which motor angle 0 is plate angle 0.
+
+    Attributes:
+        mass: Mass of the ball, kg.
+        radius: Its radius, m.
+        inertia: Its moment of inertia about its centre of mass, kg m^2.
+        offset: Centre of mass of the ball off its middle, (x, y, z) in the ball's own axes, which
+            are those of the plate at the start, m.
+        oval: By how much one diameter, upright at the start, is shorter than the others, m.
+        sliding: Coefficient of sliding friction of ball on screen, dimensionless.
+        spinning: Arm of the resistance to spin about the vertical, m.
+        stiffness: Stiffness of wheel on cam, N/m.
+        damping_ratio: Damping of the plate on its wheels relative to critical, dimensionless.
+        preload: Tension of the spring at level, N.
+        torque: Largest torque of a motor, N m.
+        speed: Largest speed of a motor, rad/s.
+        plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
+        level: Tilt (phi, theta) of the base that everything stands on, rad.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+
+    mass: float | None = None
+    radius: float | None = None
+    inertia: float | None = None
+    offset: tuple[float, float, float] | None = None
+    oval: float | None = None
+    sliding: float | None = None
+    spinning: float | None = None
+    stiffness: float | None = None
+    damping_ratio: float | None = None
+    preload: float | None = None
+    torque: float | None = None
+    speed: float | None = None
+    plate_centre: tuple[float, float] | None = None
+    level: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        signed = {"offset", "plate_centre", "level"}
+        may_be_zero = {"oval", "sliding", "spinning", "damping_ratio"}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value is None:
+                continue
+            numbers = np.asarray(value, float)
+            low = numbers >= 0 if item.name in may_be_zero else numbers > 0
+            if not (np.isfinite(numbers).all() and (item.name in signed or low.all())):
+                raise ModelError(f"mechanism: {item.name} cannot be {value}")
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the mechanism's balance is that of the file."""
+        other = replace(
+            self,
+            inertia=None,
+            offset=None,
+            sliding=None,
+            spinning=None,
+            damping_ratio=None,
+            torque=None,
+            speed=None,
+        )
+        return other == Parts()
