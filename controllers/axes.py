@@ -26,6 +26,11 @@ class Chain(NamedTuple):
     """Input gain +-k1 cos(angle) in m/s^2, shape (..., 2)."""
 
 
+def wished(r: Array) -> Array:
+    """The position and k - 1 derivatives of a reference, (k, ..., 2), as a chain, (..., 2, k)."""
+    return r.T if r.ndim == 2 else np.moveaxis(r, 0, -1)
+
+
 def chain(model: BallPlate, x: Array) -> Chain:
     """Brunovsky form of the flat model at the state x, shape (..., 8)."""
     axes = x.reshape(*x.shape[:-1], 2, 4)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import chain
+from controllers.axes import chain, wished
 from controllers.interfaces import Array, Law, Reference
 
 
@@ -57,7 +57,7 @@ class Backstepping(Law):
         c1, c2, c3, c4 = self.c
         z, angle, rate, a = chain(self.model, x)
         r = reference(t)
-        mapped = (z[..., :3] - r[:3].T) @ self._map
+        mapped = (z[..., :3] - wished(r[:3])) @ self._map
         e3, bracket, bracket_rate = mapped[..., 0], mapped[..., 1], mapped[..., 2]
         alpha3 = (bracket + r[3]) / a
         e4 = rate - alpha3

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import chain
+from controllers.axes import chain, wished
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, gains_from, real_gains, require_stable, stable_poles
 
@@ -50,7 +50,7 @@ class AFL(Law):
         """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
         z, _, rate, a = chain(self.model, x)
         r = reference(t)
-        v = r[4] - (z - r[:4].T) @ self.p[:4]
+        v = r[4] - (z - wished(r[:4])) @ self.p[:4]
         if self.memory:
             v = v - self.p[4] * q
         out: Array = (v + z[..., 2] * rate * rate) / a

@@ -58,7 +58,8 @@ class Reference(ABC):
 
         Returns:
             Shape (5, *shape(t), 2): derivative order first, then time, then the axes x and y;
-            in m, m/s, m/s^2, m/s^3, m/s^4.
+            in m, m/s, m/s^2, m/s^3, m/s^4. A reference of N rigs that differ has N before the
+            last axis.
         """
 
 

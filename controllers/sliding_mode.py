@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import SIGN, chain
+from controllers.axes import SIGN, chain, wished
 from controllers.interfaces import Array, Law, Reference
 
 POWERS = np.array((3.0, 4.0, 6.0))
@@ -53,7 +53,7 @@ class SlidingMode(Law):
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        s = chain(self.model, x).z - reference(t)[:4].T
+        s = chain(self.model, x).z - wished(reference(t)[:4])
         pull = self._beta * np.add.accumulate(np.abs(s[..., :3]) ** POWERS, axis=-1) ** ROOTS
         psi = self._sigmoid(s[..., 0])
         for i in (1, 2, 3):

@@ -39,10 +39,10 @@ class _StateFeedback(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations K (x* - x) (6.8) in rad/s^2, shape (..., 2)."""
         r = reference(t)
-        wished = np.zeros(8)
-        wished[0::4] = r[0]
+        wished = np.zeros((*r.shape[1:-1], 8))
+        wished[..., 0::4] = r[0]
         if self.reference == "velocity":
-            wished[1::4] = r[1]
+            wished[..., 1::4] = r[1]
         out: Array = (wished - x) @ self.K.T
         return out
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.assemble import build_controller
-from twin.cli.experiments import experiments as command
+from twin.cli.reproduce import reproduce as command
 from twin.errors import ScenarioError
 from twin.experiments.batch import simulate
 from twin.experiments.fit import ARMS, Fit, best, fitted, identified, write
@@ -149,3 +149,20 @@ def test_the_command_prints_one_json_list_with_the_promised_keys(monkeypatch):
     monkeypatch.setattr(module, "rows", lambda *_: [dict.fromkeys(KEYS, 1.0)])
     result = CliRunner().invoke(command, ["9.1", "--json"], standalone_mode=False)
     assert set(json.loads(result.stdout)[0]) == KEYS
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["9.10"], "no table '9.10'; there are 8.1 to 8.21 and 9.1 to 9.9"),
+        (["8.1", "--fit"], "--fit belongs to chapter 9"),
+        (["9", "--keep"], "--keep to --fit"),
+        (["9.1", "--doc", "x.md"], "--doc of chapter 9 needs all its tables"),
+        (["8.1", "9", "--doc", "x.md"], "--doc of chapter 9 needs all its tables"),
+    ],
+)
+def test_a_request_that_makes_no_sense_is_refused_in_one_line(arguments, says):
+    result = CliRunner().invoke(command, arguments, standalone_mode=False)
+    assert isinstance(result.exception, ScenarioError)
+    assert says in str(result.exception)
+    assert "\n" not in str(result.exception)

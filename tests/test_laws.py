@@ -42,6 +42,26 @@ def test_many_rigs_at_once_get_what_each_gets_alone(law, data, t):
         np.testing.assert_array_equal(slopes[i], law.memory_rate(t, x[i], PATH, q[i]))
 
 
+class Each(Reference):
+    """The path, and the path with x and y exchanged, for two rigs."""
+
+    def __call__(self, t):
+        return np.stack((PATH(t), Swapped()(t)), axis=-2)
+
+
+@every_law
+@settings(max_examples=25, deadline=None)
+@given(data=st.data(), t=st.floats(0, 20))
+def test_rigs_may_follow_each_their_own_reference(law, data, t):
+    x = data.draw(arrays(float, (2, 8), elements=number))
+    q = data.draw(arrays(float, (2, law.memory), elements=number))
+    together, slopes = law.control(t, x, Each(), q), law.memory_rate(t, x, Each(), q)
+    for i, path in enumerate((PATH, Swapped())):
+        alone = law.control(t, x[i], path, q[i])
+        np.testing.assert_allclose(together[i], alone, rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(slopes[i], law.memory_rate(t, x[i], path, q[i]))
+
+
 @every_law
 @settings(max_examples=25, deadline=None)
 @given(data=st.data(), t=st.floats(0, 20))

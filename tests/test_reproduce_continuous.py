@@ -12,7 +12,7 @@ from twin.reproduce.cases import Case
 from twin.reproduce.continuous import Loop
 from twin.reproduce.estimators import ConstantGain, continuous, kalman_gain
 from twin.reproduce.exact import exact, full_state, with_observer
-from twin.reproduce.fleet import Fleet, Paths
+from twin.fleet import Fleet, Paths
 from twin.reproduce.noise import BALL, DISTURBANCE, PLATE, SeededBench, draw, repeated, streams
 
 MODEL = BallPlate()
@@ -97,7 +97,7 @@ def test_noise_is_what_the_simulated_bench_draws_and_the_same_for_every_case():
 @pytest.mark.parametrize(("law", "other"), [(AFL(), AFLIntegral()), (AFLIntegral(), AFL())])
 def test_a_fleet_gives_each_group_of_rigs_its_own_law_and_path(law, other):
     paths = Sine(omega=0.5), Sine(omega=1.0, wave=("sin", "cos"))
-    fleet, both = Fleet([law, other], 2), Paths(paths)
+    fleet, both = Fleet([law, other], 2), Paths(paths, 2)
     rng = np.random.default_rng(1)
     x, q = rng.normal(0, 0.1, (4, 8)), rng.normal(0, 0.1, (4, 2))
     u, slope = (getattr(fleet, name)(0.7, x, both, q) for name in ("control", "memory_rate"))

@@ -15,7 +15,6 @@ COMMANDS = {
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
     "reproduce": "twin.cli.reproduce:reproduce",
-    "experiments": "twin.cli.experiments:experiments",
     "explain": "twin.cli.explain:explain",
     "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",

@@ -75,13 +75,13 @@ def _show(found: Explanation) -> None:
         return f"{value:.2f}", "-" if start is None else f"{value - start:+.2f}"
 
     for part in found.parts:
-        share = "-" if part.share is None else f"{100 * part.share:.1f} %"
+        share = "-" if part.share is None else f"{100 * part.share:z.1f} %"
         less, alone = shown(part.without, found.whole), shown(part.alone, found.none)
         table.add_row(part.effect.label, *less, *alone, share)
     if found.rest is not None:
-        table.add_row("effects on one another", "", "", "", "", f"{100 * found.rest:.1f} %")
+        table.add_row("effects on one another", "", "", "", "", f"{100 * found.rest:z.1f} %")
     if found.base is not None:
-        table.add_row("left with none", "", "", "", "", f"{100 * found.base:.1f} %")
+        table.add_row("left with none", "", "", "", "", f"{100 * found.base:z.1f} %")
     console.print(table)
     for label, case in (
         ("all effects", found.whole),

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from time import monotonic
 from typing import Any
 
 import click
@@ -31,6 +32,9 @@ LABELS = {
     "real_time_factor": ("faster than real time", "×"),
 }
 """Indicator to the words and the unit it is printed with."""
+
+LINE_EVERY = 10.0
+"""Seconds between two lines of progress where there is no terminal."""
 
 console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True, highlight=False)
@@ -75,12 +79,25 @@ def shown(value: Any, unit: str) -> str:
 
 @contextmanager
 def progress(what: str, total: float) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal's standard error; a line at begin and end elsewhere."""
+    """A bar on a terminal's standard error; elsewhere a line at the begin and now and then."""
     if not errors.is_terminal:
         click.echo(f"{what} ...", err=True)
-        yield lambda _: None
+        yield _lines(what, total)
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=errors, transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+def _lines(what: str, total: float) -> Callable[[float], None]:
+    """Progress as plain lines, none sooner than ``LINE_EVERY`` after the last."""
+    last = monotonic()
+
+    def tell(done: float) -> None:
+        nonlocal last
+        if monotonic() - last > LINE_EVERY:
+            click.echo(f"{what}: {min(done / total, 1):.0%}", err=True)
+            last = monotonic()
+
+    return tell

@@ -1,4 +1,4 @@
-"""The command reproduce: the thesis's simulation tables, computed anew."""
+"""The command reproduce: the thesis's tables, simulated and measured, computed anew."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ from pathlib import Path
 
 import click
 
+from twin.cli import experiments as measured
 from twin.cli.output import console, print_json, progress
 from twin.cli.scenarios import JSON, check_writable
+from twin.errors import ScenarioError
+from twin.experiments.tables import tables as measured_tables
 from twin.reproduce.compare import Cell, Findings, Verdict, compare
 from twin.reproduce.doc import write_doc
 from twin.reproduce.pool import findings
 from twin.reproduce.report import grid, sentence
 from twin.reproduce.tables import Table, chosen
+from twin.reproduce.tables import tables as simulated_tables
 from twin.reproduce.work import plan
 
 
@@ -21,33 +25,73 @@ from twin.reproduce.work import plan
 @click.option(
     "--doc",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the comparison with figures to this Markdown file, too.",
+    help="Write the comparison with figures to this Markdown file, too; of one chapter.",
 )
+@click.option("--fit", is_flag=True, help="Of 9: choose the reading, fit the friction to 9.3.")
+@click.option("--keep", is_flag=True, help="With --fit: predict with the result from now on.")
 @click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
 @JSON
 def reproduce(
-    tables: tuple[str, ...], doc: Path | None, processes: int | None, *, as_json: bool
+    tables: tuple[str, ...],
+    doc: Path | None,
+    processes: int | None,
+    *,
+    fit: bool,
+    keep: bool,
+    as_json: bool,
 ) -> int:
-    """Compute the thesis's Tables 8.1 to 8.21 anew and lay them beside its values.
+    """Compute the thesis's tables anew and lay them beside its values.
 
-    TABLE is a table's number such as 8.4; without one, all of them are computed.
+    TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
+    8.1 to 8.21 were simulated, 9.1 to 9.9 measured on the rig: those the twin predicts.
     """
-    wanted = chosen(tables)
+    of_8, of_9 = _chapters(tables)
+    if fit or keep:
+        if of_8 or not fit:
+            raise ScenarioError("--fit belongs to chapter 9, and --keep to --fit: reproduce 9")
+        return measured.fit(keep=keep, as_json=as_json)
     if doc is not None:
         check_writable(doc.parent)
+        if of_9 and (of_8 or len(of_9) < len(measured_tables())):
+            raise ScenarioError("--doc of chapter 9 needs all its tables and no others: 9")
+        if of_9:
+            return measured.document(doc)
+    wanted = chosen(of_8) if of_8 else []
     jobs = plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
         found: Findings = {(one.place, one.way): one for one in findings(jobs, processes, advance)}
     cells = compare(wanted, found)
+    predicted = measured.predict(of_9) if of_9 else []
     if doc is not None:
         write_doc(doc, wanted, cells, found)
     if as_json:
-        print_json([cell.as_dict() for cell in cells])
+        print_json([cell.as_dict() for cell in cells] + predicted)
     else:
-        _show(wanted, cells)
+        if wanted:
+            _show(wanted, cells)
+        if predicted:
+            measured.show(predicted, whole=len(of_9) == len(measured_tables()))
         if doc is not None:
             console.print(f"written to {doc}")
     return int(any(cell.verdict is Verdict.DIFFERS for cell in cells))
+
+
+def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """The tables asked for, by chapter; a chapter's number stands for all of its tables.
+
+    Raises:
+        ScenarioError: If there is no such table.
+    """
+    known = {"8": list(simulated_tables()), "9": list(measured_tables())}
+    wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
+    for name in sorted(wanted):
+        if not any(name in tables for tables in known.values()):
+            raise ScenarioError(
+                f"no table '{name}'; there are "
+                + " and ".join(f"{tables[0]} to {tables[-1]}" for tables in known.values())
+            )
+    of_8, of_9 = ([name for name in tables if name in wanted] for tables in known.values())
+    return of_8, of_9
 
 
 def _show(wanted: list[Table], cells: list[Cell]) -> None:

@@ -13,7 +13,7 @@ from controllers.interfaces import Law
 from controllers.observers.luenberger import Luenberger
 from controllers.sliding_mode import SlidingMode
 from twin.experiments.effects import Slow, Wrong
-from twin.experiments.fleet import Mixed, SomePredicted, Watched
+from twin.experiments.fleet import SomePredicted, Watched
 from twin.experiments.rig import Rig
 from twin.experiments.tables import Experiment
 from twin.hal.cams import CamTable, Direct
@@ -30,7 +30,7 @@ from twin.plant.mechanism import Mechanism
 from twin.plant.parts import Parts
 from twin.plant.surface import SurfaceMap
 from twin.record import Recorder
-from twin.reproduce.fleet import Paths
+from twin.fleet import Fleet, Paths
 
 Array = NDArray[np.floating]
 
@@ -153,13 +153,13 @@ class _Batch:
     def run(self, duration: float, progress: Callable[[float], None]) -> list[list[Trace]]:
         """One list of N traces an experiment."""
         each = len(self.rigs)
-        paths = Paths(tuple(experiment.path() for experiment in self.experiments))
+        paths = Paths(tuple(experiment.path() for experiment in self.experiments), each)
         observer = SomePredicted(
             observer=Luenberger(poles=self.common.poles, period=PERIOD),
             delay=TouchModel.dead_time,
             predicted=np.repeat([each_.predicted for each_ in self.experiments], each),
         )
-        law = Mixed([self._law(experiment) for experiment in self.experiments], each)
+        law = Fleet([self._law(experiment) for experiment in self.experiments], each)
         controller = Watched(law, observer, paths, PERIOD)
         ticks = round(duration / PERIOD)
         record = Excerpt(
@@ -176,7 +176,7 @@ class _Batch:
             [
                 Trace(
                     time=record.time,
-                    reference=wished[:, i],
+                    reference=wished[:, each * i],
                     outcome=outcomes[k],
                     **{name: values[: record.length, k] for name, values in record.data.items()},
                 )

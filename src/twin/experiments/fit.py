@@ -152,7 +152,7 @@ def write(result: Fit, path: Path) -> None:
         residual=tuple(round(r, 3) for r in result.residual),
     )
     lines = ["# Identified from the three tracking errors of Table 9.3 and nothing else, by"]
-    lines += ["# `ballplate experiments --fit`: arms in m, times in s, residuals in points."]
+    lines += ["# `ballplate reproduce 9 --fit`: arms in m, times in s, residuals in points."]
     for name, value in asdict(rounded).items():
         shown = list(value) if isinstance(value, tuple) else value
         lines.append(f'{name} = "{shown}"' if isinstance(shown, str) else f"{name} = {shown}")

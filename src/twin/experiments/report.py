@@ -22,7 +22,7 @@ FIGURE = "experiments.png"
 INTRODUCTION = """\
 # The thesis's experiments, predicted
 
-Written by `ballplate experiments --doc docs/experiments.md`. Chapter 9 of the thesis measured
+Written by `ballplate reproduce 9 --doc docs/experiments.md`. Chapter 9 of the thesis measured
 tracking errors of 13 to 38 % on a rig whose simulations promise less than 1 %. Here the twin runs
 the same experiments: the MuJoCo mechanism with rolling friction, dead time of 42 ms, noise and
 quantisation of all sensors and the disturbance of Table B.1, under the thesis's laws, Luenberger
@@ -36,7 +36,7 @@ READING = """\
 A rig's computer knows the late measurement and the observer's estimate of the ball, never its
 true position; the tracking errors are read as reference minus estimate. Of the readings below that
 a rig can make, the one that contradicts Table 9.3 least is used, chosen and fitted by
-`ballplate experiments --fit`; nothing else enters the choice. The interval is Student's t with the
+`ballplate reproduce 9 --fit`; nothing else enters the choice. The interval is Student's t with the
 two degrees of freedom that three cells and one parameter leave; it holds the misfit, not what a
 rig's friction does from one day to the next.
 """

@@ -83,7 +83,7 @@ def _shares(panel: Axes, explanation: Explanation) -> None:
     panel.barh(places, values, height=0.55, color=SHARE, alpha=0.8)
     reach = max([*np.abs(values), 1.0])
     for y, (share, value) in enumerate(zip(shares, values, strict=True)):
-        text = "a run was cut short" if share is None else f"{value:.1f} %"
+        text = "a run was cut short" if share is None else f"{value:z.1f} %"
         panel.text(max(value, 0) + 0.02 * reach, y, text, va="center", fontsize=8)
     panel.set_yticks(places, [""] * len(values))
     panel.set_ylim(len(values) - 0.4, -1.1)
@@ -97,7 +97,7 @@ def _remainder(explanation: Explanation) -> str:
     if explanation.rest is None or explanation.base is None:
         return "Share"
     left, rest = 100 * explanation.base, 100 * explanation.rest
-    return f"Share (left with none {left:.1f} %, not additive {rest:.1f} %)"
+    return f"Share (left with none {left:z.1f} %, not additive {rest:z.1f} %)"
 
 
 def _time(panel: Axes, explanation: Explanation) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,6 +71,15 @@ class Case:
             gain = kalman_gain(self.model, self.observer["Q"], self.observer["R"])
             return ConstantGain(self.model, gain, exact=True)
         return continuous(observer)
+
+
+def laws(cases: Sequence[Case]) -> list[Law]:
+    """The laws of the cases: the same object where the settings are the same."""
+    made: list[tuple[Case, Law]] = []
+    for case in cases:
+        same = [law for other, law in made if other.controller == case.controller]
+        made.append((case, same[0] if same else case.law()))
+    return [law for _, law in made]
 
 
 def _build(table: str, choice: Mapping[str, Any], **given: object):  # type: ignore[no-untyped-def]

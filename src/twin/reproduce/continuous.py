@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.interfaces import Law, Reference
+from twin.fleet import Now
 from twin.reproduce.estimators import OUTPUTS, Estimator
 from twin.reproduce.noise import Noise
 
@@ -93,7 +94,8 @@ class Loop:
         """Slope of everything, and the input."""
         q_end = 16 + self.law.memory
         x, xhat, q, memory = z[:, :8], z[:, 8:16], z[:, 16:q_end], z[:, q_end:]
-        u = self.law.control(t, xhat, self.reference, q)
+        reference = Now(self.reference(t))
+        u = self.law.control(t, xhat, reference, q)
         y, yhat = x[:, OUTPUTS] + v, xhat[:, OUTPUTS]
         if late is not None:
             y[:, 0::2] = late[:, 0] + v[..., 0::2]
@@ -103,5 +105,5 @@ class Loop:
         slope = np.empty_like(z)
         slope[:, :8] = self.estimator.model.derivative(x, u + w)
         slope[:, 8:16], slope[:, q_end:] = self.estimator.rate(xhat, memory, u, y - yhat)
-        slope[:, 16:q_end] = self.law.memory_rate(t, xhat, self.reference, q)
+        slope[:, 16:q_end] = self.law.memory_rate(t, xhat, reference, q)
         return slope, u

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twin.reproduce.cases import Case
+from twin.fleet import Fleet, Paths
+from twin.reproduce.cases import Case, laws
 from twin.reproduce.continuous import Loop
-from twin.reproduce.fleet import Fleet, Paths
 from twin.reproduce.measures import Trace
 from twin.reproduce.noise import draw, repeated
 
@@ -56,13 +56,13 @@ def with_observer(cases: Sequence[Case], step: float = STEP) -> list[Trace]:
     case = cases[0]
     estimator = case.estimator()
     assert estimator is not None
-    paths = Paths(tuple(each.path() for each in cases))
+    paths = Paths(tuple(each.path() for each in cases), case.seeds)
     rigs = case.seeds * len(cases)
     noise = None
     if case.noise_hold:
         noise = repeated(draw(case.duration, case.seeds, case.noise_hold), len(cases))
     loop = Loop(
-        law=Fleet([each.law() for each in cases], case.seeds),
+        law=Fleet(laws(cases), case.seeds),
         reference=paths,
         rigs=rigs,
         estimator=estimator,
@@ -81,7 +81,7 @@ def with_observer(cases: Sequence[Case], step: float = STEP) -> list[Trace]:
             time=time,
             state=x[:, own],
             u=u[:, own],
-            reference=wished[:, index],
+            reference=wished[:, own.start],
             estimate=estimate[:, own],
             ended="" if np.isfinite(x[:, own]).all() else "at least one run diverged",
         )

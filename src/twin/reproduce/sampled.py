@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.interfaces import Measurement
 from controllers.stack import Controller
+from twin.fleet import Fleet, Paths
 from twin.hal.cams import CamTable, Direct
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
@@ -22,8 +23,7 @@ from twin.plant.exact import ExactPlant
 from twin.plant.interface import Plant
 from twin.plant.mechanism import Mechanism
 from twin.record import Recorder
-from twin.reproduce.cases import Case
-from twin.reproduce.fleet import Fleet, Paths
+from twin.reproduce.cases import Case, laws
 from twin.reproduce.measures import Trace
 from twin.reproduce.noise import BALL, DISTURBANCE, PLATE, SeededBench, streams
 
@@ -107,9 +107,9 @@ def sampled(
     """
     case = cases[0]
     rigs = case.seeds * len(cases)
-    paths = Paths(tuple(each.path() for each in cases))
+    paths = Paths(tuple(each.path() for each in cases), case.seeds)
     controller = FromOrigin(
-        Fleet([each.law() for each in cases], case.seeds),
+        Fleet(laws(cases), case.seeds),
         case.sampled_observer(period),
         paths,
         period,
@@ -128,7 +128,7 @@ def sampled(
                 time=record.time,
                 state=record["state"][:, own],
                 u=record["applied"][:, own],
-                reference=wished[:, index],
+                reference=wished[:, own.start],
                 estimate=record["estimate"][:, own],
                 ended=_early(outcomes[own]),
             )

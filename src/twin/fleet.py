@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +16,19 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Paths(Reference):
-    """M references side by side: the value at t has the shape (5, *shape(t), M, 2)."""
+    """M references side by side: the value at t has the shape (5, *shape(t), M * each, 2)."""
 
     members: tuple[Reference, ...]
+    each: int = 1
+    """Neighbouring rigs that follow the same reference."""
 
     def __call__(self, t: float | Array) -> Array:
-        """Positions and four derivatives of every member."""
-        return np.stack([member(t) for member in self.members], axis=-2)
+        """Positions and four derivatives of every rig's reference."""
+        return np.stack([member(t) for member in self.members], axis=-2).repeat(self.each, axis=-2)
 
 
 @dataclass(frozen=True)
-class _Now(Reference):
+class Now(Reference):
     """What a reference is at the present instant, for a law that asks for no other."""
 
     value: Array
@@ -38,16 +41,22 @@ class _Now(Reference):
 class Fleet(Law):
     """Laws side by side as one, each for a group of neighbouring rigs.
 
+    Neighbours that share one law object are calculated together.
+
     Args:
         laws: The laws.
-        each: Rigs a group.
+        each: Rigs a law.
     """
 
     groups: list[tuple[slice, Law]]
 
     def __init__(self, laws: Sequence[Law], each: int = 1) -> None:
-        groups = [slice(each * i, each * (i + 1)) for i in range(len(laws))]
-        object.__setattr__(self, "groups", list(zip(groups, laws, strict=True)))
+        groups, begin = [], 0
+        for _, same in groupby(laws, key=id):
+            shared = list(same)
+            groups.append((slice(begin, begin + each * len(shared)), shared[0]))
+            begin += each * len(shared)
+        object.__setattr__(self, "groups", groups)
         object.__setattr__(self, "memory", max(law.memory for law in laws))
         object.__setattr__(self, "model", laws[0].model)
 
@@ -55,8 +64,8 @@ class Fleet(Law):
         """Plate accelerations in rad/s^2, shape (N, 2); the reference must be ``Paths``."""
         r = reference(t)
         u = np.empty((len(x), 2))
-        for index, (own, law) in enumerate(self.groups):
-            u[own] = law.control(t, x[own], _Now(r[:, index]), q[own, : law.memory])
+        for own, law in self.groups:
+            u[own] = law.control(t, x[own], Now(r[:, own]), q[own, : law.memory])
         return u
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -65,8 +74,8 @@ class Fleet(Law):
         if not self.memory:
             return slope
         r = reference(t)
-        for index, (own, law) in enumerate(self.groups):
+        for own, law in self.groups:
             if law.memory:
-                path, mine = _Now(r[:, index]), q[own, : law.memory]
-                slope[own, : law.memory] = law.memory_rate(t, x[own], path, mine)
+                mine = q[own, : law.memory]
+                slope[own, : law.memory] = law.memory_rate(t, x[own], Now(r[:, own]), mine)
         return slope

@@ -1,0 +1,171 @@
+"""What an effect costs: every switch works alone, and shares are what the error is made of."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.explain import explain as command
+from twin.explain.divide import ALL, NONE, Case, attempt, divide, explain, plan, summary
+from twin.explain.effects import EFFECTS, changed, exact, present, with_typical, without
+from twin.scenario import load
+
+CLEAN = (
+    "duration=2",
+    "metrics.start=0",
+    "plant.friction.rolling_mm=0",
+    "sensors.touch.dead_time=0",
+    "sensors.touch.grid=0",
+    "sensors.touch.variance=[0, 0]",
+    "sensors.encoders.counts=0",
+    "sensors.encoders.variance=[0, 0]",
+    "disturbance.variance=[0, 0]",
+    "rig.limits.rate_deg=3600",
+    "rig.limits.acceleration=1e4",
+)
+SHORT = [{"duration": 1.5, "metrics.start": None, "baseline": None}]
+
+
+@pytest.fixture
+def clean():
+    """A sine without a single effect, on the exact equations."""
+    scenario = load("sine", (*CLEAN, "plant.kind=lagrange"))
+    return changed(scenario, [{"predictor": None}])
+
+
+@pytest.fixture
+def full():
+    """The circle with every effect at a size a real rig may have."""
+    return with_typical(load("circle"))
+
+
+def test_a_scenario_with_every_effect_has_them_all(full):
+    assert {effect.name for effect in present(full)} == {effect.name for effect in EFFECTS}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
+    gone = {e.name for e in EFFECTS} - {e.name for e in present(without(full, [effect]))}
+    # without friction there is nothing to break away from; without dead time none that spreads
+    implied = {"friction": {"breakaway"}, "deadtime": {"spread"}}.get(effect.name, set())
+    assert effect.name in gone
+    assert gone <= {effect.name} | implied
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, full):
+    others = [other for other in EFFECTS if other is not effect]
+    alone, none = without(full, others), without(full, EFFECTS)
+    if effect.name == "breakaway":
+        alone, none = (changed(s, [{"plant.friction.rolling_mm": 0.18}]) for s in (alone, none))
+    if effect.name == "spread":
+        none = changed(none, [{"sensors.touch.dead_time": 0.042}])
+        alone = changed(none, [effect.typical])
+    if effect.name in {"drive", "limits", "liftoff"}:
+        pytest.skip("acts only beyond its limit: see the test of limits")
+    one, other = (attempt(changed(s, SHORT)) for s in (alone, none))
+    assert np.abs(one.error - other.error).max() > 1e-9
+
+
+@pytest.mark.parametrize(
+    ("effect", "limit"),
+    [
+        ("drive", {"plant.servo.speed_limit": 0.05}),
+        ("drive", {"plant.servo.torque_limit": 2.4}),
+        ("limits", {"rig.limits.rate_deg": 0.3}),
+        ("limits", {"rig.limits.acceleration": 0.1}),
+        ("liftoff", {"plant.spring.preload": 2.0}),
+    ],
+)
+def test_a_limit_acts_where_it_is_reached(effect, limit):
+    free = changed(without(load("step"), EFFECTS), SHORT)
+    limited = changed(free, [limit])
+    assert [e.name for e in present(limited)] == [effect]
+    one, other = attempt(limited), attempt(free)
+    assert np.abs(one.distance[-1] - other.distance[-1]) > 1e-6
+
+
+def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):
+    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
+    cases = plan(scenario)
+    assert cases["+friction"].model_dump() == cases[ALL].model_dump()
+    assert cases["-friction"].model_dump() == cases[NONE].model_dump()
+
+
+def test_of_a_single_effect_shares_add_up_to_the_whole(clean):
+    found = explain(changed(clean, [{"plant.friction.rolling_mm": 0.2}]), processes=1)
+    (part,) = found.parts
+    assert part.effect.name == "friction"
+    assert part.share + found.base == pytest.approx(1.0)
+    assert found.rest == pytest.approx(0.0, abs=1e-12)
+
+
+def case(error, **changes):
+    error = np.asarray(error, float)
+    rms = float(np.sqrt((error**2).sum(axis=1).mean()))
+    values = {"outcome": "finished", "percent": None, "rms": rms} | changes
+    return Case(error=error, distance=np.hypot(*error.T), **values)
+
+
+def test_errors_at_right_angles_divide_by_their_squares(clean):
+    # what two effects add in different directions: 3 along x, 4 along y of a whole of length 5
+    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
+    x, y, nothing = [[3.0, 0.0]], [[0.0, 4.0]], [[0.0, 0.0]]
+    found = divide(
+        scenario,
+        {
+            ALL: case([[3.0, 4.0]]),
+            NONE: case(nothing),
+            "+friction": case(x),
+            "-friction": case(y),
+            "+level": case(y),
+            "-level": case(x),
+        },
+    )
+    assert {part.effect.name: part.share for part in found.parts} == pytest.approx(
+        {"friction": 9 / 25, "level": 16 / 25}
+    )
+    assert found.rest == pytest.approx(0.0)
+
+
+def test_effects_that_only_act_together_are_given_to_none_of_them(clean):
+    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
+    whole, nothing = case([[1.0, 0.0]]), case([[0.0, 0.0]])
+    each = dict.fromkeys(("+friction", "+level", "-friction", "-level"), nothing)
+    found = divide(scenario, {ALL: whole, NONE: nothing, **each})
+    # last in, each brings all of it; first in, nothing: half and half, and none is left over
+    assert [part.share for part in found.parts] == pytest.approx([0.5, 0.5])
+    assert found.rest == pytest.approx(0.0)
+
+
+def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
+    scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
+    lost = case([[0.1, 0.0]], outcome="fell at 1.0 s", rms=None)
+    good = case([[0.1, 0.0]])
+    found = divide(scenario, {ALL: good, NONE: good, "+friction": good, "-friction": lost})
+    assert found.parts[0].share is None
+    assert found.rest is None
+    assert summary(found)["effects"]["friction"]["without"]["outcome"] == "fell at 1.0 s"
+
+
+def test_on_the_exact_equations_nothing_mechanical_is_left(full):
+    scenario = exact(without(full, EFFECTS))
+    assert scenario.plant.kind == "lagrange"
+    assert not any(effect.mechanical for effect in present(scenario))
+
+
+def test_the_command_writes_its_files_and_prints_one_json_object(tmp_path):
+    settings = (*CLEAN, "plant.kind=lagrange", "plant.friction.rolling_mm=0.2", "duration=1")
+    arguments = [part for setting in settings for part in ("--set", setting)]
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        command, ["sine", *arguments, "--out", str(out), "--json"], standalone_mode=False
+    )
+    assert result.exception is None, result.exception
+    told = json.loads(result.stdout)
+    assert told == json.loads((out / "explain.json").read_text())
+    assert "friction" in told["effects"]
+    assert (out / "picture.png").stat().st_size > 10_000
