@@ -5,6 +5,7 @@ from controllers.ballplate import BallPlate
 from controllers.feedback_linearization import AFL, AFLIntegral
 from controllers.observers import ExtendedKalman, Ideal, Kalman, Luenberger, NonlinearLuenberger
 from controllers.references import Sine
+from twin.fleet import Fleet, Paths
 from twin.hal.cams import Direct
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.plant.exact import ExactPlant
@@ -12,7 +13,6 @@ from twin.reproduce.cases import Case
 from twin.reproduce.continuous import Loop
 from twin.reproduce.estimators import ConstantGain, continuous, kalman_gain
 from twin.reproduce.exact import exact, full_state, with_observer
-from twin.fleet import Fleet, Paths
 from twin.reproduce.noise import BALL, DISTURBANCE, PLATE, SeededBench, draw, repeated, streams
 
 MODEL = BallPlate()

@@ -16,6 +16,7 @@ from twin.experiments.effects import Slow, Wrong
 from twin.experiments.fleet import SomePredicted, Watched
 from twin.experiments.rig import Rig
 from twin.experiments.tables import Experiment
+from twin.fleet import Fleet, Paths
 from twin.hal.cams import CamTable, Direct
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
@@ -30,7 +31,6 @@ from twin.plant.mechanism import Mechanism
 from twin.plant.parts import Parts
 from twin.plant.surface import SurfaceMap
 from twin.record import Recorder
-from twin.fleet import Fleet, Paths
 
 Array = NDArray[np.floating]
 
