@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.explain.effects import Effect, exact, present, without
-from twin.explain.pool import run_all
 from twin.loop import Ending
+from twin.pool import results
 from twin.run import run
 from twin.scenario.schema import Scenario
 
@@ -111,9 +111,12 @@ def explain(
         TwinError: If a run cannot be assembled.
     """
     wanted = plan(scenario)
-    different = {case.model_dump_json(): case for case in wanted.values()}
-    found = run_all(attempt, different, processes, progress)
-    cases = {name: found[case.model_dump_json()] for name, case in wanted.items()}
+    different = {variant.model_dump_json(): variant for variant in wanted.values()}
+    found: dict[str, Case] = {}
+    for name, case in results(attempt, different, processes):
+        found[name] = case
+        progress(len(found))
+    cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}
     return divide(scenario, cases)
 
 
