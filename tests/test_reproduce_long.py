@@ -70,8 +70,11 @@ def test_angles_and_efforts_with_observer_noise_and_dead_time_agree_to_5_percent
             assert cell.sampled.value == pytest.approx(cell.thesis, rel=0.05)
 
 
-def test_the_mechanism_without_friction_keeps_every_ball(cells):
-    assert all(cell.mujoco is not None for cell in cells)
+def test_the_mechanism_without_friction_loses_only_the_ball_that_the_thesis_drives_off_the_plate(
+    cells,
+):
+    lost = {(cell.table, cell.row) for cell in cells if cell.mujoco is None}
+    assert lost == {("8.3", "omega 1")}  # y reaches 0.208 m; the plate ends at 0.1975 m
 
 
 def indicators(traces, cases, name):
