@@ -1,0 +1,60 @@
+"""What a device reports when something is wrong with it: condition, place, words."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+
+class Severity(StrEnum):
+    """How the supervisor answers.
+
+    WARNING: noted in the record. LEVEL: level the plate with the drives, then hold.
+    STOP: nothing can be trusted to move; zero rate, quick stop, drives off.
+    """
+
+    WARNING = "warning"
+    LEVEL = "level"
+    STOP = "stop"
+
+
+class Condition(NamedTuple):
+    """One thing that can go wrong, as a row of the supervisor's table.
+
+    Attributes:
+        name: What it is called in records, tables and messages, as ``heartbeat lost``.
+        severity: How it is answered.
+        within: Longest time in s from its start to its detection.
+        reaction: What is done, in words.
+        recovery: What a person does to go on, in words.
+    """
+
+    name: str
+    severity: Severity
+    within: float
+    reaction: str
+    recovery: str
+
+
+class Fault(NamedTuple):
+    """A condition that was detected.
+
+    Attributes:
+        condition: Which one.
+        where: The device, as ``drive phi (node 1)`` or ``touch screen``.
+        detail: What was seen, in words and numbers.
+    """
+
+    condition: Condition
+    where: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.condition.name}: {self.detail}"
+
+
+class Watched(Protocol):
+    """A device that says what is wrong with it."""
+
+    def faults(self) -> tuple[Fault, ...]:
+        """What has been detected since the last call, oldest first; never waits."""

@@ -1,0 +1,171 @@
+import os
+import select
+import time
+
+import pytest
+
+from twin.emulator.screen import EmulatedScreen
+from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
+from twin.emulator.screen_faults import Damage, ScreenFault
+
+BALL = Spot(0.25, 0.5)
+
+
+def listen(screen, seconds, handle=None):
+    """Bytes and arrival times read from a screen's port."""
+    port = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY) if handle is None else handle
+    parts, end = [], time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        if select.select([port], [], [], left)[0]:
+            parts.append((time.monotonic(), os.read(port, 4096)))
+    if handle is None:
+        os.close(port)
+    return parts
+
+
+def test_format_tablet_of_the_middle_of_the_screen_is_what_the_manual_says():
+    # 16383 / 2 on the native grid: 2048 of 4095 is 8194 of 16383, and upwards 8189.
+    assert ENCODERS[Protocol.MICROTOUCH]([Spot(0.5001, 0.5001)]) == [
+        bytes([0xC0, 8194 & 127, 8194 >> 7, 8189 & 127, 8189 >> 7])
+    ]
+
+
+def test_smartset_of_a_corner_is_what_the_guide_says():
+    # 0xAA + 0x55 + 0x54 + 0x02 + 0xFF + 0x0F = 0x263.
+    assert ENCODERS[Protocol.ELO]([Spot(1.0, 0.0)]) == [
+        bytes.fromhex("55 54 02 ff 0f 00 00 00 00 63")
+    ]
+
+
+def test_hid_reports_are_those_of_the_recordings():
+    share = 0x07D8 / 8 / 4095, 0x0AA0 / 8 / 4095
+    (packet,) = ENCODERS[Protocol.HID_0007]([Spot(*share)])
+    assert packet == bytes.fromhex("31 00 d8 07 a0 0a 01 00")
+    (packet,) = ENCODERS[Protocol.HID_0006]([Spot(*share)])
+    assert packet == bytes.fromhex("31 01 d8 07 a0 0a" + "00" * 18 + "01")
+
+
+def test_six_contacts_take_two_reports_as_recorded():
+    first, second = ENCODERS[Protocol.HID_0006]([Spot(0.1, 0.1, name) for name in range(1, 7)])
+    assert (first[24], second[24]) == (6, 0)
+    assert second[12:] == bytes(13)
+
+
+def test_no_ball_no_bytes():
+    with EmulatedScreen(list) as screen:
+        assert listen(screen, 0.15) == []
+
+
+def test_a_ball_beside_the_screen_is_not_felt():
+    with EmulatedScreen(lambda: [(0.36, 0.0)]) as screen:
+        assert listen(screen, 0.15) == []
+
+
+def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
+    balls = [(0.0, 0.0)]
+    with EmulatedScreen(lambda: balls, protocol=Protocol.HID_0007) as screen:
+        handle = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY)
+        listen(screen, 0.2, handle)
+        balls.clear()
+        data = b"".join(part for _, part in listen(screen, 0.2, handle))
+        os.close(handle)
+    reports = [data[at : at + 8] for at in range(0, len(data), 8)]
+    assert [report[0] for report in reports].count(0x30) == 1
+    assert reports[-1][0] == 0x30
+    assert len({report[1:] for report in reports}) == 1
+
+
+def test_bytes_never_come_faster_than_the_line_carries_them():
+    with EmulatedScreen(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800) as screen:
+        screen.inject(ScreenFault.FLOOD, 2.0)
+        parts = listen(screen, 0.6)
+    total = sum(len(part) for _, part in parts[1:])
+    assert total > 100
+    # A screen that is kept waiting sends what is overdue at once: hence the tenth of a second.
+    assert parts[-1][0] - parts[0][0] >= total * 10 / 4800 - 0.1
+
+
+def test_nothing_arrives_before_the_dead_time_is_over():
+    began = []
+
+    def ball():
+        began.append(time.monotonic())
+        return [(0.0, 0.0)]
+
+    with EmulatedScreen(ball, dead_time=0.15) as screen:
+        parts = listen(screen, 0.3)
+    data = b"".join(part for _, part in parts)
+    assert len(data) >= 5
+    arrived = next(
+        when for n, (when, _) in enumerate(parts) if sum(len(p) for _, p in parts[: n + 1]) >= 5
+    )
+    assert arrived - began[0] >= 0.15 - 1e-3
+
+
+def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
+    with EmulatedScreen(list) as screen:
+        screen.unplug()
+        assert not screen.path.exists()
+        screen.replug()
+        assert screen.path.exists()
+    assert not screen.path.parent.exists()
+
+
+def test_bytes_sent_while_unplugged_are_lost():
+    with EmulatedScreen(lambda: [(0.0, 0.0)]) as screen:
+        screen.unplug()
+        time.sleep(0.15)
+        assert screen.sent < screen.dropped
+
+
+@pytest.mark.parametrize(
+    "fault", [ScreenFault.TRUNCATE, ScreenFault.GARBLE, ScreenFault.NOISE, ScreenFault.SPLIT]
+)
+def test_damage_is_the_same_for_the_same_seed(fault):
+    (packet,) = ENCODERS[Protocol.ELO]([BALL])
+
+    def damaged(seed):
+        damage = Damage(Protocol.ELO, seed)
+        damage.inject(fault, 1.0)
+        return [damage.packet(0.0, packet) for _ in range(20)]
+
+    assert damaged(1) == damaged(1) != damaged(2)
+    assert all(parts != [packet] for parts in damaged(1))
+
+
+def test_damage_is_over_when_its_time_is():
+    damage = Damage(Protocol.ELO, 0)
+    for fault in ScreenFault:
+        damage.inject(fault, 1.0)
+    (packet,) = ENCODERS[Protocol.ELO]([BALL])
+    assert damage.packet(1.0, packet) == [packet]
+    assert damage.contacts(1.0, [BALL]) == (BALL,)
+
+
+@pytest.mark.parametrize(
+    ("fault", "seen"),
+    [
+        (ScreenFault.SWAP_AXES, [(Spot(0.5, 0.25),)] * 3),
+        (ScreenFault.PEN_UP, [()] * 3),
+        (ScreenFault.DROPOUT, [()] * 3),
+        (ScreenFault.FREEZE, [(Spot(0.1, 0.1),)] * 3),
+        (ScreenFault.TWO_CONTACTS, [(BALL, Damage.FINGER)] * 3),
+        (ScreenFault.JUMP, [(Spot(0.7, 0.95),), (BALL,), (BALL,)]),
+    ],
+)
+def test_faults_of_contacts_do_what_they_say(fault, seen):
+    damage = Damage(Protocol.HID_0006, 0)
+    damage.contacts(0.0, [Spot(0.1, 0.1)])
+    damage.inject(fault, 1.0)
+    assert [damage.contacts(time, [BALL]) for time in (0.1, 0.2, 0.3)] == seen
+
+
+def test_merged_packets_are_two_in_one():
+    damage = Damage(Protocol.ELO, 0)
+    damage.inject(ScreenFault.MERGE, 1.0)
+    assert [damage.packet(0.0, b"one"), damage.packet(0.0, b"two")] == [[], [b"onetwo"]]
+
+
+def test_a_packet_beyond_the_range_has_a_right_checksum():
+    changed = beyond(ENCODERS[Protocol.ELO]([BALL])[0], Protocol.ELO)
+    assert (0xAA + sum(changed[:9])) % 256 == changed[9]
