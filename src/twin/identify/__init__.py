@@ -1,0 +1,1 @@
+"""Fits the twin's parameters to a recorded run, and says which of them the run shows."""

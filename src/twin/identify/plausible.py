@@ -1,0 +1,146 @@
+"""Catches logs whose numbers cannot mean what their columns say: wrong units, signs, axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from twin.identify.columns import LogError
+from twin.identify.log import Log
+from twin.identify.motion import servo
+from twin.identify.phases import ROLL, speed
+from twin.identify.prepare import Data, Stretch
+from twin.plant.surface import SCREEN
+
+Array = NDArray[np.floating]
+
+STEEPEST = 0.26
+"""Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""
+NAMES = (("measured_x", "measured_phi"), ("measured_y", "measured_theta"))
+
+
+def check_ranges(log: Log) -> None:
+    """Make sure that no number is beyond what the rig can do.
+
+    Raises:
+        LogError: Naming the column, and the unit its numbers look like.
+    """
+    touched = log.touched & np.isfinite(log.ball).all(axis=-1)
+    if not touched.any():
+        raise LogError(f"{log.source}: the screen never felt the ball")
+    for axis, (ball, plate) in enumerate(NAMES):
+        edge = SCREEN[axis] / 2
+        far = float(np.percentile(np.abs(log.ball[touched, axis]), 99))
+        if far > 1.05 * edge:
+            guess = "millimetres" if far > 4 * 100 * edge / 100 * 10 else "another unit"
+            guess = "millimetres" if 100 * edge < far <= 1100 * edge else guess
+            guess = "centimetres" if 4 * edge < far <= 100 * edge else guess
+            raise LogError(
+                f"{log.source}: {ball}: reaches {far:.3g} where the screen ends at {edge:g} m; "
+                f"{guess}? Give m, or the unit in the header"
+            )
+        steep = float(np.nanpercentile(np.abs(log.plate[:, axis]), 99))
+        if steep > STEEPEST:
+            raise LogError(
+                f"{log.source}: {plate}: reaches {steep:.3g} rad, which no such plate does; "
+                f"degrees? Give rad, or the unit in the header"
+            )
+
+
+def check_motion(data: Data) -> None:
+    """Make sure that the ball rolls, and as the plate's angles say.
+
+    Raises:
+        LogError: If it hardly moves, or moves otherwise.
+    """
+    rolled = sum(
+        data.period * float((speed(s.time, s.even_ball) > ROLL).sum()) for s in data.stretches
+    )
+    if rolled < 5.0:
+        raise LogError(
+            f"{data.source}: too quiet: the ball rolls for {rolled:.1f} s of {data.length:.1f} s, "
+            "at least 5 s are needed; run the scenario excite"
+        )
+    for axis, (ball, plate) in enumerate(NAMES):
+        gain = _gain(data, axis)
+        if gain is None or 0.25 < gain < 4:
+            continue
+        if -4 < gain < -0.25:
+            raise LogError(
+                f"{data.source}: {ball} accelerates against {plate}: one of them has the wrong sign"
+            )
+        raise LogError(
+            f"{data.source}: {ball} accelerates {gain:.2g} times as much as {plate} explains: "
+            "wrong unit, or axes exchanged"
+        )
+    _check_command(data)
+
+
+def _check_command(data: Data) -> None:
+    for axis, name in enumerate(("phi", "theta")):
+        over, under = 0.0, 0.0
+        for stretch in data.stretches:
+            if stretch.command is None:
+                return
+            answer = servo(stretch.command, data.period, data.own_lag)[0][:, axis]
+            for a, b in _chunks(answer, stretch.plate[:, axis], data.period):
+                over, under = over + float(a @ b), under + float(a @ a)
+        # a plate that hardly moves says nothing
+        if under * data.period / data.length < 1e-8:
+            continue
+        gain = over / under
+        if not 0.4 < gain < 2.5:
+            raise LogError(
+                f"{data.source}: measured_{name} moves {gain:.2g} times as far as the commanded "
+                f"applied_{name} columns say: wrong unit or sign, or exchanged axes"
+            )
+
+
+def _chunks(*signals: Array | float) -> list[tuple[Array, Array]]:
+    """Pieces of 2 s of two signals without their straight-line parts."""
+    first, second, period = signals
+    assert isinstance(first, np.ndarray)
+    assert isinstance(second, np.ndarray)
+    rows = round(2.0 / float(period))
+    base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 2))
+    pieces = []
+    for k in range(len(first) // rows):
+        a, b = (np.asarray(s[k * rows : (k + 1) * rows]) for s in (first, second))
+        pieces.append((a - base @ (base.T @ a), b - base @ (base.T @ b)))
+    return pieces
+
+
+def _gain(data: Data, axis: int) -> float | None:
+    """Acceleration of the ball over what the plate's angle explains, while it rolls.
+
+    The integral form of the level model: x = x0 + v0 t + gain (k1 phi'' - b phi) - friction.
+    """
+    model, period = data.model, data.period
+    rows = round(1.0 / period)
+    line = np.vander(np.linspace(-1, 1, rows), 2)
+    normal, right = np.zeros((2, 2)), np.zeros(2)
+    for stretch in data.stretches:
+        ball = stretch.even_ball
+        velocity = np.gradient(ball, period, axis=0)
+        smooth = np.stack([np.convolve(v, np.ones(25) / 25, "same") for v in velocity.T], axis=-1)
+        rate = speed(stretch.time, ball)
+        for k in range(len(ball) // rows):
+            part = slice(k * rows, (k + 1) * rows)
+            if rate[part].min() < ROLL:
+                continue
+            angle = stretch.plate[part, axis] * (1 if axis == 0 else -1)
+            tilt = model.k1 * _twice(np.sin(angle), period) - model.c2 * angle
+            drag = _twice(smooth[part, axis] / np.maximum(np.hypot(*smooth[part].T), 1e-4), period)
+            columns = np.stack((tilt, drag, ball[part, axis]), axis=-1)
+            columns -= line @ np.linalg.lstsq(line, columns, rcond=None)[0]
+            normal += columns[:, :2].T @ columns[:, :2]
+            right += columns[:, :2].T @ columns[:, 2]
+    if normal[0, 0] * period < 1e-6 or np.linalg.cond(normal) > 1e8:
+        return None
+    return float(np.linalg.solve(normal, right)[0])
+
+
+def _twice(values: Array, period: float) -> Array:
+    once = cumulative_trapezoid(values, dx=period, initial=0.0)
+    return np.asarray(cumulative_trapezoid(once, dx=period, initial=0.0))

@@ -1,0 +1,138 @@
+"""Replays the ball of many windows and many parameter sets at once over the plate's motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.ballplate import BallPlate
+from twin.plant.friction import Friction
+
+Array = NDArray[np.floating]
+
+STEP = 0.004
+"""Step of the replay in s."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """Acceleration of the ball in W windows at N steps, affine in its position p and velocity v.
+
+    v' = push + own p + cross s(p) + turn s(v) + tilt level, where s() swaps the axes.
+
+    Attributes:
+        push: m/s^2, shape (N, 2, 1, W).
+        own: 1/s^2, same shape.
+        cross: 1/s^2, same shape.
+        turn: 1/s, same shape.
+        tilt: What a tilt of the base adds along its own axis, m/s^2 a rad, same shape.
+        normal: Normal force per mass, m/s^2, shape (N, 1, W).
+    """
+
+    push: Array
+    own: Array
+    cross: Array
+    turn: Array
+    tilt: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, model: BallPlate, angle: Array, rate: Array) -> Field:
+        """The field over plate angles and rates (phi, theta), shape (W, N, 2), in rad and rad/s.
+
+        The exact model is affine in the ball's state, so five looks at it tell all.
+        """
+        x = np.zeros((*angle.shape[:-1], 8))
+        x[..., 2::4], x[..., 3::4] = angle, rate
+        u = np.gradient(rate, STEP, axis=-2)
+
+        def acceleration(index: int | None = None, shift: float = 0.0) -> Array:
+            there = x.copy()
+            there[..., 2::4] += shift
+            if index is not None:
+                there[..., index] += 1.0
+            return np.asarray(model.derivative(there, u)[..., 1::4])
+
+        push = acceleration()
+        by = {index: acceleration(index) - push for index in (0, 1, 4, 5)}
+        pairs = {"own": (by[0], by[4]), "cross": (by[4], by[0]), "turn": (by[5], by[1])}
+        parts = {
+            name: np.stack((first[..., 0], second[..., 1]), axis=-1)
+            for name, (first, second) in pairs.items()
+        }
+        shift = 1e-4
+        parts["tilt"] = (acceleration(shift=shift) - acceleration(shift=-shift)) / (2 * shift)
+        parts["push"] = push
+        normal = model.gravity * np.cos(angle[..., 0]) * np.cos(angle[..., 1])
+        return cls(
+            **{name: _laid(values) for name, values in parts.items()},
+            normal=np.ascontiguousarray(normal.T)[:, None],
+        )
+
+
+def replay(
+    field: Field,
+    model: BallPlate,
+    friction: Friction,
+    level: Array,
+    start: Array,
+    grip: float = 0.0,
+) -> tuple[Array, Array]:
+    """Positions and velocities of the ball, both shape (N, 2, C, W), in m and m/s.
+
+    Heun's rule for the smooth forces; then rolling resistance takes as much as it can of what would
+    bring the ball to rest within the time ``grip``: a ball it can hold rests exactly.
+
+    Args:
+        field: The windows.
+        model: Ball parameters.
+        friction: Rolling resistance of C candidates: numbers, or arrays of shape (C, 1).
+        level: Tilt of the base (phi, theta) in rad, shape (2, C, 1).
+        start: Position and velocity at the first step, shape (4, C, W): x, y, x', y'.
+        grip: Time in s within which resistance would stop the ball if it were strong enough; 0
+            for at once, as Coulomb's law has it.
+    """
+    h, steps = STEP, len(field.push)
+    p, v = start[:2], start[2:]
+    places, speeds = np.empty((2, steps, *p.shape))
+    places[0], speeds[0] = p, v
+    speed = np.hypot(v[0], v[1])
+    age = friction.settled(speed) if friction.ageing else None
+    per_arm = (model.c1 / model.radius) * field.normal
+    grip = max(grip, h)
+
+    def free(n: int, p: Array, v: Array) -> Array:
+        total: Array = field.own[n] * p
+        total += field.push[n]
+        total += field.cross[n] * p[::-1]
+        total += field.turn[n] * v[::-1]
+        total += field.tilt[n] * level
+        return total
+
+    constant = friction.constant
+    for n in range(steps - 1):
+        a = free(n, p, v)
+        a += free(n + 1, p + h * v, v + h * a)
+        pull = v / grip + a / 2
+        strength = np.hypot(pull[0], pull[1])
+        place = np.moveaxis(p, 0, -1)
+        most = per_arm[n] * friction.arm(speed, place, age)
+        after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
+        left = np.hypot(after[0], after[1])
+        if not constant:
+            most = np.where(left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most)
+            after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
+            left = np.hypot(after[0], after[1])
+        if age is not None:
+            age = friction.aged(age, (speed + left) / 2, h)
+        p = p + (h / 2) * (v + after)
+        v, speed = after, left
+        places[n + 1], speeds[n + 1] = p, v
+    return places, speeds
+
+
+def _laid(values: Array) -> Array:
+    """From (W, N, 2) to (N, 2, 1, W)."""
+    return np.ascontiguousarray(np.moveaxis(values, (1, 2), (0, 1))[:, :, None])
