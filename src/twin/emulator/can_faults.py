@@ -1,0 +1,181 @@
+"""What happens to frames between the drives and the host's adapter: a seeded script of damage."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Flag, auto
+
+from twin.emulator.can_frame import Frame
+
+Bytes = Callable[[bytes, random.Random], bytes]
+
+
+class Towards(Flag):
+    """Which way a frame goes."""
+
+    HOST = auto()
+    DRIVES = auto()
+    BOTH = HOST | DRIVES
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One kind of damage to some frames for some time.
+
+    Attributes:
+        change: New bytes for the frame's, or None to lose the frame.
+        cob_ids: Which frames; None for every one.
+        towards: Which way.
+        begins: Bus time in s.
+        ends: Bus time in s.
+        share: Of these frames, the probability of each to be hit.
+        delays: One copy a delay, in s after the frame; (0,) is the frame itself.
+    """
+
+    change: Bytes | None
+    cob_ids: frozenset[int] | None
+    towards: Towards
+    begins: float
+    ends: float
+    share: float
+    delays: tuple[float, ...]
+
+    def hits(self, frame: Frame, towards: Towards, time: float) -> bool:
+        """Whether a frame is one of those, chance aside."""
+        known = self.cob_ids is None or frame.cob_id in self.cob_ids
+        return known and bool(towards & self.towards) and self.begins <= time < self.ends
+
+
+class BusFaults:
+    """Damage that is in force now or later; every method adds to it, ``clear`` ends all.
+
+    All take the same keywords: ``cob_id`` (one, several, or None for every frame), ``after`` and
+    ``lasting`` in s from now, ``share`` (probability of each frame), ``towards``. So
+    ``faults.drop(0x181, lasting=0.05)`` loses TPDO1 of node 1 for 50 ms.
+
+    Args:
+        seed: Of everything random.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self.time = 0.0
+        """Bus time in s; the bus sets it."""
+        self._random = random.Random(seed)
+        self._rules: list[Rule] = []
+        self._off_until = self._passive_until = -math.inf
+
+    @property
+    def bus_off(self) -> bool:
+        """Whether the host's adapter is off the bus."""
+        return self.time < self._off_until
+
+    @property
+    def error_passive(self) -> bool:
+        """Whether the host's adapter is error passive."""
+        return self.time < self._passive_until
+
+    def take_off_bus(self, lasting: float = math.inf) -> None:
+        """Let the adapter go bus-off: nothing passes either way."""
+        self._off_until = self.time + lasting
+
+    def make_passive(self, lasting: float = math.inf) -> None:
+        """Let the adapter be error passive: frames still pass."""
+        self._passive_until = self.time + lasting
+
+    def clear(self) -> None:
+        """End all damage."""
+        self._rules.clear()
+        self._off_until = self._passive_until = -math.inf
+
+    def drop(self, cob_id: int | Iterable[int] | None = None, **when: float | Towards) -> None:
+        """Lose frames."""
+        self._add(None, (0.0,), cob_id, when)
+
+    def delay(
+        self, cob_id: int | Iterable[int] | None = None, *, by: float, **when: float | Towards
+    ) -> None:
+        """Deliver frames later by a time in s."""
+        self._add(_same, (by,), cob_id, when)
+
+    def duplicate(
+        self,
+        cob_id: int | Iterable[int] | None = None,
+        *,
+        apart: float = 0.0,
+        **when: float | Towards,
+    ) -> None:
+        """Deliver frames twice, a time in s apart."""
+        self._add(_same, (0.0, apart), cob_id, when)
+
+    def truncate(
+        self, cob_id: int | Iterable[int] | None = None, *, to: int, **when: float | Towards
+    ) -> None:
+        """Cut frames to some bytes."""
+        self._add(lambda data, _: data[:to], (0.0,), cob_id, when)
+
+    def corrupt(
+        self, cob_id: int | Iterable[int] | None = None, *, bits: int = 1, **when: float | Towards
+    ) -> None:
+        """Flip random bits."""
+
+        def flip(data: bytes, chance: random.Random) -> bytes:
+            number = int.from_bytes(data, "little")
+            for at in chance.sample(range(8 * len(data)), min(bits, 8 * len(data))):
+                number ^= 1 << at
+            return number.to_bytes(len(data), "little")
+
+        self._add(flip, (0.0,), cob_id, when)
+
+    def replace(
+        self, cob_id: int | Iterable[int] | None = None, *, data: bytes, **when: float | Towards
+    ) -> None:
+        """Put other bytes into frames."""
+        self._add(lambda _, __: data, (0.0,), cob_id, when)
+
+    def silence(self, node: int, **when: float | Towards) -> None:
+        """Lose everything a node says."""
+        services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
+        self.drop([service + node for service in services], **{"towards": Towards.HOST, **when})
+
+    def deliver(self, frame: Frame, towards: Towards) -> list[tuple[float, Frame]]:
+        """What becomes of a frame: delays in s, and the frames that come then."""
+        if self.bus_off:
+            return []
+        copies = [(0.0, frame)]
+        for rule in self._rules:
+            if rule.hits(frame, towards, self.time) and self._random.random() < rule.share:
+                change = rule.change
+                if change is None:
+                    return []
+                copies = [
+                    (late + delay, each._replace(data=change(each.data, self._random)))
+                    for late, each in copies
+                    for delay in rule.delays
+                ]
+        return copies
+
+    def _add(
+        self,
+        change: Bytes | None,
+        delays: tuple[float, ...],
+        cob_id: int | Iterable[int] | None,
+        when: dict[str, float | Towards],
+    ) -> None:
+        unknown = when.keys() - {"after", "lasting", "share", "towards"}
+        if unknown:
+            raise TypeError(f"unknown keyword {', '.join(sorted(unknown))}")
+        ids = cob_id if cob_id is None or not isinstance(cob_id, int) else [cob_id]
+        begins = self.time + float(when.get("after", 0.0))  # type: ignore[arg-type]
+        ends = begins + float(when.get("lasting", math.inf))  # type: ignore[arg-type]
+        share = float(when.get("share", 1.0))  # type: ignore[arg-type]
+        towards = when.get("towards", Towards.BOTH)
+        assert isinstance(towards, Towards)
+        chosen = None if ids is None else frozenset(ids)
+        self._rules.append(Rule(change, chosen, towards, begins, ends, share, delays))
+
+
+def _same(data: bytes, _: random.Random) -> bytes:
+    return data

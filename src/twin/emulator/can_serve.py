@@ -1,0 +1,89 @@
+"""Running an emulated bus in real time, in a thread or in a process of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol, Self
+
+from twin.emulator.can_bus import EmulatedBus
+
+
+class Port(Protocol):
+    """Where the host's adapter is."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the host sends something, at most for a time."""
+
+    def pump(self) -> None:
+        """Pass on what has arrived either way; never waits."""
+
+
+class Served:
+    """Pumps a port and steps its bus; a context manager that does so in a thread.
+
+    Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it.
+
+    Args:
+        bus: What is emulated.
+        port: Where the host is.
+        advance: Called with each step's s, to move a plant: read ``drive.rate``, call
+            ``drive.sense``. Called in the serving thread, under ``lock``.
+        step: Step in s.
+    """
+
+    BACKLOG = 0.1
+
+    def __init__(
+        self,
+        bus: EmulatedBus,
+        port: Port,
+        *,
+        advance: Callable[[float], None] | None = None,
+        step: float = 0.0005,
+    ) -> None:
+        self.bus = bus
+        self.port = port
+        self.lock = threading.Lock()
+        """Hold it to look at, or meddle with, several things at one time."""
+        self._advance = advance
+        self._step = step
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def run(self) -> None:
+        """Serve until ``stop`` is called; in the calling thread."""
+        stepped = time.monotonic()
+        while not self._stop.is_set():
+            self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
+            with self.lock:
+                self.port.pump()
+                now = time.monotonic()
+                stepped = max(stepped, now - self.BACKLOG)
+                while stepped + self._step <= now:
+                    stepped += self._step
+                    self.bus.step(self._step)
+                    if self._advance is not None:
+                        self._advance(self._step)
+                self.port.pump()
+
+    def stop(self) -> None:
+        """End ``run``, wherever it runs."""
+        self._stop.set()
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self.run, name="emulated CAN", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+        if self._thread is not None:
+            self._thread.join()

@@ -1,0 +1,223 @@
+"""A serial-line CAN adapter (LAWICEL protocol) on a pty, as common USB-CAN adapters are."""
+
+from __future__ import annotations
+
+import os
+import pty
+import random
+import select
+import tempfile
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_frame import Frame
+
+BITRATES = {
+    b"S0": 10_000,
+    b"S1": 20_000,
+    b"S2": 50_000,
+    b"S3": 100_000,
+    b"S4": 125_000,
+    b"S5": 250_000,
+    b"S6": 500_000,
+    b"S7": 800_000,
+    b"S8": 1_000_000,
+}
+
+_OK, _ERROR = b"\r", b"\a"
+_WARNING, _PASSIVE, _BUS_ERROR = 0x04, 0x20, 0x80
+_ROOM = 3
+"""Frames the adapter takes that nobody acknowledges before it refuses more."""
+_LONGEST = 30
+
+
+class SlcanAdapter:
+    """The adapter's firmware: bytes in, bytes out.
+
+    It answers each command with CR (transmissions with z CR) or, refused, with BELL. Not
+    emulated: extended frames, filters and timestamps.
+
+    Args:
+        bus: What it is on.
+    """
+
+    def __init__(self, bus: EmulatedBus) -> None:
+        self.bitrate: int | None = None
+        self.open = False
+        self._bus = bus
+        self._line = bytearray()
+        self._unacknowledged = 0
+
+    def feed(self, data: bytes) -> bytes:
+        """Take in bytes from the computer, any bytes; the answers."""
+        answers = b""
+        for byte in data:
+            if byte == _OK[0]:
+                answers += self._command(bytes(self._line))
+                self._line.clear()
+            elif len(self._line) < _LONGEST:
+                self._line.append(byte)
+        return answers
+
+    def heard(self) -> bytes:
+        """Frames from the bus as the computer gets them."""
+        frames = self._bus.to_host()
+        if not self.open or self.bitrate != self._bus.bitrate:
+            return b""
+        return b"".join(_written(frame) for frame in frames)
+
+    def _command(self, line: bytes) -> bytes:
+        commands: dict[bytes, Callable[[bytes], bytes]] = {
+            b"S": self._set_rate,
+            b"O": self._start,
+            b"L": self._start,
+            b"C": self._close,
+            b"t": self._transmit,
+            b"r": self._transmit,
+            b"F": self._flags,
+            b"V": lambda _: b"V1013\r",
+            b"N": lambda _: b"NEMUL\r",
+            b"": lambda _: _OK,
+        }
+        command = commands.get(line[:1])
+        return _ERROR if command is None else command(line)
+
+    def _start(self, _: bytes) -> bytes:
+        ready = self.bitrate is not None and not self.open
+        self.open = self.open or ready
+        return _OK if ready else _ERROR
+
+    def _close(self, _: bytes) -> bytes:
+        was, self.open, self._unacknowledged = self.open, False, 0
+        return _OK if was else _ERROR
+
+    def _set_rate(self, line: bytes) -> bytes:
+        if self.open or line not in BITRATES:
+            return _ERROR
+        self.bitrate = BITRATES[line]
+        return _OK
+
+    def _transmit(self, line: bytes) -> bytes:
+        frame = _read(line)
+        if frame is None or not self.open:
+            return _ERROR
+        if self.bitrate == self._bus.bitrate and self._bus.from_host(frame):
+            self._unacknowledged = 0
+            return b"z\r"
+        self._unacknowledged += 1
+        return b"z\r" if self._unacknowledged <= _ROOM else _ERROR
+
+    def _flags(self, _: bytes) -> bytes:
+        flags = 0
+        if self._bus.faults.error_passive:
+            flags |= _WARNING | _PASSIVE
+        if self._unacknowledged or self._bus.faults.bus_off:
+            flags |= _WARNING | _PASSIVE | _BUS_ERROR
+        return b"F%02X\r" % flags if self.open else _ERROR
+
+
+class SlcanPort:
+    """The adapter on a pty; nothing it does waits.
+
+    Args:
+        bus: What it is on.
+        seed: Of the bytes garbled.
+    """
+
+    def __init__(self, bus: EmulatedBus, seed: int = 0) -> None:
+        self.adapter = SlcanAdapter(bus)
+        self.garble = 0.0
+        """Share of the bytes towards the computer that are damaged."""
+        self.stalled = False
+        """Neither reads nor writes, as an adapter whose firmware hangs."""
+        self._bus = bus
+        self._random = random.Random(seed)
+        self._folder = tempfile.TemporaryDirectory(prefix="slcan-")
+        self.path = Path(self._folder.name) / "adapter"
+        """The port to open; stays the same when unplugged and plugged in again."""
+        self._master = self._slave = -1
+        self.replug()
+
+    @property
+    def channel(self) -> str:
+        """What python-can is given."""
+        return str(self.path)
+
+    def unplug(self) -> None:
+        """Take the port away, as when the cable is pulled."""
+        self.path.unlink(missing_ok=True)
+        master, slave, self._master, self._slave = self._master, self._slave, -1, -1
+        for handle in (master, slave):
+            if handle >= 0:
+                os.close(handle)
+
+    def replug(self) -> None:
+        """Bring the port back under the same path, with a fresh adapter."""
+        self.unplug()
+        self.adapter = SlcanAdapter(self._bus)
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path.symlink_to(os.ttyname(self._slave))
+
+    def close(self) -> None:
+        """Take the port away for good."""
+        self.unplug()
+        self._folder.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the computer sends something, at most for a time."""
+        with suppress(OSError, ValueError):
+            ports = [] if self._master < 0 or self.stalled else [self._master]
+            select.select(ports, [], [], seconds)
+
+    def pump(self) -> None:
+        """Pass on what has arrived either way; never waits."""
+        if self._master < 0 or self.stalled:
+            self._bus.to_host()
+            return
+        with suppress(OSError):
+            if select.select([self._master], [], [], 0)[0]:
+                self._write(self.adapter.feed(os.read(self._master, 4096)))
+            self._write(self.adapter.heard())
+
+    def _write(self, data: bytes) -> None:
+        if self.garble:
+            data = bytes(
+                self._random.randrange(256) if self._random.random() < self.garble else byte
+                for byte in data
+            )
+        if data:
+            os.write(self._master, data)
+
+
+def _written(frame: Frame) -> bytes:
+    return b"t%03X%d%s\r" % (frame.cob_id, len(frame.data), frame.data.hex().upper().encode())
+
+
+def _read(line: bytes) -> Frame | None:
+    try:
+        cob_id, length = int(line[1:4], 16), int(line[4:5])
+        data = bytes.fromhex(line[5:].decode("ascii"))
+    except ValueError:
+        return None
+    remote = line[:1] == b"r"
+    if cob_id > 0x7FF or length > 8 or len(data) != (0 if remote else length):
+        return None
+    return Frame(cob_id, data, remote)

@@ -1,0 +1,138 @@
+"""The object store of an emulated drive: typed values, access rights, abort codes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from twin.hal.akd.dictionary import Object, objects
+
+NO_OBJECT = 0x06020000
+NO_SUB = 0x06090011
+READ_ONLY = 0x06010002
+WRONG_LENGTH = 0x06070010
+OUT_OF_RANGE = 0x06090030
+NOT_NOW = 0x08000022
+NOT_MAPPABLE = 0x06040041
+PDO_TOO_LONG = 0x06040042
+
+MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
+"""Modes an AKD has (6060h); 0 stays as it is at power-up."""
+
+_INVALID = 1 << 31
+_PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+
+
+class AbortError(Exception):
+    """An SDO transfer is refused.
+
+    Args:
+        code: CiA 301 abort code.
+    """
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+        super().__init__(f"{code:08X}h")
+
+
+class Store:
+    """All objects of a drive, as bytes on the wire and as integers inside.
+
+    Args:
+        node: The drive's node, for its default COB-IDs.
+    """
+
+    def __init__(self, node: int) -> None:
+        self._objects: dict[tuple[int, int], Object] = {
+            (each.index, each.sub): each for each in objects(node)
+        }
+        self._indices = {index for index, _ in self._objects}
+        self._values = {key: each.default for key, each in self._objects.items()}
+        self._live: dict[tuple[int, int], Callable[[], int]] = {}
+
+    def live(self, index: int, sub: int, value: Callable[[], int]) -> None:
+        """Let an object always be what a function gives."""
+        self._live[index, sub] = value
+
+    def get(self, index: int, sub: int = 0) -> int:
+        """The value of an object that exists."""
+        live = self._live.get((index, sub))
+        return self._values[index, sub] if live is None else live()
+
+    def set(self, index: int, sub: int, value: int) -> None:
+        """Set an object from inside, whatever its access."""
+        self._values[index, sub] = value
+
+    def size(self, index: int, sub: int) -> int:
+        """Bytes of an object.
+
+        Raises:
+            AbortError: If it does not exist.
+        """
+        return int(self._find(index, sub).type[1:]) // 8
+
+    def signed(self, index: int, sub: int) -> bool:
+        """Whether an object that exists has a sign."""
+        return self._find(index, sub).type[0] == "I"
+
+    def read(self, index: int, sub: int) -> bytes:
+        """The bytes of an object.
+
+        Raises:
+            AbortError: If it does not exist.
+        """
+        size = self.size(index, sub)
+        return (self.get(index, sub) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+
+    def write(self, index: int, sub: int, data: bytes, *, at_rest: bool = True) -> None:
+        """Write an object from outside.
+
+        Args:
+            index: Index.
+            sub: Subindex.
+            data: Bytes, as many as the object has.
+            at_rest: Whether the motor stands, as a change of mode wants it.
+
+        Raises:
+            AbortError: If the object, its access, the length or the value forbids it.
+        """
+        known = self._find(index, sub)
+        if known.access == "ro":
+            raise AbortError(READ_ONLY)
+        if len(data) != self.size(index, sub):
+            raise AbortError(WRONG_LENGTH)
+        value = int.from_bytes(data, "little", signed=self.signed(index, sub))
+        if index == 0x6060:
+            if value not in MODES:
+                raise AbortError(OUT_OF_RANGE)
+            if value != self.get(0x6060) and not at_rest:
+                raise AbortError(NOT_NOW)
+        self._check_pdo(index, sub, value)
+        self._values[index, sub] = value
+
+    def _find(self, index: int, sub: int) -> Object:
+        known = self._objects.get((index, sub))
+        if known is None:
+            raise AbortError(NO_SUB if index in self._indices else NO_OBJECT)
+        return known
+
+    def _check_pdo(self, index: int, sub: int, value: int) -> None:
+        """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""
+        if index in _PARAMETERS and sub == 1:
+            off = self.get(index, 1) & _INVALID or value & _INVALID
+            if not off and self.get(index, 1) != value:
+                raise AbortError(NOT_NOW)
+        if index - 0x200 not in _PARAMETERS:
+            return
+        if not self.get(index - 0x200, 1) & _INVALID:
+            raise AbortError(NOT_NOW)
+        if sub == 0:
+            if value > 8:
+                raise AbortError(OUT_OF_RANGE)
+            if sum(self.get(index, each) & 0xFF for each in range(1, value + 1)) > 64:
+                raise AbortError(PDO_TOO_LONG)
+        elif self.get(index, 0):
+            raise AbortError(NOT_NOW)
+        elif value:
+            mapped = self._objects.get((value >> 16, value >> 8 & 0xFF))
+            if mapped is None or int(mapped.type[1:]) != value & 0xFF:
+                raise AbortError(NOT_MAPPABLE)

@@ -1,0 +1,84 @@
+"""Everything that can go wrong with the drives and their bus: the one table.
+
+Detection times hold for the default settings of `config.Watch` at a period of 2 ms and count from
+the first wrong (or absent) frame on the wire.
+"""
+
+from __future__ import annotations
+
+from twin.hal.faults import Condition, Severity
+
+_STOP, _LEVEL, _WARNING = Severity.STOP, Severity.LEVEL, Severity.WARNING
+
+_QUICK = "target zero and quick stop on both axes, then off"
+_OFF = "nothing can be sent: the drives stop themselves when the heartbeat ends"
+_LEVELLED = "level the plate, then hold"
+_NOTED = "noted; the datum is not used"
+_REFUSED = "start refused, bus closed again"
+
+_RESET = "remove the cause, reset the faults, enable again"
+_RESTART = "remove the cause, then switch off and on again"
+_NONE = "none needed"
+
+
+def _start(name: str, recovery: str) -> Condition:
+    return Condition(name, _STOP, 1.0, _REFUSED, recovery)
+
+
+ADAPTER_GONE = Condition("CAN adapter gone", _STOP, 0.02, _OFF, _RESTART)
+BUS_OFF = Condition("bus off", _STOP, 0.1, _OFF, _RESTART)
+ERROR_PASSIVE = Condition("error passive", _WARNING, 0.1, "noted", "check cable and termination")
+GARBLED = Condition("garbled adapter bytes", _WARNING, 0.02, _NOTED, _NONE)
+BAD_BUS = _start("CAN bus cannot be opened", "name an interface and channel that exist")
+BIT_RATE = _start("wrong bit rate", "give drives and adapter the same bit rate")
+
+NODE_ABSENT = _start("drive absent", "check power, cable and the node switches")
+WRONG_IDENTITY = _start("wrong identity", "name the node of an AKD, or its right identity")
+WRONG_SETTING = _start("wrong drive setting", "set the drive, or the configuration, as named")
+DUPLICATE_ID = Condition("duplicate node id", _STOP, 0.1, _QUICK, _RESTART)
+HEARTBEAT_LOST = Condition("heartbeat lost", _STOP, 0.08, _QUICK, _RESTART)
+NMT_LEFT = Condition("left operational state", _STOP, 0.03, _QUICK, _RESTART)
+DRIVE_REBOOTED = Condition("drive rebooted", _STOP, 0.01, _QUICK, _RESTART)
+MONITORING_OFF = Condition("monitoring off in the drive", _STOP, 1.2, _QUICK, _RESTART)
+SDO_TIMEOUT = Condition("SDO timeout", _LEVEL, 1.2, _LEVELLED, _RESTART)
+SDO_ABORT = Condition("SDO abort", _LEVEL, 1.2, _LEVELLED, _RESTART)
+
+EMERGENCY = Condition("emergency message", _WARNING, 0.01, "noted; the status word decides", _NONE)
+EMERGENCY_BURST = Condition("emergency burst", _LEVEL, 0.1, _LEVELLED, _RESET)
+EMERGENCY_SHORT = Condition("short emergency message", _WARNING, 0.01, "noted", _NONE)
+
+PDO_MISSING = Condition("PDO missing", _WARNING, 0.01, "noted; the last datum ages", _NONE)
+PDO_STALE = Condition("PDO stale", _STOP, 0.03, _QUICK, _RESET)
+PDO_SHORT = Condition("PDO of wrong length", _WARNING, 0.01, _NOTED, _NONE)
+PDO_LATE = Condition("PDO late", _WARNING, 0.01, "noted", _NONE)
+PDO_WRONG_CYCLE = Condition("PDO of the wrong cycle", _WARNING, 0.01, "noted", _NONE)
+PDO_UNSTEADY = Condition("PDOs unsteady", _LEVEL, 0.15, _LEVELLED, _RESET)
+
+FROZEN = Condition("motor position frozen", _STOP, 0.1, _QUICK, _RESET)
+PLATE_FROZEN = Condition("plate encoder frozen", _STOP, 0.3, _QUICK, _RESET)
+ENCODER_JUMP = Condition("encoder jump", _STOP, 0.01, _QUICK, _RESET)
+RUNAWAY = Condition("motor does not follow", _STOP, 0.1, _QUICK, _RESET)
+MODE_CHANGED = Condition("unexpected mode", _STOP, 0.01, _QUICK, _RESTART)
+
+DRIVE_FAULT = Condition("drive fault", _STOP, 0.01, _QUICK, _RESET)
+FAULT_NUMBER = Condition("fault number", _WARNING, 0.15, "noted", "see the drive's manual")
+DRIVE_DISABLED = Condition("drive left operation", _STOP, 0.01, _QUICK, _RESET)
+QUICK_STOPPED = Condition("quick stop active", _STOP, 0.01, _QUICK, _RESET)
+REMOTE_LOST = Condition("remote control lost", _STOP, 0.01, _QUICK, _RESET)
+STOP_IGNORED = Condition("quick stop ignored", _STOP, 0.4, "heartbeat withheld", _RESET)
+INTERNAL_LIMIT = Condition("internal limit active", _LEVEL, 0.05, _LEVELLED, _RESET)
+NO_DC_LINK = Condition("no DC link", _STOP, 0.01, _QUICK, _RESET)
+STO_OPEN = Condition("safe torque off", _STOP, 0.15, _QUICK, "close STO, reset, enable again")
+RESET_REFUSED = Condition("fault reset refused", _STOP, 0.15, "stays off", _RESET)
+DRIVE_WARNING = Condition("drive warning", _WARNING, 0.01, "noted", "read the drive's warning")
+BAD_COMMAND = Condition("bad rate command", _STOP, 0.002, _QUICK, _RESET)
+
+
+def needs_restart(condition: Condition) -> bool:
+    """Whether a stop for this condition takes switching off and on again, not just a reset."""
+    return condition.severity is _STOP and condition.recovery is _RESTART
+
+
+CONDITIONS: tuple[Condition, ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Condition)
+)

@@ -1,0 +1,324 @@
+"""Two servo axes with AKD drives on CAN: the cyclic part, which never waits."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.hal.akd import conditions as c
+from twin.hal.akd import frames
+from twin.hal.akd.axis import Axis, Counter
+from twin.hal.akd.bringup import bring_up
+from twin.hal.akd.bus import open_bus
+from twin.hal.akd.cia402 import State, Wish
+from twin.hal.akd.config import AkdConfig, BusConfig
+from twin.hal.akd.encoders import DriveEncoders
+from twin.hal.akd.errors import DriveError
+from twin.hal.akd.guard import Guard
+from twin.hal.akd.link import Link
+from twin.hal.akd.lookout import Lookout
+from twin.hal.akd.network import BUS_ERRORS
+from twin.hal.akd.reports import Reports
+from twin.hal.akd.seam import PlateEncoders
+from twin.hal.faults import Fault
+
+Array = NDArray[np.floating]
+
+_MONITORING_OFF = struct.pack("<BHBI", 0x23, 0x1016, 1, 0)
+_STILL = 0.05
+"""Motor rate in rad/s that counts as standstill."""
+_SHUTDOWN = 0.4
+"""Longest time in s for each step of the shutdown."""
+
+
+class Cycle(NamedTuple):
+    """SYNCs sent since the start, and the ones that the newest positions answer."""
+
+    sent: int
+    of_data: tuple[int, int]
+
+
+class AkdServos:
+    """Two AKD drives; a `PoweredServos`.
+
+    Between ``start`` and ``stop``, ``receive`` and ``send`` are called once a period, or the
+    drives stop themselves: they watch the host's heartbeat.
+
+    Args:
+        config: Bus, axes and thresholds.
+        plate: Plate encoders; None for those wired to the drives.
+        opener: Opens the bus.
+        now: Monotonic time in s.
+        sleep: Waits for seconds; used by ``stop`` only.
+    """
+
+    def __init__(
+        self,
+        config: AkdConfig,
+        *,
+        plate: PlateEncoders | None = None,
+        opener: Callable[[BusConfig], can.BusABC] = open_bus,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.config = config
+        self.axes: tuple[Axis, ...] = ()
+        """phi and theta, since ``start``."""
+        self.stale = 0
+        """Cycles in which an older position than that of the last SYNC had to be used."""
+        self.heartbeat = True
+        """Whether the host says that it is alive; off only to test that the drives then stop."""
+        self._through_drives = plate is None
+        self._plate: PlateEncoders = plate or DriveEncoders(lambda: self.axes, now)
+        self._motor_zero = np.zeros((1, 2))
+        self._opener, self._now, self._sleep = opener, now, sleep
+        self._reports = Reports(config.watch.repeat)
+        self._link: Link | None = None
+
+    def start(self) -> None:
+        """Open the bus and take both drives to operational, monitored and without torque.
+
+        Blocks for some tenths of a second, and for as long as the adapter takes to open.
+
+        Raises:
+            DriveError: If anything is not as it should be; the bus is closed again then.
+        """
+        self.stop()
+        config = self.config
+        self._reports = Reports(config.watch.repeat)
+        bus = self._opener(config.bus)
+        link = Link(bus, f"CAN {config.bus}", self._reports, self._now)
+        try:
+            bring_up(bus, config, with_plate=self._through_drives, now=self._now)
+        except BaseException as error:
+            link.close()
+            if isinstance(error, BUS_ERRORS) and not isinstance(error, DriveError):
+                where = f"CAN {config.bus}"
+                raise DriveError(c.ADAPTER_GONE, where, str(error)) from error
+            raise
+        link.heartbeat(config.host)
+        self._link = link
+        at = self._now()
+        self.axes = tuple(self._axis(index, at) for index in (0, 1))
+        self._guards = tuple(Guard(axis, config, self._reports) for axis in self.axes)
+        nodes = (axis.node for axis in config.axes)
+        self._by_node = dict(zip(nodes, self._guards, strict=True))
+        self._lookout = Lookout(config, self._reports, at)
+        self._sent, self._synced, self._beat = 0, at, at
+        self._trip: float | None = None
+        self.stale, self.heartbeat = 0, True
+
+    def _axis(self, index: int, at: float) -> Axis:
+        config, watch = self.config.axes[index], self.config.watch
+        motor = Counter(config.position, watch.jump * self.config.rate_limit, watch.slack[0])
+        plate = Counter(config.plate, watch.plate_rate, watch.slack[1])
+        axis = Axis(config, motor, plate if self._through_drives else None)
+        axis.heartbeat = at
+        return axis
+
+    def receive(self) -> None:
+        """Take in everything that has arrived; never waits."""
+        self._drain(0.0)
+        if self._sent and any(axis.motion.cycle < self._sent for axis in self.axes):
+            self.stale += 1
+
+    def settle(self, limit: float) -> None:
+        """Wait for the answers to the last SYNC, at most for a time in s; for idle time only.
+
+        Without it frames are noticed at the next ``receive``, and ``round_trip`` counts to there.
+        """
+        deadline = self._now() + limit
+        while self._trip is None and (left := deadline - self._now()) > 0 and self._up:
+            self._drain(left)
+
+    def command(self, motor_rate: Array) -> None:
+        """Motor rates in rad/s at the cam shafts, shape (1, 2), until the next command.
+
+        They are kept within the rate limit; what is not finite becomes zero and a fault.
+        """
+        limit = self.config.rate_limit
+        for axis, rate in zip(self.axes, np.asarray(motor_rate).reshape(2).tolist(), strict=True):
+            axis.target = max(-limit, min(limit, rate))
+            if not np.isfinite(rate):
+                axis.target = 0.0
+                detail = f"{rate} rad/s"
+                self._reports.report(c.BAD_COMMAND, axis.config.where, detail, self._now())
+
+    def send(self) -> None:
+        """Judge the cycle that ends, then send the commands and the next SYNC; never waits."""
+        link = self._link
+        if link is None:
+            return
+        self._drain(0.0)
+        at = self._now()
+        if self._sent:
+            for guard in self._guards:
+                guard.cycle(at)
+        if self._reports.stopped:
+            self.quick_stop()
+        for axis in self.axes:
+            axis.settle_stop()
+            link.send(frames.RPDO1 + axis.config.node, axis.output())
+        self._sent += 1
+        self._trip = None
+        self._synced = self._now()
+        link.send(frames.SYNC, b"")
+        if self.heartbeat and at - self._beat >= self.config.heartbeat - self.config.period / 2:
+            self._beat = at
+            if not any(guard.stop_ignored for guard in self._guards):
+                link.heartbeat(self.config.host)
+        question = self._lookout.next(at)
+        if question is not None:
+            link.send(*question)
+
+    def exchange(self) -> None:
+        """``receive`` and ``send``, where nothing is computed between them."""
+        self.receive()
+        self.send()
+
+    def enable(self) -> None:
+        """Ask for torque at zero rate, one state a cycle; ``enabled`` tells when it is there.
+
+        Raises:
+            DriveError: If a fault stands that forbids it; it must be reset first.
+        """
+        standing = [f for f in self._reports.standing if f.condition.severity == "stop"]
+        if standing or not self._up:
+            if not standing:
+                raise DriveError(c.ADAPTER_GONE, f"CAN {self.config.bus}", "not started")
+            fault = standing[0]
+            detail = f"{fault.condition.name} stands ({fault.detail}); reset the faults first"
+            raise DriveError(fault.condition, fault.where, detail)
+        for axis in self.axes:
+            axis.target = 0.0
+            axis.wish = Wish.ON
+
+    def quick_stop(self) -> None:
+        """Ask for target zero and quick stop, then no torque."""
+        for axis in self.axes:
+            axis.target = 0.0
+            if axis.wish is Wish.ON:
+                axis.wish = Wish.QUICK_STOP
+
+    def reset_faults(self) -> None:
+        """Ask, explicitly, for the reset of all faults; never enables.
+
+        What persists is reported again; where ``needs_restart`` is set, only ``stop`` and
+        ``start`` help, and nothing is reset.
+        """
+        if self.needs_restart or not self._up:
+            return
+        at = self._now()
+        self._reports.reset()
+        self._lookout.forget()
+        for guard in self._guards:
+            guard.ask_reset(at)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether both drives follow their commands."""
+        return self._up and all(axis.enabled for axis in self.axes)
+
+    @property
+    def needs_restart(self) -> bool:
+        """Whether a fault stands that only ``stop`` and ``start`` can clear."""
+        return self._reports.needs_restart
+
+    @property
+    def cycle(self) -> Cycle:
+        """SYNCs sent, and those that the newest positions answer."""
+        phi, theta = self.axes
+        return Cycle(self._sent, (phi.motion.cycle, theta.motion.cycle))
+
+    @property
+    def round_trip(self) -> float | None:
+        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
+        return self._trip
+
+    def plate(self) -> Array:
+        """Newest plate angles (phi, theta) in rad, shape (1, 2)."""
+        return self._plate.plate()
+
+    def motor(self) -> Array:
+        """Newest motor angles at the cam shafts in rad, shape (1, 2)."""
+        return self._motor_angles() - self._motor_zero
+
+    def rate(self) -> Array:
+        """Measured motor rates at the cam shafts in rad/s, shape (1, 2)."""
+        return np.array([[axis.rate for axis in self.axes]])
+
+    def age(self) -> Array:
+        """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
+        motor = self._now() - np.array([[axis.sampled for axis in self.axes]])
+        return np.asarray(np.maximum(motor, self._plate.age()))
+
+    def home(self, plate: Array, motor: Array) -> None:
+        """Declare the present angles in rad, shape (1, 2) each: the encoders are incremental."""
+        self._plate.home(plate)
+        self._motor_zero = self._motor_angles() - motor
+
+    def faults(self) -> tuple[Fault, ...]:
+        """What has been detected since the last call, oldest first; never waits."""
+        return self._reports.take() + self._plate.faults()
+
+    def stop(self) -> None:
+        """Target zero, quick stop, disable, and only then no more SYNC; close the bus.
+
+        Blocks for about a second at most; idempotent; never raises.
+        """
+        link = self._link
+        if link is None:
+            return
+        for axis in self.axes:
+            axis.target = 0.0
+        self._go_on(lambda: all(abs(axis.rate) < _STILL for axis in self.axes))
+        self.quick_stop()
+        self._go_on(lambda: all(axis.wish is not Wish.QUICK_STOP for axis in self.axes))
+        self._go_on(lambda: all(axis.state is State.SWITCH_ON_DISABLED for axis in self.axes), 5)
+        for axis in self.axes:
+            node = axis.config.node
+            link.send(frames.REQUEST + node, _MONITORING_OFF)
+            link.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
+        self._sleep(self.config.heartbeat)
+        link.close()
+        self._link = None
+
+    def _go_on(self, done: Callable[[], bool], most: int | None = None) -> None:
+        """Exchange until something is done, or for the longest time of a shutdown step."""
+        for _ in range(most or round(_SHUTDOWN / self.config.period)):
+            if not self._up or done():
+                return
+            self.exchange()
+            self._sleep(self.config.period)
+
+    @property
+    def _up(self) -> bool:
+        return self._link is not None and self._link.up
+
+    def _motor_angles(self) -> Array:
+        return np.array([[axis.motor.scale.value(axis.motor.counts) for axis in self.axes]])
+
+    def _drain(self, wait: float) -> None:
+        if self._link is None:
+            return
+        for identifier, data in self._link.receive(wait):
+            at = self._now()
+            node, service = identifier & frames.NODE, identifier & ~frames.NODE
+            guard = self._by_node.get(node)
+            if guard is None:
+                continue
+            guard.frame(service, data, self._sent, self._synced, at)
+            if service == frames.ANSWER:
+                self._lookout.take(node, data, at)
+            elif self._trip is None and all(
+                stream.cycle == self._sent
+                for axis in self.axes
+                for stream in (axis.motion, axis.sensors)
+            ):
+                self._trip = at - self._synced
