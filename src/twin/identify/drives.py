@@ -22,7 +22,9 @@ def fit_drives(data: Data) -> Estimate | None:
     rows = round(CHUNK / data.period)
     parabola, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 3))
     stretches = [
-        (s.command, s.plate) for s in data.stretches if s.command is not None and len(s.time) >= rows
+        (s.command, s.plate)
+        for s in data.stretches
+        if s.command is not None and len(s.time) >= rows
     ]
     if not stretches:
         return None
@@ -36,7 +38,8 @@ def fit_drives(data: Data) -> Estimate | None:
 
     def misfit(lag: float) -> Array:
         answers = [servo(command, data.period, lag, data.own_lag)[0] for command, _ in stretches]
-        return measured - np.concatenate([pieces(answer) for answer in answers])
+        left: Array = measured - np.concatenate([pieces(answer) for answer in answers])
+        return left
 
     # Squares of pieces that do not follow at all (a wheel off its cam) must not decide.
     usual = float(np.median((misfit(0.02) ** 2).mean(axis=(1, 2))))

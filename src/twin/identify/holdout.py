@@ -90,11 +90,17 @@ def hold_out(data: Data, fit: Fit, lag: float) -> Horizons | None:
             medians[name].append(float(np.median(values[near])) if near.any() else np.nan)
     of = int(np.argsort(distance["twin"].mean(axis=1))[len(rows) // 2])
     seen = counted[of]
-    example = (windows.time[of, seen] - LOOKBACK - LEAD, windows.ball[of, seen], places[0][of, seen])
+    example = (
+        windows.time[of, seen] - LOOKBACK - LEAD,
+        windows.ball[of, seen],
+        places[0][of, seen],
+    )
     noise = float(np.hypot(*(data.sigma / np.sqrt(max(1, BIN / data.sample_period)))))
     return Horizons(
-        np.array(HORIZONS),
-        *(np.array(medians[name]) for name in ("twin", "frictionless", "still")),
+        ahead=np.array(HORIZONS),
+        twin=np.array(medians["twin"]),
+        frictionless=np.array(medians["frictionless"]),
+        still=np.array(medians["still"]),
         noise=noise,
         replays=np.array(replays),
         example=example,
@@ -108,9 +114,7 @@ def _cut(data: Data, lag: float) -> Windows | None:
         begin, end = stretch.time[0] + LOOKBACK, min(stretch.time[-1], stretch.seen[-1])
         begins = np.arange(begin, end - longest, EVERY)
         if len(begins):
-            motion = plate_motion(
-                stretch.time, stretch.plate, stretch.command, lag, data.own_lag
-            )
+            motion = plate_motion(stretch.time, stretch.plate, stretch.command, lag, data.own_lag)
             lengths = np.full(len(begins), longest)
             spans = Spans(begins, lengths, np.zeros(len(begins), bool))
             parts.append(Windows.cut(data.model, motion, stretch, spans, data.sigma, longest))

@@ -117,5 +117,3 @@ def bootstrap(fit: Fit) -> Estimate:
         np.einsum("wmi,wmj,w->wij", J, J, weight),
         np.einsum("wmi,wm,w->wi", J, r, weight),
     )
-
-

@@ -84,7 +84,7 @@ def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     if "rig" in schema.names:
         rigs = table["rig"].to_numpy()
         table = table.filter(pa.array(rigs == rigs[0]))
-    columns = {}
+    columns: dict[str, Array] = {}
     for name in names:
         unit = (schema.field(name).metadata or {}).get(b"unit")
         factor = scale(name, unit.decode() if unit else None, path.name) if name in COLUMNS else 1.0
@@ -100,10 +100,11 @@ def _csv(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         names = [name for name, _ in header]
         require(names, path.name)
         wanted = [(i, n, scale(n, u, path.name)) for i, (n, u) in enumerate(header) if n in COLUMNS]
-        data: list[list[float]] = []
-        for row in rows:
-            if row:
-                data.append([_number(row, i, path.name, name, rows.line_num) for i, name, _ in wanted])
+        data = [
+            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in wanted]
+            for row in rows
+            if row
+        ]
     values = np.array(data, dtype=float).reshape(len(data), len(wanted))
     return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(wanted)}, {}
 

@@ -1,4 +1,4 @@
-"""The parameters that can be identified: what they are called, what they may be, what shows them."""
+"""The parameters that can be identified: their names and bounds, and what shows them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ class Parameter:
 
 
 _START = "let the ball come to rest and start again by itself at least ten times (scenario excite)"
-_ROLL = "let the ball roll for half a minute at up to 0.1 m/s and change direction (scenario excite)"
+_ROLL = (
+    "let the ball roll for half a minute at up to 0.1 m/s and change direction (scenario excite)"
+)
 _LEVEL = "let the ball roll both ways along x and y (scenario excite)"
 
 BALL: dict[str, Parameter] = {
@@ -183,7 +185,17 @@ HIDDEN = {
 }
 """What neither ball nor plate positions of a closed-loop run show."""
 
-CHOICES = ("rolling", "breakaway", "delay", "servo", "level", "viscous", "stribeck", "dwell", *HIDDEN)
+CHOICES = (
+    "rolling",
+    "breakaway",
+    "delay",
+    "servo",
+    "level",
+    "viscous",
+    "stribeck",
+    "dwell",
+    *HIDDEN,
+)
 DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
 ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""

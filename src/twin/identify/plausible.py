@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from twin.identify.columns import LogError
 from twin.identify.log import Log
 from twin.identify.motion import servo
 from twin.identify.phases import ROLL, speed
-from twin.identify.prepare import Data, Stretch
+from twin.identify.prepare import Data
 from twin.plant.surface import SCREEN
 
 Array = NDArray[np.floating]
@@ -33,9 +32,11 @@ def check_ranges(log: Log) -> None:
         edge = SCREEN[axis] / 2
         far = float(np.percentile(np.abs(log.ball[touched, axis]), 99))
         if far > 1.05 * edge:
-            guess = "millimetres" if far > 4 * 100 * edge / 100 * 10 else "another unit"
-            guess = "millimetres" if 100 * edge < far <= 1100 * edge else guess
-            guess = "centimetres" if 4 * edge < far <= 100 * edge else guess
+            guess = "another unit"
+            if 4 * edge < far <= 100 * edge:
+                guess = "centimetres"
+            elif 100 * edge < far <= 1100 * edge:
+                guess = "millimetres"
             raise LogError(
                 f"{log.source}: {ball}: reaches {far:.3g} where the screen ends at {edge:g} m; "
                 f"{guess}? Give m, or the unit in the header"
@@ -97,16 +98,14 @@ def _check_command(data: Data) -> None:
             )
 
 
-def _chunks(*signals: Array | float) -> list[tuple[Array, Array]]:
+def _chunks(first: Array, second: Array, period: float) -> list[tuple[Array, Array]]:
     """Pieces of 2 s of two signals without their straight-line parts."""
-    first, second, period = signals
-    assert isinstance(first, np.ndarray)
-    assert isinstance(second, np.ndarray)
-    rows = round(2.0 / float(period))
+    rows = round(2.0 / period)
     base, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, rows), 2))
-    pieces = []
+    pieces: list[tuple[Array, Array]] = []
     for k in range(len(first) // rows):
-        a, b = (np.asarray(s[k * rows : (k + 1) * rows]) for s in (first, second))
+        part = slice(k * rows, (k + 1) * rows)
+        a, b = first[part], second[part]
         pieces.append((a - base @ (base.T @ a), b - base @ (base.T @ b)))
     return pieces
 
@@ -142,5 +141,11 @@ def _gain(data: Data, axis: int) -> float | None:
 
 
 def _twice(values: Array, period: float) -> Array:
-    once = cumulative_trapezoid(values, dx=period, initial=0.0)
-    return np.asarray(cumulative_trapezoid(once, dx=period, initial=0.0))
+    once = _integral(values, period)
+    return _integral(once, period)
+
+
+def _integral(values: Array, period: float) -> Array:
+    """From zero, by the trapezoidal rule."""
+    steps = (values[1:] + values[:-1]) * (period / 2)
+    return np.concatenate(([0.0], np.cumsum(steps)))

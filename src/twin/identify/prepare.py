@@ -163,9 +163,11 @@ def prepare(log: Log) -> Data:
     stretches = [
         _stretch(whole, command, first, last, period)
         for first, last in zip(
-            np.concatenate(([0], borders + 1)), np.concatenate((borders, [len(time) - 1])), strict=True
+            np.concatenate(([0], borders + 1)),
+            np.concatenate((borders, [len(time) - 1])),
+            strict=True,
         )
-        if time[last] - time[first] >= SHORTEST and not lifted[first : last].any()
+        if time[last] - time[first] >= SHORTEST and not lifted[first:last].any()
     ]
     stretches = [s for s in stretches if len(s.seen) > 20]
     if not stretches:

@@ -58,7 +58,7 @@ class Field:
         push = acceleration()
         by = {index: acceleration(index) - push for index in (0, 1, 4, 5)}
         pairs = {"own": (by[0], by[4]), "cross": (by[4], by[0]), "turn": (by[5], by[1])}
-        parts = {
+        parts: dict[str, Array] = {
             name: np.stack((first[..., 0], second[..., 1]), axis=-1)
             for name, (first, second) in pairs.items()
         }
@@ -122,7 +122,9 @@ def replay(
         after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
         left = np.hypot(after[0], after[1])
         if not constant:
-            most = np.where(left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most)
+            most = np.where(
+                left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most
+            )
             after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
             left = np.hypot(after[0], after[1])
         if age is not None:

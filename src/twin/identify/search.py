@@ -61,9 +61,7 @@ def cut(data: Data, lag: float, longest: float = LONGEST) -> Windows | None:
         begin, end = stretch.time[0] + LOOKBACK, min(stretch.time[-1], stretch.seen[-1])
         found = spans(stretch.time, stretch.even_ball, begin, end, longest)
         if len(found.begin):
-            parts.append(
-                Windows.cut(data.model, motion, stretch, found, data.sigma, longest)
-            )
+            parts.append(Windows.cut(data.model, motion, stretch, found, data.sigma, longest))
     return Windows.join(parts) if parts else None
 
 

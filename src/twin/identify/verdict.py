@@ -72,8 +72,8 @@ def verdicts(
         elif name == "servo":
             found.append(_servo(drives))
         else:
-            for each in ("level_phi", "level_theta") if name == "level" else (name,):
-                found.append(_ball(each, fit, ball))
+            axes = ("level_phi", "level_theta") if name == "level" else (name,)
+            found += [_ball(each, fit, ball) for each in axes]
     return tuple(found)
 
 

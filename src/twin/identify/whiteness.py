@@ -50,7 +50,7 @@ def whiteness(fit: Fit) -> Whiteness:
     """How white the residuals of a fit are."""
     windows = fit.problem.windows
     r = fit.linear.r[0].reshape(len(windows), -1, 2)
-    seen = (windows.weight > 0).all(axis=-1)
+    seen = np.asarray((windows.weight > 0).all(axis=-1))
     products, counts = np.zeros(LAGS + 1), np.zeros(LAGS + 1)
     for row, mask in zip(r, seen, strict=True):
         values = row[mask] - row[mask].mean(axis=0)

@@ -38,11 +38,20 @@ def shipped() -> dict[str, Path]:
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
 
+    A key ``parameters`` names a file of identified parameters, which lie over the scenario's own
+    keys and under the overrides.
+
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
     tables, source = read(name)
-    return check(override(tables, overrides), source)
+    file = override(tables, overrides).get("parameters")
+    if file is not None:
+        tables = _laid_over(tables, _parameters(file, source))
+        source = f"{source} with {file}"
+    merged = override(tables, overrides)
+    merged.pop("parameters", None)
+    return check(merged, source)
 
 
 def read(name: str) -> tuple[Tables, str]:
@@ -61,6 +70,35 @@ def read(name: str) -> tuple[Tables, str]:
         raise ScenarioError(f"{path}: not a TOML file: {error}") from error
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _parameters(file: Any, source: str) -> Tables:
+    """The tables of a parameter file.
+
+    Raises:
+        ScenarioError: If it cannot be read.
+    """
+    if not isinstance(file, str):
+        raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
+    try:
+        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{source}: parameters: {file}: not a TOML file: {error}") from error
+    except OSError as error:
+        reason = error.strerror
+        raise ScenarioError(f"{source}: parameters: {file}: cannot be read: {reason}") from error
+
+
+def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
+    """Tables with those of more tables put in, key by key."""
+    result = dict(tables)
+    for key, value in more.items():
+        old = result.get(key)
+        if isinstance(old, dict) and isinstance(value, dict):
+            result[key] = _laid_over(old, value)
+        else:
+            result[key] = value
+    return result
 
 
 def override(tables: Mapping[str, Any], overrides: Iterable[str]) -> Tables:

@@ -1,0 +1,72 @@
+"""The command identify: fit the twin to a recorded run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from twin.cli.output import console, print_json, progress
+from twin.cli.scenarios import JSON, check_writable
+from twin.identify.identify import SHARE, Identification
+from twin.identify.identify import identify as identify_log
+from twin.identify.log import read
+from twin.identify.parameters import CHOICES, DEFAULT, chosen
+from twin.identify.report import digits, interval, sentences, summary, write
+from twin.identify.verdict import IDENTIFIED
+
+ALL = f"Of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--parameters", "names", metavar="NAME,...", help=ALL)
+@click.option(
+    "--hold-out",
+    type=click.FloatRange(0, 0.8),
+    default=round(1 - SHARE, 2),
+    show_default=True,
+    help="Share of the log that no fit sees.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/identify-LOG].")
+@JSON
+def identify(
+    log: Path, names: str | None, hold_out: float, out: Path | None, *, as_json: bool
+) -> int:
+    """Fit friction, dead time, drives and level to a recorded run.
+
+    LOG is a run folder, a run.parquet, or a CSV file with named columns. Best recorded with the
+    scenario `excite`. Writes report.html and parameters.toml; exit code 1 if the log shows none of
+    the parameters.
+    """
+    wanted = chosen(names)
+    folder = out or Path("runs") / f"identify-{log.stem if log.suffix else log.name}"
+    recorded = read(log)
+    check_writable(folder)
+    with progress(f"identifying from {recorded.source}", 1.0) as advance:
+        found = identify_log(recorded, wanted, 1 - hold_out, advance)
+    write(found, folder)
+    if as_json:
+        print_json(summary(found))
+    else:
+        _show(found)
+        console.print(f"written to {folder}/")
+    return int(all(each.word != IDENTIFIED for each in found.verdicts))
+
+
+def _show(found: Identification) -> None:
+    table = Table("parameter", "value", "95 % interval", "unit", "verdict", header_style="bold")
+    for column in table.columns[1:3]:
+        column.justify = "right"
+    for each in found.verdicts:
+        name = each.name if each.name in {"level_phi", "level_theta"} else each.about.name
+        table.add_row(name, digits(each.value), interval(each), each.about.unit, each.word)
+    console.print(table)
+    for each in found.verdicts:
+        if each.why:
+            console.print(f"{each.about.name}: {each.why}", markup=False)
+    for sentence in sentences(found)[-2:]:
+        console.print(sentence, markup=False)
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False)

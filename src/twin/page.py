@@ -1,0 +1,33 @@
+"""One look for everything that is written as an HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import matplotlib as mpl
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+
+def render(template: str, **content: Any) -> str:
+    """A page from a template of this package, which extends ``page.html.j2``.
+
+    Args:
+        template: Its path below the package, as ``identify/report.html.j2``.
+        content: What it shows; ``title`` among it.
+    """
+    pages = Environment(
+        loader=PackageLoader("twin", "."), autoescape=True, undefined=StrictUndefined
+    )
+    return pages.get_template(template).render(**content)
+
+
+def inline(figure: Figure) -> Markup:
+    """A figure as SVG to stand within a page, the same bytes every time."""
+    out = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    text = out.getvalue()
+    return Markup(text[text.index("<svg") :])  # matplotlib's own output needs no escaping
