@@ -100,3 +100,20 @@ def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(r
         rig.start()
         measurement = turn(rig, np.full((2, 2), 0.1), 100)
         assert measurement.y == pytest.approx(rig.bench.state[:, 0::2])
+
+
+def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(rig):
+    drift, gain, added = 0.03, 8.0, 0.0
+    rig.bench._drift = np.full((2, 2), drift * rig.bench.plant.ratio)
+    rig.bench._disturbance.silent = False
+    rig.bench._disturbance.draw = lambda: 0.0
+    with rig:
+        rig.start()
+        measured = rig.read().y
+        for _ in range(3500):
+            applied = rig.write(-gain * measured[:, 1::2])
+            added = added + rig.period * applied
+            rig.wait()
+            measured = rig.read().y
+        assert (np.abs(added) > np.radians(11)).all()  # far beyond what the cams can do
+        assert measured[:, 1::2] == pytest.approx(np.full((2, 2), drift / gain), rel=0.1)

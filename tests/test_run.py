@@ -32,7 +32,8 @@ def test_a_rig_among_three_does_exactly_what_it_does_alone(scenario, kind):
     together = Recorder(200, 3, chosen.rig.period)
     drive(rig, controller, chosen.duration, together)
     for name in alone.data:
-        assert np.allclose(alone[name][:, 0], together[name][:, 0], rtol=0, atol=1e-12), name
+        # a spline evaluated for one rig or for three may round differently
+        assert np.allclose(alone[name][:, 0], together[name][:, 0], rtol=1e-12, atol=1e-12), name
     assert not np.array_equal(together["measured"][:, 0], together["measured"][:, 1])
 
 

@@ -3,6 +3,7 @@
 TwinError
 +-- ScenarioError     a scenario file or an override is wrong
 +-- ModelError        the MJCF model or its cam table does not fit
++-- ViewError         a viewer cannot be started or reached
 +-- RecordError       a run folder cannot be written or read
 """
 
@@ -17,6 +18,10 @@ class ScenarioError(TwinError, ValueError):
 
 class ModelError(TwinError, ValueError):
     """The mechanism model or its cam table cannot be used as given."""
+
+
+class ViewError(TwinError, RuntimeError):
+    """A viewer cannot be started, reached or given a port."""
 
 
 class RecordError(TwinError, OSError):

@@ -19,6 +19,7 @@ from twin.record import write_whole
 # Okabe and Ito's colours: told apart with any colour vision, and in grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", "-.", ":")
+LOOK: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
 REFERENCE: dict[str, Any] = {
     "color": "black",
     "linewidth": 1.0,
@@ -39,9 +40,16 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
     Raises:
         RecordError: If the file cannot be written.
     """
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+    drawn = picture(runs, title, area)
+    write_whole(path, lambda target: drawn.savefig(target, dpi=110, format="png"))
+
+
+def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
+    """The picture of runs over their reference; arguments as for ``draw``."""
+    with mpl.rc_context(LOOK):
         figure = Figure(figsize=(12, 7.2), layout="constrained")
-        figure.suptitle(title, fontsize=12, fontweight="bold")
+        if title:
+            figure.suptitle(title, fontsize=12, fontweight="bold")
         panels = figure.subplot_mosaic(
             [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]],
             width_ratios=(1.15, 1),
@@ -55,7 +63,9 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
         for index, (label, motion) in enumerate(runs.items()):
             _add(panels, motion, label, index)
         _label(panels, single=len(runs) == 1)
-        write_whole(path, lambda target: figure.savefig(target, dpi=110, format="png"))
+        # text is laid out when drawn: now, while these settings hold
+        figure.draw_without_rendering()
+    return figure
 
 
 def _plate(panel: Axes, area: tuple[float, float]) -> None:

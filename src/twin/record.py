@@ -57,6 +57,7 @@ class Recorder:
         plant: Names of the columns of the channel ``plant``, each ending in its unit.
         length: Periods recorded so far.
         data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
+        observers: Are shown the channels of each period as they are recorded; must not stall.
     """
 
     ticks: int
@@ -65,6 +66,7 @@ class Recorder:
     plant: tuple[str, ...] = ()
     length: int = 0
     data: dict[str, Array] = field(default_factory=dict)
+    observers: list[Callable[[Mapping[str, NDArray[Any]]], None]] = field(default_factory=list)
 
     def append(self, **channels: NDArray[Any]) -> None:
         """Add one control period; the channels must be the same every time."""
@@ -74,6 +76,8 @@ class Recorder:
         for name, value in channels.items():
             self.data[name][self.length] = value
         self.length += 1
+        for observe in self.observers:
+            observe(channels)
 
     @property
     def time(self) -> Array:
@@ -136,6 +140,31 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     """
     table = recorder.table(metadata)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(table, path))
+
+
+def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, Any]]:
+    """Columns, their units and the metadata of a ``run.parquet``.
+
+    Raises:
+        RecordError: If it cannot be read or was not written by this program.
+    """
+    try:
+        table = pq.read_table(file)
+    except FileNotFoundError as error:
+        raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
+    encoded = (table.schema.metadata or {}).get(b"ballplate")
+    if encoded is None:
+        raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
+    columns = {
+        name: np.asarray(table[name].to_numpy(), float)
+        for name in table.column_names
+        if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
+    }
+    units = {item.name: (item.metadata or {}).get(b"unit", b"").decode() for item in table.schema}
+    return columns, units, json.loads(encoded)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

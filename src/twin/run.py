@@ -48,8 +48,17 @@ class Run:
         }
 
 
-def run(scenario: Scenario, progress: Callable[[float], None] = lambda _: None) -> Run:
+def run(
+    scenario: Scenario,
+    progress: Callable[[float], None] = lambda _: None,
+    watch: Callable[[Recorder], None] = lambda _: None,
+) -> Run:
     """Run a scenario with one rig.
+
+    Args:
+        scenario: What to run.
+        progress: Is told the simulated time now and then.
+        watch: Is given the recorder before the run, to observe it.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
@@ -57,6 +66,7 @@ def run(scenario: Scenario, progress: Callable[[float], None] = lambda _: None) 
     rig, controller = assemble(scenario)
     period = scenario.rig.period
     record = Recorder(round(scenario.duration / period), 1, period, rig.channels)
+    watch(record)
     begin = time.perf_counter()
     (outcome,) = drive(rig, controller, scenario.duration, record, progress)
     spent = time.perf_counter() - begin

@@ -14,8 +14,11 @@ COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
+    "view": "twin.cli.view:view",
+    "report": "twin.cli.report:report",
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
+    "identify": "twin.cli.identify:identify",
     "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",
 }

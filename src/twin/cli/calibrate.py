@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -10,8 +11,15 @@ from rich.table import Table
 from twin.calibrate import Residual, residual, sweep_cams, tap_test
 from twin.cli.output import console, print_json, progress
 from twin.hal.cams import CamTable
+from twin.identify.identify import identify
+from twin.identify.log import read
+from twin.identify.report import interval
+from twin.identify.verdict import IDENTIFIED
 from twin.models import model_path
 from twin.record import write_whole
+
+FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
+"""Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
 @click.group()
@@ -58,6 +66,34 @@ def cams(out: Path | None, *, check: bool, as_json: bool) -> None:
             f"damping {100 * resonance.damping:.1f} %"
         )
     console.print(f"{'checked' if check else 'written to'} {path}")
+
+
+@calibrate.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+def level(log: Path, *, as_json: bool) -> int:
+    """Find from a recorded run how far the base stands off level, and what to do about it.
+
+    LOG is a run of the rig, best of the scenario `excite`: a run folder, run.parquet or CSV.
+    """
+    recorded = read(log)
+    with progress(f"levelling from {recorded.source}", 1.0) as advance:
+        found = identify(recorded, ("level",), 1.0, advance)
+    if as_json:
+        print_json([each.as_dict() for each in found.verdicts])
+    else:
+        for each, (along, lower, upper) in zip(found.verdicts, FEET, strict=True):
+            if each.value is None:
+                console.print(f"{each.name}: {each.why}", markup=False)
+                continue
+            rise = 1000 * math.tan(math.radians(abs(each.value)))
+            side = lower if each.value > 0 else upper
+            console.print(
+                f"{each.name}: {each.value:+.4f} deg ({interval(each)}, 95 %): "
+                f"raise the {side} side by {rise:.2f} mm for every metre along {along}",
+                markup=False,
+            )
+    return int(any(each.word != IDENTIFIED for each in found.verdicts))
 
 
 def _show(found: dict[str, Residual]) -> None:

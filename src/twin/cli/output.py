@@ -14,23 +14,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-LABELS = {
-    "outcome": ("outcome", ""),
-    "outcome_time": ("ended at", "s"),
-    "tracking_error_percent": ("tracking error e_tt", "%"),
-    "rms_error": ("RMS error, x", "mm"),
-    "mean_error": ("mean error, x", "mm"),
-    "max_steady_error": ("largest steady error, x", "mm"),
-    "overshoot_percent": ("overshoot, x", "%"),
-    "settling_time": ("settling time, x", "s"),
-    "steady_error": ("steady error, x", "mm"),
-    "phi_max_deg": ("largest |phi|", "deg"),
-    "theta_max_deg": ("largest |theta|", "deg"),
-    "u1_max": ("largest |phi''|", "rad/s²"),
-    "u2_max": ("largest |theta''|", "rad/s²"),
-    "u_rms": ("RMS control effort", "rad/s²"),
-    "real_time_factor": ("faster than real time", "×"),
-}
+from twin.report.numbers import LABELS as INDICATORS
+from twin.report.numbers import shown
+
+LABELS = {**INDICATORS, "real_time_factor": ("faster than real time", "×")}
 """Indicator to the words and the unit it is printed with."""
 
 LINE_EVERY = 10.0
@@ -66,15 +53,6 @@ def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
                 f"{label}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
                 f"{summary['reason']}"
             )
-
-
-def shown(value: Any, unit: str) -> str:
-    """A value in the digits a person wants to read."""
-    if value is None:
-        return "-"
-    if isinstance(value, str):
-        return value
-    return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.4g}"
 
 
 @contextmanager

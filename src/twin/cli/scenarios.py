@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import click
 from controllers.analysis import instability, slow_observer
 from twin.assemble import build_controller
 from twin.cli.output import console, print_json, print_metrics, progress, warn
+from twin.cli.viewing import VIEWING, Viewing
 from twin.errors import ScenarioError
 from twin.loop import Ending
 from twin.metrics import Motion
 from twin.picture import draw
+from twin.record import Recorder
 from twin.run import Run, save
 from twin.run import run as run_scenario
 from twin.scenario import Scenario, load, shipped
@@ -51,15 +54,23 @@ def list_scenarios(*, as_json: bool) -> None:
 @SETTING
 @PLANT
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO].")
+@VIEWING
 @JSON
 def run(
-    scenario: str, overrides: tuple[str, ...], plant: str | None, out: Path | None, *, as_json: bool
+    scenario: str,
+    overrides: tuple[str, ...],
+    plant: str | None,
+    out: Path | None,
+    viewing: Viewing,
+    *,
+    as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     chosen = load(scenario, _with_plant(overrides, plant))
     folder = out or Path("runs") / Path(scenario).stem
     check_writable(folder)
-    done = _run(chosen)
+    with viewing.of(chosen, folder) as watch:
+        done = _run(chosen, watch=watch, quiet=viewing.watch)
     runs: dict[str, Run] = {PLANTS[chosen.plant.kind]: done}
     if chosen.baseline and chosen.plant.kind == "mujoco" and not done.outcome.interrupted:
         runs["clean model"] = _run(clean(chosen))
@@ -75,6 +86,7 @@ def run(
                 "dead time, noise or mechanism"
             )
         console.print(f"written to {folder}/: picture.png, metrics.json, run.parquet")
+    viewing.keep(folder)
     return exit_code(done)
 
 
@@ -159,7 +171,13 @@ def check_writable(folder: Path) -> None:
         raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}") from error
 
 
-def _run(scenario: Scenario, label: str = "") -> Run:
+def _run(
+    scenario: Scenario,
+    label: str = "",
+    watch: Callable[[Recorder], None] = lambda _: None,
+    *,
+    quiet: bool = False,
+) -> Run:
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
     for danger in (
@@ -168,8 +186,10 @@ def _run(scenario: Scenario, label: str = "") -> Run:
     ):
         if danger:
             warn(danger)
+    if quiet:
+        return run_scenario(scenario, watch=watch)
     with progress(label or scenario.title, scenario.duration) as advance:
-        return run_scenario(scenario, advance)
+        return run_scenario(scenario, advance, watch)
 
 
 def _with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:

@@ -43,6 +43,8 @@ class Rig:
     """Longest time in s that leaving the rig spends on levelling the plate."""
     LEVEL = 5e-4
     """Plate angle in rad that counts as level: one count of the plate encoders."""
+    ANCHOR = 0.02
+    """Time in s after which the cams are looked up where the plate is measured to be, again."""
 
     def __init__(
         self,
@@ -60,11 +62,13 @@ class Rig:
         self._screen = screen
         self._clock = clock
         self._transmission = transmission
+        self._plate: Array = supervisor.angle
+        self._motor: Array = supervisor.angle
+        self._unanchored = 0.0
 
     def __enter__(self) -> Self:
         self.supervisor.enable(self._servos.plate())
-        self._plate = self.supervisor.angle
-        self._motor = self._transmission.motor(self._plate)
+        self._anchor()
         return self
 
     def __exit__(
@@ -103,12 +107,21 @@ class Rig:
 
         The applied rates are the wished ones after every clamp of the supervisor.
         """
+        self._unanchored += self.period
+        if self._unanchored > self.ANCHOR:
+            self._anchor()
         applied = self.supervisor.clamp(rate)
         self._plate = self._plate + self.period * applied
         motor = self._transmission.motor(self._plate)
         self._servos.command((motor - self._motor) / self.period)
         self._motor = motor
         return applied
+
+    def _anchor(self) -> None:
+        """Take the plate to be where it is measured: the sum of all commands goes astray."""
+        self._plate = self.supervisor.angle
+        self._motor = self._transmission.motor(self._plate)
+        self._unanchored = 0.0
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""

@@ -13,7 +13,7 @@ from twin.identify.scores import Estimate, estimate
 
 Array = NDArray[np.floating]
 
-CHUNK = 2.0
+CHUNK = 1.0
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""
 
 

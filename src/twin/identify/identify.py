@@ -88,6 +88,10 @@ def identify(
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
+    if fit.left_out:
+        notes.append(
+            f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
+        )
     if data.stretches[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
     horizons = None

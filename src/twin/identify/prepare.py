@@ -159,15 +159,12 @@ def prepare(log: Log) -> Data:
         log, time=time, plate=log.plate[rows], command=None, ball=ball, age=seen, touched=fresh
     )
     command = None if log.command is None else log.command[rows]
-    borders = np.flatnonzero(np.concatenate((gap, [False])) | lifted)
+    good = ~lifted
+    good[:-1] &= ~gap
     stretches = [
         _stretch(whole, command, first, last, period)
-        for first, last in zip(
-            np.concatenate(([0], borders + 1)),
-            np.concatenate((borders, [len(time) - 1])),
-            strict=True,
-        )
-        if time[last] - time[first] >= SHORTEST and not lifted[first:last].any()
+        for first, last in _runs(good)
+        if time[last] - time[first] >= SHORTEST
     ]
     stretches = [s for s in stretches if len(s.seen) > 20]
     if not stretches:
@@ -203,12 +200,18 @@ def _period(time: Array, source: str) -> float:
     return period
 
 
-def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
-    out = np.zeros_like(mask)
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if time[last - 1] - time[first] >= least:
-            out[first:last] = True
+    return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
+
+
+def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
+    """The runs of True that last at least a time in s."""
+    out = np.zeros_like(mask)
+    for first, last in _runs(mask):
+        if time[last] - time[first] >= least:
+            out[first : last + 1] = True
     return out
 
 

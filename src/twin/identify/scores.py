@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 Array = NDArray[np.floating]
 
@@ -25,16 +26,23 @@ class Estimate:
         value: Fitted values, shape (P,).
         draws: What other chances would have given, shape (DRAWS, P).
         seen: Whether the data say anything about each, shape (P,).
+        freedom: Windows less parameters.
     """
 
     value: Array
     draws: Array
     seen: NDArray[np.bool_]
+    freedom: int
 
     @property
     def spread(self) -> Array:
-        """Half-width of the interval, shape (P,); infinite where the data say nothing."""
-        half = np.quantile(np.abs(self.draws - self.value), LEVEL, axis=0)
+        """Half-width of the interval, shape (P,); infinite where the data say nothing.
+
+        Few windows know little of their own scatter: Student's t over the normal distribution.
+        """
+        end = (1 + LEVEL) / 2
+        few = stats.t.ppf(end, max(self.freedom, 1)) / stats.norm.ppf(end)
+        half = few * np.quantile(np.abs(self.draws - self.value), LEVEL, axis=0)
         return np.where(self.seen, half, np.inf)
 
     @property
@@ -72,7 +80,7 @@ def estimate(value: Array, information: Array, score: Array, seed: int = 0) -> E
     )
     rng = np.random.default_rng(seed)
     weights = rng.choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
-    return Estimate(value, value + weights @ shares, seen)
+    return Estimate(value, value + weights @ shares, seen, len(score) - len(value))
 
 
 def _without(total: Array, inverse: Array, part: Array, score: Array) -> Array:

@@ -22,6 +22,9 @@ LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 RATIOS = 1 + np.linspace(0, 2.2, 32) ** 1.3
 """Breakaway ratios that are tried."""
+UNEXPLAINED = 2.0
+"""Mean square misfit over the usual one from which on a window is left out at the end: where the
+ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
 STARTS = 3
 """So many of them are followed to their end."""
 
@@ -37,6 +40,7 @@ class Fit:
         linear: Residuals and slopes there, of one candidate.
         costs: What the candidates followed to their end came to, best first.
         values: And their parameters, shape (candidates, P).
+        left_out: How many windows no candidate explains.
     """
 
     problem: Problem
@@ -45,6 +49,7 @@ class Fit:
     linear: Linear
     costs: Array
     values: Array
+    left_out: int
 
 
 def cut(data: Data, lag: float, longest: float = LONGEST) -> Windows | None:
@@ -71,17 +76,28 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
     the truth: windows in which the ball rolls throughout give rolling friction, delay and level
     from any start; with those, the windows that begin at rest are tried with one breakaway ratio
-    after another; from the best of these all windows and all parameters are fitted.
+    after another; from the best of these all windows and all parameters are fitted. Windows that
+    are then not explained at all are left out, and the rest is fitted again.
     """
     problem = Problem(model, windows, names, grip)
     guesses = _refine(problem, _rolling(problem))
     starts = np.repeat(problem.starts(), len(guesses), axis=1)
     starts, _ = settle(problem, guesses, starts, 3)
     theta, starts, cost, linear = descend(problem, guesses, starts, 12)
+    while True:
+        misfit = problem.misfit(linear.r[np.argsort(cost)[:1]])[0]
+        kept = misfit < UNEXPLAINED * max(1.0, float(np.median(misfit)))
+        if kept.all() or kept.sum() < max(3, len(windows) / 2):
+            break
+        problem = replace(problem, windows=problem.windows.take(kept))
+        theta, starts, cost, linear = descend(problem, theta, starts[:, :, kept], 12)
     order = np.argsort(cost)
     best = order[:1]
-    kept = Linear(linear.r[best], linear.by_start[best], linear.by_parameter[best])
-    return Fit(problem, theta[best[0]], starts[:, best], kept, cost[order], theta[order])
+    linear = Linear(linear.r[best], linear.by_start[best], linear.by_parameter[best])
+    left_out = len(windows) - len(problem.windows)
+    return Fit(
+        problem, theta[best[0]], starts[:, best], linear, cost[order], theta[order], left_out
+    )
 
 
 def _rolling(whole: Problem) -> Array:

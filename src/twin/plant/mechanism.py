@@ -27,6 +27,8 @@ _TELEMETRY = {
     "torque_phi_Nm": "torque_phi",
     "torque_theta_Nm": "torque_theta",
     "spring_m": "spring_length",
+    "motor_phi_rad": "motor_phi",
+    "motor_theta_rad": "motor_theta",
 }
 """Name in the record, and the sensor whose first number it is."""
 
@@ -209,7 +211,7 @@ class Mechanism:
         return np.asarray(self._batch.warning.sum(axis=1))
 
     def telemetry(self) -> Array:
-        """Wheel and ball contact forces in N, motor torques in N m, spring length in m.
+        """Contact forces in N, motor torques in N m, spring length in m, motor angles in rad.
 
         Shape (N, channels). Forces and torques are those of the last physics step.
         """

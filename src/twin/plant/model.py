@@ -34,6 +34,8 @@ NAMES = {
         "phi_rate",
         "theta",
         "theta_rate",
+        "motor_phi",
+        "motor_theta",
         "wheel_phi_force",
         "wheel_theta_force",
         "ball_force",

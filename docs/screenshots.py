@@ -1,0 +1,36 @@
+"""Makes the pictures of the view in this folder anew: python docs/screenshots.py.
+
+Needs a Vulkan driver, which may be a software one (Debian: mesa-vulkan-drivers), and a minute.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from twin.replay import open_runs
+from twin.run import run, save
+from twin.scenario import load
+from twin.view.layout import LAYOUTS
+from twin.view.recording import write
+from twin.view.screenshot import screenshot
+
+HERE = Path(__file__).parent
+UNEVEN = ("plant.surface.spread_percent=40", "plant.surface.slope_deg=0.1", "baseline=false")
+
+
+def main() -> None:
+    """Run the circle, on an even screen and an uneven one, and take the pictures."""
+    with TemporaryDirectory() as folder:
+        root = Path(folder)
+        for name, overrides in (("even-screen", ()), ("uneven-screen", UNEVEN)):
+            done = run(load("circle", overrides))
+            save(done, root / name, {name: done.motion})
+        both = (root / "even-screen", root / "uneven-screen")
+        pictures = [(f"view-{layout}.png", both[:1], layout) for layout in LAYOUTS]
+        pictures.append(("view-compare.png", both, "showing"))
+        for name, runs, layout in pictures:
+            write(root / "view.rrd", open_runs(runs), layout)
+            screenshot(root / "view.rrd", HERE / name, at=7.0)
+
+
+if __name__ == "__main__":
+    main()

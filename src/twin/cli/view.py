@@ -1,0 +1,96 @@
+"""The command view: recorded runs in the viewer again."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import click
+
+from twin.cli.output import console
+from twin.errors import TwinError, ViewError
+from twin.replay import Replay, open_runs
+from twin.view import viewer
+from twin.view.layout import LAYOUTS, Layout
+from twin.view.live import address, reach
+from twin.view.recording import forward, write
+from twin.view.screenshot import screenshot
+
+WEB_PORT = 9090
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--rig", "rigs", multiple=True, type=int, help="Rig of a record of several; repeat.")
+@click.option(
+    "--layout",
+    type=click.Choice(LAYOUTS),
+    default="showing",
+    show_default=True,
+    help="Which tab is open: the mechanism large, or the plots.",
+)
+@click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording; open nothing.")
+@click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
+@click.option("--at", type=float, help="Simulated time in s of the picture [the middle].")
+@click.option(
+    "--serve",
+    type=click.IntRange(1, 65535),
+    is_flag=False,
+    flag_value=WEB_PORT,
+    metavar="[PORT]",
+    help=f"Show it in a browser of this machine [{WEB_PORT}].",
+)
+@click.option("--connect", metavar="ADDRESS", help="Send it to the viewer at HOST:PORT.")
+def view(
+    runs: tuple[Path, ...],
+    rigs: tuple[int, ...],
+    layout: Layout,
+    rrd: Path | None,
+    picture: Path | None,
+    at: float | None,
+    serve: int | None,
+    connect: str | None,
+) -> int:
+    """Open run folders in the Rerun viewer, several side by side on one time line."""
+    opened = open_runs(runs, rigs)
+    if connect is not None:
+        forward(reach(address(connect)), opened, layout)
+        console.print(f"sent to {connect}")
+        return 0
+    if rrd is not None:
+        write(rrd, opened, layout)
+        console.print(f"written to {rrd}")
+        if picture is None:
+            return 0
+    with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
+        recording = rrd or Path(folder) / "view.rrd"
+        if rrd is None:
+            write(recording, opened, layout)
+        if picture is not None:
+            screenshot(recording, picture, _instant(opened, at))
+            console.print(f"written to {picture}")
+            return 0
+        return _show(recording, serve)
+
+
+def _show(recording: Path, serve: int | None) -> int:
+    """Keep a viewer open until it is closed."""
+    opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
+    if opened.page:
+        console.print(f"open {opened.page} in a browser; Ctrl-C ends it", soft_wrap=True)
+    try:
+        code = opened.process.wait()
+    except KeyboardInterrupt:
+        opened.close()
+        return 0
+    if code:
+        raise ViewError("the viewer ended with an error; use --rrd FILE or --serve")
+    return 0
+
+
+def _instant(opened: list[Replay], at: float | None) -> float:
+    """The instant to show, within the run."""
+    end = max(float(run.rows["time"][-1]) for run in opened)
+    if at is not None and not 0 <= at <= end:
+        raise TwinError(f"--at {at:g}: the run goes from 0 to {end:g} s")
+    return end / 2 if at is None else at

@@ -1,0 +1,51 @@
+"""The report as one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from twin.page import inline, render
+from twin.replay import Replay
+from twin.report.figures import details, overview
+from twin.report.findings import Findings
+from twin.report.numbers import rows
+from twin.report.words import verdict
+
+
+def html(runs: Sequence[Replay]) -> str:
+    """The report on one run, or on several side by side."""
+    settings = [dict(_flat(run.scenario.model_dump(mode="json"))) for run in runs]
+    keys = list(dict.fromkeys(key for each in settings for key in each))
+    values = {key: [each.get(key, "-") for each in settings] for key in keys}
+    title = runs[0].scenario.title if len(runs) == 1 else f"Comparison of {len(runs)} runs"
+    return render(
+        "report/report.html.j2",
+        title=title,
+        runs=[
+            {
+                "name": run.name,
+                "verdict": verdict(run, Findings.of(run)),
+                "good": run.metrics.get("outcome") == "finished",
+                "versions": run.versions,
+            }
+            for run in runs
+        ],
+        rows=rows(runs),
+        overview=inline(overview(runs)),
+        details=inline(details(runs)),
+        differing=[(key, each) for key, each in values.items() if len(set(each)) > 1],
+        settings=list(settings[0].items()),
+    )
+
+
+def _flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
+    """Nested tables as dotted keys with their values in JSON."""
+    found = []
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            found += _flat(value, f"{path}{key}.")
+        else:
+            found.append((f"{path}{key}", json.dumps(value)))
+    return found

@@ -1,0 +1,97 @@
+"""The indicators of runs side by side: rows for HTML, CSV and LaTeX."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from twin.replay import Replay
+
+LABELS = {
+    "outcome": ("outcome", ""),
+    "outcome_time": ("ended at", "s"),
+    "tracking_error_percent": ("tracking error e_tt", "%"),
+    "rms_error": ("RMS error, x", "mm"),
+    "mean_error": ("mean error, x", "mm"),
+    "max_steady_error": ("largest steady error, x", "mm"),
+    "overshoot_percent": ("overshoot, x", "%"),
+    "settling_time": ("settling time, x", "s"),
+    "steady_error": ("steady error, x", "mm"),
+    "phi_max_deg": ("largest |phi|", "deg"),
+    "theta_max_deg": ("largest |theta|", "deg"),
+    "u1_max": ("largest |phi''|", "rad/s²"),
+    "u2_max": ("largest |theta''|", "rad/s²"),
+    "u_rms": ("RMS control effort", "rad/s²"),
+}
+"""Indicator to the words and the unit it is printed with."""
+
+
+class Row(NamedTuple):
+    """One indicator: what it is called, its unit, one text a run."""
+
+    label: str
+    unit: str
+    values: tuple[str, ...]
+
+
+def rows(runs: Sequence[Replay]) -> list[Row]:
+    """The indicators that apply to at least one run."""
+    found = []
+    for key, (label, unit) in LABELS.items():
+        values = [run.metrics.get(key) for run in runs]
+        if any(value is not None for value in values):
+            found.append(Row(label, unit, tuple(shown(value, unit) for value in values)))
+    return found
+
+
+def shown(value: Any, unit: str) -> str:
+    """A value in the digits a person wants to read."""
+    if value is None:
+        return "-"
+    if isinstance(value, str):
+        return value
+    return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.4g}"
+
+
+def as_csv(runs: Sequence[Replay]) -> str:
+    """The table as comma-separated values with a header line."""
+    store = io.StringIO()
+    writer = csv.writer(store, lineterminator="\n")
+    writer.writerow(["indicator", "unit", *(run.name for run in runs)])
+    writer.writerows([row.label, row.unit, *row.values] for row in rows(runs))
+    return store.getvalue()
+
+
+def as_latex(runs: Sequence[Replay]) -> str:
+    """The table for a paper; needs nothing but LaTeX itself."""
+    head = " & ".join(["", *(_escaped(run.name) for run in runs), "unit"])
+    body = [
+        " & ".join([_escaped(row.label), *map(_escaped, row.values), _unit(row.unit)]) + r" \\"
+        for row in rows(runs)
+    ]
+    return "\n".join(
+        [
+            rf"\begin{{tabular}}{{l{'r' * len(runs)}l}}",
+            r"\hline",
+            rf"{head} \\",
+            r"\hline",
+            *body,
+            r"\hline",
+            r"\end{tabular}",
+            "",
+        ]
+    )
+
+
+def _escaped(text: str) -> str:
+    special = {char: rf"\{char}" for char in "&%$#_{}"}
+    special |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {"|": r"$|$"}
+    return "".join(special.get(char, char) for char in text)
+
+
+def _unit(unit: str) -> str:
+    return _escaped(unit).replace("²", "$^2$")

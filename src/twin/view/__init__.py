@@ -1,0 +1,1 @@
+"""The live view and the replay: a run as entities of the Rerun viewer."""

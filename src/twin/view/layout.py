@@ -1,0 +1,155 @@
+"""How the viewer opens: two tabs, one for showing (3D large), one for tuning (plots large)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import rerun.blueprint as rrb
+
+from twin.plant.surface import SCREEN
+from twin.view.signals import GROUPS
+
+Layout = Literal["showing", "tuning"]
+LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
+
+_KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg")
+"""The plots that stand beside the mechanism."""
+
+
+def blueprint(
+    roots: Sequence[str],
+    groups: set[str],
+    timeline: str,
+    layout: Layout = "showing",
+    *,
+    live: bool = False,
+) -> rrb.Blueprint:
+    """The arrangement for one run, or for several side by side.
+
+    Args:
+        roots: Root entities of the runs.
+        groups: Entities of the plots there are, below each root.
+        timeline: Name of the time line.
+        layout: Which tab is open.
+        live: Whether a run is watched while it goes on: then also how many rows were dropped.
+    """
+    return rrb.Blueprint(
+        rrb.Tabs(
+            _showing(roots, groups),
+            _tuning(roots, groups, live=live),
+            active_tab=LAYOUTS.index(layout),
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline),
+    )
+
+
+def _showing(roots: Sequence[str], groups: set[str]) -> rrb.Container:
+    worlds = [_world(root, len(roots) > 1) for root in roots]
+    left = rrb.Vertical(
+        rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
+        rrb.Horizontal(
+            _plate(roots),
+            rrb.Vertical(_state(roots), _events(roots), row_shares=[1, 2]),
+            column_shares=[2, 1],
+        ),
+        row_shares=[3, 2],
+    )
+    right = rrb.Vertical(*_plots(roots, groups, _KEY))
+    return rrb.Horizontal(left, right, column_shares=[3, 2], name="showing")
+
+
+def _tuning(roots: Sequence[str], groups: set[str], *, live: bool) -> rrb.Container:
+    plots = _plots(roots, groups, tuple(group.entity for group in GROUPS))
+    if live:
+        plots.append(rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]"))
+    half = (len(plots) + 1) // 2
+    side = rrb.Vertical(
+        _plate(roots),
+        _world(roots[0], len(roots) > 1),
+        _state(roots),
+        _events(roots),
+        row_shares=[3, 3, 1, 2],
+    )
+    return rrb.Horizontal(
+        rrb.Vertical(*plots[:half]),
+        rrb.Vertical(*plots[half:]),
+        side,
+        column_shares=[3, 3, 2],
+        name="tuning",
+    )
+
+
+def _plots(
+    roots: Sequence[str], groups: set[str], wanted: Sequence[str]
+) -> list[rrb.TimeSeriesView]:
+    return [
+        rrb.TimeSeriesView(
+            origin="/" if len(roots) > 1 else f"{roots[0]}/{group.entity}",
+            contents=_lines(roots, group.entity),
+            name=group.title,
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+            axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        )
+        for group in GROUPS
+        if group.entity in groups and group.entity in wanted
+    ]
+
+
+def _lines(roots: Sequence[str], group: str) -> list[str]:
+    """What a plot contains; of several runs only what tells them apart."""
+    wanted = [f"+ {root}/{group}/**" for root in roots]
+    if len(roots) == 1:
+        return wanted
+    for root in roots:
+        wanted += [f"- {root}/{group}/{name}" for name in ("estimate", "measured")]
+        if group == "error_mm":
+            wanted += [f"- {root}/{group}/{name}" for name in "xy"]
+    for root in roots[1:]:
+        shared = ("reference", "limit_high", "limit_low", "dead_time")
+        wanted += [f"- {root}/{group}/{name}" for name in shared]
+    return wanted
+
+
+def _world(root: str, several: bool) -> rrb.Spatial3DView:
+    title = root.removeprefix("/") if several else "mechanism (green: forces on wheels and ball)"
+    return rrb.Spatial3DView(
+        origin=f"{root}/mechanism",
+        name=title,
+        background=rrb.Background(color=[30, 33, 38]),
+        line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=(-0.64, 0.54, 0.30), look_target=(0.0, 0.0, -0.07), eye_up=(0, 0, 1)
+        ),
+    )
+
+
+def _plate(roots: Sequence[str]) -> rrb.Spatial2DView:
+    ball = "ball blue, " if len(roots) == 1 else ""
+    x, y = (550 * side for side in SCREEN)
+    return rrb.Spatial2DView(
+        origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
+        contents=[f"+ {root}/plate_mm/**" for root in roots],
+        name=f"from above [mm]: {ball}reference white, estimate orange, measured grey",
+        background=[16, 18, 22],
+        visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
+    )
+
+
+def _state(roots: Sequence[str]) -> rrb.StateTimelineView:
+    return rrb.StateTimelineView(
+        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
+    )
+
+
+def _events(roots: Sequence[str]) -> rrb.TextLogView:
+    kinds = ("EntityPath", "Body") if len(roots) > 1 else ("Body",)
+    shown = [rrb.encodings.TextLogColumn(kind) for kind in kinds]
+    return rrb.TextLogView(
+        origin="/",
+        contents=[f"+ {root}/events" for root in roots],
+        name="events",
+        columns=rrb.archetypes.TextLogColumns(text_log_columns=shown),
+    )

@@ -1,0 +1,228 @@
+"""The mechanism as Rerun entities: shapes from the compiled model, and how they move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from twin.view.turns import about, rotate, to_rig
+
+Array = NDArray[np.floating]
+
+_BOX, _CYLINDER, _CAPSULE = (
+    mujoco.mjtGeom.mjGEOM_BOX,
+    mujoco.mjtGeom.mjGEOM_CYLINDER,
+    mujoco.mjtGeom.mjGEOM_CAPSULE,
+)
+VISIBLE_GROUPS = 3
+"""Geoms of groups below this are drawn, as MuJoCo's own viewer does."""
+COILS = 9
+BESIDE = 0.03
+TURNED = ("cardan", "plate", "motor_phi", "motor_theta")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where an entity is over time: translation (K, 3) in m and quaternion (K, 4) xyzw, or None.
+
+    ``scale`` stretches it, (K, 3).
+    """
+
+    translation: Array | None = None
+    quaternion: Array | None = None
+    scale: Array | None = None
+
+
+class Scene:
+    """The shapes of a compiled mechanism under one entity, and their motion.
+
+    The entities hang together like the mechanism: the plate under the cardan cross, the ball in
+    plate axes under the plate, so that each carries only its own joint's motion.
+
+    Args:
+        model: The compiled mechanism.
+        root: Entity under which it stands.
+    """
+
+    def __init__(self, model: mujoco.MjModel, root: str) -> None:
+        self._model = model
+        self.root = root
+        self.plate = f"{root}/cardan/plate"
+        self.ball = f"{self.plate}/ball"
+        self.spring = f"{root}/spring"
+        self._paths = {
+            0: f"{root}/base",
+            model.body("cardan").id: f"{root}/cardan",
+            model.body("plate").id: self.plate,
+            model.body("motor_phi").id: f"{root}/motor_phi",
+            model.body("motor_theta").id: f"{root}/motor_theta",
+            model.body("ball").id: self.ball,
+        }
+        screen, ball = model.geom("plate"), model.geom("ball")
+        self.surface = float(screen.pos[2] + screen.size[2])
+        """Height of the screen over the cardan joint, m."""
+        self.radius = float(ball.size[0])
+        self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius
+
+    def shapes(self, colour: tuple[int, int, int]) -> Iterator[tuple[str, rr.AsComponents]]:
+        """What does not change: entity and shape, to be logged once; the trail in a colour."""
+        yield self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP
+        model = self._model
+        for i in range(model.ngeom):
+            if model.geom_group[i] < VISIBLE_GROUPS and model.geom(i).name not in ("ball", "floor"):
+                shape = self._shape(i)
+                if shape is not None:
+                    yield f"{self._paths[int(model.geom_bodyid[i])]}/{model.geom(i).name}", shape
+        corner = [-0.32, -0.17, self.surface + 0.002]
+        yield (
+            f"{self.plate}/axes",
+            rr.Arrows3D(
+                origins=[corner, corner],
+                vectors=[[0.08, 0, 0], [0, 0.08, 0]],
+                colors=[[230, 80, 80], [80, 200, 90]],
+                labels=["x", "y"],
+                radii=0.003,
+            ),
+        )
+        for force in (
+            f"{self.root}/force_wheel_phi",
+            f"{self.root}/force_wheel_theta",
+            f"{self.plate}/force_ball",
+        ):
+            yield force, rr.Arrows3D.from_fields(colors=[[90, 230, 120]], radii=[0.004])
+        yield (
+            f"{self.plate}/trail",
+            rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0022]),
+        )
+        yield f"{self.ball}/ball", marked_ball(self.radius, self._lift)
+        yield (
+            f"{self.spring}/coil",
+            rr.LineStrips3D([_coil(0.014)], colors=[[26, 115, 64]], radii=0.003),
+        )
+
+    def _shape(self, i: int) -> rr.AsComponents | None:
+        model = self._model
+        material = int(model.geom_matid[i])
+        rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[i]
+        w, x, y, z = model.geom_quat[i]
+        place = {"quaternions": [[x, y, z, w]], "colors": [np.round(255 * rgba).astype(np.uint8)]}
+        size, centre, kind = model.geom_size[i], [model.geom_pos[i]], model.geom_type[i]
+        solid = rr.components.FillMode.Solid
+        if kind == _BOX:
+            return rr.Boxes3D(half_sizes=[size], centers=centre, fill_mode=solid, **place)
+        if kind == _CYLINDER:
+            round_ = {"lengths": [2 * size[1]], "radii": [size[0]]}
+            return rr.Cylinders3D(centers=centre, fill_mode=solid, **round_, **place)
+        if kind == _CAPSULE:
+            # a capsule of Rerun begins at its lower cap's centre, one of MuJoCo in its middle
+            turn = _matrix(model.geom_quat[i])
+            start = model.geom_pos[i] - size[1] * turn[:, 2]
+            long = {"lengths": [2 * size[1]], "radii": [size[0]]}
+            return rr.Capsules3D(translations=[start], fill_mode=solid, **long, **place)
+        return None
+
+    def poses(self, state: Array, motor: Array, roll: Array) -> dict[str, Pose]:
+        """How the entities lie at K instants.
+
+        Args:
+            state: States of (5.5), shape (K, 8).
+            motor: Motor shaft angles (phi, theta) in rad, shape (K, 2).
+            roll: Turn of the ball in plate axes, quaternions xyzw, shape (K, 4).
+        """
+        model, count = self._model, len(state)
+        phi, theta = state[:, 2], state[:, 6]
+        angle = dict(zip(TURNED, (theta, phi, motor[:, 0], motor[:, 1]), strict=True))
+        poses = {}
+        for name in TURNED:
+            body = model.body(name)
+            axis = model.jnt_axis[int(body.jntadr[0])]
+            poses[self._paths[body.id]] = Pose(
+                np.broadcast_to(body.pos, (count, 3)), about(axis, angle[name])
+            )
+        height = np.full(count, self.surface + self._lift)
+        poses[self.ball] = Pose(np.stack((state[:, 0], state[:, 4], height), axis=1), roll)
+        low = model.site("spring_base").pos
+        high = to_rig(np.broadcast_to(model.site("spring_plate").pos, (count, 3)), phi, theta)
+        poses[self.spring] = _between(low, high)
+        return poses
+
+    def wheels(self, state: Array, motor: Array) -> dict[str, tuple[Array, Array]]:
+        """Where each wheel touches its cam and the direction of the push, rig axes, (K, 3).
+
+        The place is moved along the shaft to beside the wheel, where an arrow can be seen.
+        """
+        model, found = self._model, {}
+        for axis, turn in (("phi", motor[:, 0]), ("theta", motor[:, 1])):
+            wheel, cam = model.geom(f"wheel_{axis}"), model.geom(f"cam_{axis}")
+            body = model.body(f"motor_{axis}")
+            spin = about(model.jnt_axis[int(body.jntadr[0])], turn)
+            middle = body.pos + rotate(spin, np.broadcast_to(cam.pos, (len(turn), 3)))
+            centre = to_rig(np.broadcast_to(wheel.pos, (len(turn), 3)), state[:, 2], state[:, 6])
+            way = centre - middle
+            way[:, 1 if axis == "phi" else 0] = 0.0  # along the shaft nothing is pushed
+            normal = way / np.linalg.norm(way, axis=1, keepdims=True)
+            place = centre - wheel.size[0] * normal
+            if axis == "phi":
+                place[:, 1] += BESIDE
+            else:
+                place[:, 0] -= BESIDE
+            found[axis] = place, normal
+        return found
+
+
+def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
+    """A ball in two colours with a dark cap, so that one sees it roll; half axes in m."""
+    rings, sectors = 24, 32
+    lat, lon = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, sectors + 1), indexing="ij"
+    )
+    unit = np.stack((np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)), axis=-1)
+    corner = np.arange(rings * (sectors + 1)).reshape(rings, sectors + 1)[:, :-1].ravel()
+    below = corner + sectors + 1
+    quads = np.concatenate(
+        (np.stack((corner, below, below + 1), 1), np.stack((corner, below + 1, corner + 1), 1))
+    )
+    points = unit.reshape(-1, 3)
+    # each triangle has corners of its own, so that the colours meet in a sharp line
+    flat = points[quads].reshape(-1, 3)
+    middle = np.repeat(points[quads].mean(axis=1), 3, axis=0)
+    white, orange, dark = [248, 246, 238], [238, 120, 20], [25, 25, 25]
+    odd = (middle[:, 0] * middle[:, 1] * middle[:, 2] > 0)[:, None]
+    colours = np.where(odd, orange, white)
+    colours = np.where((np.abs(middle) > 0.93).any(axis=1)[:, None], dark, colours)
+    return rr.Mesh3D(
+        vertex_positions=flat * [radius, radius, upright],
+        vertex_normals=flat,
+        vertex_colors=colours.astype(np.uint8),
+    )
+
+
+def _coil(radius: float) -> Array:
+    """A spring of height 1 along z."""
+    s = np.linspace(0, 1, 24 * COILS + 1)
+    wide = radius * np.minimum(1, 12 * np.minimum(s, 1 - s))
+    turn = 2 * np.pi * COILS * s
+    return np.stack((wide * np.cos(turn), wide * np.sin(turn), s), axis=1)
+
+
+def _between(low: Array, high: Array) -> Pose:
+    """The pose that takes the unit z axis to the way from one point (3,) to others (K, 3)."""
+    way = high - low
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    x, y, z = (way / length).T
+    turn = np.stack((-y, x, np.zeros_like(x), 1 + z), axis=1)  # half way from z to the direction
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    scale = np.ones_like(way)
+    scale[:, 2] = length[:, 0]
+    return Pose(np.broadcast_to(low, way.shape), turn, scale)
+
+
+def _matrix(quaternion: Array) -> Array:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,182 @@
+"""The time plots of a run: which signals, in which units, grouped as a control engineer reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.hal.supervisor import Limits
+from twin.replay import motion_of
+
+Array = NDArray[np.floating]
+Colour = tuple[int, int, int]
+
+# Okabe and Ito's colours: told apart with any colour vision.
+BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    (150, 150, 150),
+    (235, 235, 235),
+)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One line of a plot: its values (K,), colour, width, and whether it is drawn as points."""
+
+    values: Array
+    colour: Colour
+    width: float = 1.5
+    points: bool = False
+
+
+RUNS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY)
+"""The colours of runs that are shown together."""
+
+
+def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
+    """The lines of a plot in shades of one run's colour; what is no run's own keeps its colour."""
+    found = {}
+    shade = 0
+    for name, signal in plot.items():
+        if name == "reference" or name.startswith("limit"):
+            found[name] = signal
+            continue
+        share = (0.0, 0.35, 0.6)[shade % 3]
+        red, green, blue = (round(c + share * (255 - c)) for c in RUNS[run % len(RUNS)])
+        found[name] = replace(signal, colour=(red, green, blue))
+        shade += 1
+    return found
+
+
+@dataclass(frozen=True)
+class Group:
+    """One plot: its entity, and its title with the unit."""
+
+    entity: str
+    title: str
+
+
+GROUPS = (
+    Group("position_x_mm", "position x [mm]"),
+    Group("position_y_mm", "position y [mm]"),
+    Group("error_mm", "tracking error [mm]"),
+    Group("angle_deg", "plate angles: phi about y, theta about x [deg]"),
+    Group("rate_deg_per_s", "plate rates [deg/s]"),
+    Group("effort_rad_per_s2", "control effort: plate acceleration [rad/s²]"),
+    Group("estimation_error_mm", "estimation error of the position [mm]"),
+    Group("delay_ms", "touch: age told by the screen, dead time simulated [ms]"),
+    Group("timing_ms", "loop timing [ms]"),
+    Group("wheel_force_N", "contact force of the wheels on their cams [N]"),
+    Group("ball_force_N", "contact force of the ball on the screen [N]"),
+    Group("torque_Nm", "motor torques [N m]"),
+)
+
+FORCES = (
+    ("wheel_force_N", "wheel_", "_N"),
+    ("ball_force_N", "ball_", "_N"),
+    ("torque_Nm", "torque_", "_Nm"),
+)
+"""Group, and how the names of its columns begin and end."""
+
+
+def signals(
+    rows: Mapping[str, Array], reference: Array, limits: Limits, dead_time: float = 0.0
+) -> dict[str, dict[str, Signal]]:
+    """Group entity to its signals by name.
+
+    Args:
+        rows: Recorded columns, (K,) each.
+        reference: Wished ball position in m, shape (K, 2).
+        limits: What the rig may be told to do.
+        dead_time: Dead time of the simulated screen, s.
+    """
+    state = motion_of(rows)
+    true = "true_x" in rows
+    found: dict[str, dict[str, Signal]] = {}
+    error = 1000 * (reference - state[:, 0::4])
+    for axis, name in enumerate("xy"):
+        plot = {}
+        touched = np.where(rows.get("touched", 1.0) > 0, rows[f"measured_{name}"], np.nan)
+        if true:
+            plot["ball"] = Signal(1000 * state[:, 4 * axis], BLUE, 2.0)
+        plot["estimate"] = Signal(1000 * rows[f"estimated_{name}"], ORANGE, 1.5)
+        plot["measured"] = Signal(1000 * touched, GREY, 1.0)
+        plot["reference"] = Signal(1000 * reference[:, axis], BLACK, 1.0)
+        found[f"position_{name}_mm"] = plot
+    found["error_mm"] = {
+        "distance": Signal(np.hypot(*error.T), GREY, 1.0),
+        "x": Signal(error[:, 0], BLUE),
+        "y": Signal(error[:, 1], VERMILION),
+    }
+    found["angle_deg"] = _with_limits(
+        {"phi": Signal(np.degrees(state[:, 2]), BLUE)}
+        | {"theta": Signal(np.degrees(state[:, 6]), VERMILION)},
+        float(np.degrees(limits.angle)),
+    )
+    found["rate_deg_per_s"] = {
+        "phi": Signal(np.degrees(state[:, 3]), BLUE),
+        "theta": Signal(np.degrees(state[:, 7]), VERMILION),
+    }
+    found["effort_rad_per_s2"] = _effort(rows)
+    if true:
+        wrong = 1000 * (state[:, 0::4] - _pair(rows, "estimated_{}", "xy"))
+        found["estimation_error_mm"] = {
+            "x": Signal(wrong[:, 0], BLUE),
+            "y": Signal(wrong[:, 1], VERMILION),
+        }
+    if "age" in rows:
+        found["delay_ms"] = {
+            "age": Signal(1000 * rows["age"], GREEN),
+            "dead_time": Signal(np.full(len(state), 1000 * dead_time), PINK, 0.8),
+        }
+    for entity, beginning, unit in FORCES:
+        names = [name for name in rows if name.startswith(beginning) and name.endswith(unit)]
+        if names:
+            found[entity] = {
+                name.removesuffix(unit): Signal(rows[name], colour)
+                for name, colour in zip(names, (BLUE, VERMILION), strict=False)
+            }
+    late = [name for name in rows if name.startswith(("late", "compute", "tick_"))]
+    if late:
+        found["timing_ms"] = {
+            name: Signal(1000 * rows[name], colour)
+            for name, colour in zip(late, (BLUE, VERMILION, GREEN, PINK), strict=False)
+        }
+    return found
+
+
+def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
+    """Applied accelerations, and a mark where a clamp made them less than was wished."""
+    applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
+    plot = {"phi": Signal(applied[:, 0], BLUE), "theta": Signal(applied[:, 1], VERMILION)}
+    cut = saturated(rows)
+    for axis, (name, colour) in enumerate((("phi", SKY), ("theta", ORANGE))):
+        marks = np.where(cut[:, axis], applied[:, axis], np.nan)
+        plot[f"{name}_saturated"] = Signal(marks, colour, 3.0, points=True)
+    return plot
+
+
+def saturated(rows: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Where the applied accelerations (phi, theta) differ from the wished ones, shape (K, 2)."""
+    applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
+    wished = _pair(rows, "wished_{}_acc", ("phi", "theta"))
+    return np.asarray(np.abs(applied - wished) > 1e-6 + 1e-6 * np.abs(wished))
+
+
+def _pair(rows: Mapping[str, Array], pattern: str, names: str | tuple[str, str]) -> Array:
+    return np.stack([rows[pattern.format(name)] for name in names], axis=1)
+
+
+def _with_limits(plot: dict[str, Signal], limit: float) -> dict[str, Signal]:
+    count = len(next(iter(plot.values())).values)
+    for name, value in (("limit_high", limit), ("limit_low", -limit)):
+        plot[name] = Signal(np.full(count, value), PINK, 0.8)
+    return plot

@@ -1,0 +1,248 @@
+"""From recorded rows to columns for Rerun: one stream a run, fed with blocks of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from controllers.interfaces import Reference
+from twin.assemble import build_friction, build_limits, build_parts, build_reference
+from twin.hal.cams import CamTable
+from twin.hal.supervisor import State
+from twin.models import model_path
+from twin.plant.model import load_model
+from twin.replay import columns, motion_of
+from twin.scenario.schema import Scenario
+from twin.view import plan
+from twin.view.scene import Scene
+from twin.view.signals import RUNS, Signal, signals, tinted
+from twin.view.turns import rolled
+
+Array = NDArray[np.floating]
+
+TIMELINE = "simulated time [s]"
+FRAMES = 50.0
+"""Poses and trails a second; the plots have every period."""
+TRAIL = 3.0
+"""Seconds of the ball's way that its trail shows."""
+FORCE_SCALE = {"phi": 0.001, "theta": 0.001, "ball": 0.25}
+"""Metres of arrow a newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
+COLOURS = {
+    State.DISABLED: 0x757575FF,
+    State.READY: 0xE69F00FF,
+    State.RUNNING: 0x009E73FF,
+    State.STOPPED: 0xD55E00FF,
+}
+
+
+class Batch(NamedTuple):
+    """What goes to one entity in one call: times in s, shape (K,), and columns of components."""
+
+    entity: str
+    time: Array
+    columns: rr.ComponentColumnList
+
+
+class Stream:
+    """One run as entities under its name.
+
+    Args:
+        name: The run's name, the root of its entities.
+        scenario: What is run.
+        among: Which of the runs shown together it is, from 0; None if it is alone.
+
+    Raises:
+        TwinError: If the scenario cannot be assembled.
+    """
+
+    def __init__(self, name: str, scenario: Scenario, among: int | None = None) -> None:
+        self.name = name
+        self._among = among
+        self._colour = RUNS[(among or 0) % len(RUNS)]
+        self.root = f"/{rr.escape_entity_path_part(name)}"
+        self._reference: Reference = build_reference(scenario)
+        self._limits = build_limits(scenario)
+        self._scenario = scenario
+        model = load_model(parts=build_parts(scenario.plant))
+        self.scene = Scene(model, f"{self.root}/mechanism")
+        self._cams = CamTable.from_file(model_path("cams.json"))
+        self._turn = np.array([0.0, 0.0, 0.0, 1.0])
+        self._last: Array | None = None
+        self._trail = np.empty((0, 3))
+        self._next_frame = -1.0
+        self._state = -1
+        self._marks: dict[str, bool] = {}
+
+    def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
+        """What does not change over the run: shapes, plan of the plate, reference path."""
+        yield from self.scene.shapes(self._colour)
+        times = np.linspace(0, self._scenario.duration, 2000)
+        path = self._reference(times)[0]
+        friction = build_friction(self._scenario.plant)
+        surface = friction.map if friction is not None else None
+        yield from plan.fixed(
+            f"{self.root}/plate_mm",
+            path,
+            self._limits.area,
+            surface,
+            colour=self._colour,
+            label=None if self._among is None else self.name,
+        )
+        lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
+        yield (
+            f"{self.scene.plate}/reference_path",
+            rr.LineStrips3D([lifted], colors=[[235, 235, 235]], radii=0.0008),
+        )
+        yield (
+            f"{self.root}/supervisor",
+            rr.StateConfiguration(
+                values=[state.name.lower() for state in State],
+                colors=np.array([COLOURS[state] for state in State], dtype=np.uint32),
+            ),
+        )
+
+    def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
+        """A block of rows, of all columns equally many, as columns for the viewer."""
+        time = rows["time"]
+        if len(time) == 0:
+            return
+        reference = self._reference(time)[0]
+        for group, plot in self.plots(rows).items():
+            for name, signal in plot.items():
+                yield from self._plot(f"{self.root}/{group}/{name}", time, signal)
+        yield from self._told(rows)
+        ball = motion_of(rows)[:, 0::4]
+        before = ball[:1] if self._last is None else self._last
+        turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
+        self._last, self._turn = ball[-1:], turns[-1]
+        keep = self._frames(time)
+        if len(keep):
+            frames = {name: column[keep] for name, column in rows.items()}
+            yield from self._moving(frames, turns[keep])
+            yield from self._on_plate(frames, reference[keep])
+
+    def _plot(self, entity: str, time: Array, signal: Signal) -> Iterator[Batch]:
+        seen = np.isfinite(signal.values)
+        if signal.points and not seen.all():
+            time, values = time[seen], signal.values[seen]
+        else:
+            values = signal.values
+        if len(values):
+            yield Batch(entity, time, rr.Scalars.columns(scalars=values))
+
+    def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Signal]]:
+        """The lines of the time plots: group to name to signal."""
+        reference = self._reference(rows["time"])[0]
+        dead_time = self._scenario.sensors.touch.dead_time
+        plots = signals(rows, reference, self._limits, dead_time)
+        if self._among is None:
+            return plots
+        return {group: tinted(plot, self._among) for group, plot in plots.items()}
+
+    def styles(self, rows: Mapping[str, Array]) -> Iterator[tuple[str, rr.AsComponents]]:
+        """Colour, width and name of each line of the plots, as the rows have them."""
+        for group, plot in self.plots(rows).items():
+            for name, signal in plot.items():
+                called = name.replace("_", " ")
+                if self._among is not None:
+                    called = f"{self.name}: {called}"
+                look: rr.AsComponents = rr.SeriesLines(
+                    colors=[signal.colour], widths=[signal.width], names=[called]
+                )
+                if signal.points:
+                    look = rr.SeriesPoints(
+                        colors=[signal.colour],
+                        marker_sizes=[signal.width],
+                        names=[called],
+                        markers=["circle"],
+                    )
+                yield f"{self.root}/{group}/{name}", look
+
+    def _frames(self, time: Array) -> NDArray[np.integer]:
+        """Indices of the rows of which a picture is made, FRAMES a second."""
+        slot = np.floor(time * FRAMES + 1e-6)
+        first = slot > np.concatenate(([self._next_frame], slot[:-1]))
+        self._next_frame = float(slot[-1])
+        return np.flatnonzero(first)
+
+    def _told(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
+        """Supervisor states and events as they change."""
+        time, state = rows["time"], rows["supervisor"].astype(int)
+        changed = np.flatnonzero(np.diff(state, prepend=self._state))
+        self._state = int(state[-1])
+        names = [State(value).name.lower() for value in state[changed]]
+        events = [(time[k], f"supervisor: {name}") for k, name in zip(changed, names, strict=True)]
+        if names:
+            yield Batch(
+                f"{self.root}/supervisor", time[changed], rr.StateChange.columns(state=names)
+            )
+        yes = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
+        for axis in ("phi", "theta"):
+            wished, applied = rows[f"wished_{axis}_acc"], rows[f"applied_{axis}_acc"]
+            yes[f"{axis} effort limited"] = np.abs(wished - applied) > 0.01
+            if f"wheel_{axis}_N" in rows:
+                yes[f"wheel {axis} lifted off its cam"] = rows[f"wheel_{axis}_N"] <= 0
+        for what, mask in yes.items():
+            began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
+            self._marks[what] = bool(mask[-1])
+            events += [(time[k], what) for k in began[:20]]
+        if events:
+            events.sort(key=lambda event: event[0])
+            yield Batch(
+                f"{self.root}/events",
+                np.array([when for when, _ in events]),
+                rr.TextLog.columns(text=[text for _, text in events], level=["INFO"] * len(events)),
+            )
+
+    def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
+        time, state = rows["time"], motion_of(rows)
+        if "motor_phi_rad" in rows:
+            motor = np.stack((rows["motor_phi_rad"], rows["motor_theta_rad"]), axis=1)
+        else:
+            motor = self._cams.motor(state[:, 2::4])
+        for entity, pose in self.scene.poses(state, motor, turns).items():
+            parts = {key: value for key, value in vars(pose).items() if value is not None}
+            yield Batch(entity, time, rr.Transform3D.columns(**parts))
+        for axis, (at, way) in self.scene.wheels(state, motor).items():
+            if f"wheel_{axis}_N" in rows:
+                force = FORCE_SCALE[axis] * rows[f"wheel_{axis}_N"][:, None] * way
+                yield _arrows(f"{self.scene.root}/force_wheel_{axis}", time, at, force)
+        if "ball_N" in rows:
+            push = np.zeros((len(time), 3))
+            push[:, 2] = FORCE_SCALE["ball"] * rows["ball_N"]
+            at = np.column_stack((state[:, 0], state[:, 4], np.full(len(time), self.scene.surface)))
+            yield _arrows(f"{self.scene.plate}/force_ball", time, at, push)
+
+    def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
+        time, ball = rows["time"], motion_of(rows)[:, 0::4]
+        self._trail = np.concatenate((self._trail, np.column_stack((time, ball))))
+        starts = np.searchsorted(self._trail[:, 0], time - TRAIL)
+        ends = np.searchsorted(self._trail[:, 0], time, side="right")
+        trails = [self._trail[a:b, 1:] for a, b in zip(starts, ends, strict=True)]
+        self._trail = self._trail[starts[-1] :]
+        estimate = columns(rows, "estimated")[:, 0::4]
+        measured = np.stack((rows["measured_x"], rows["measured_y"]), axis=1)
+        for name, points in (
+            ("reference", reference),
+            ("estimate", estimate),
+            ("measured", measured),
+            ("ball", ball),
+        ):
+            yield Batch(
+                f"{self.root}/plate_mm/{name}",
+                time,
+                rr.Points2D.columns(positions=plan.seen(points)),
+            )
+        strips = [plan.seen(trail) for trail in trails]
+        yield Batch(f"{self.root}/plate_mm/trail", time, rr.LineStrips2D.columns(strips=strips))
+        high = self.scene.surface + 0.0015
+        lifted = [np.column_stack((trail, np.full(len(trail), high))) for trail in trails]
+        yield Batch(f"{self.scene.plate}/trail", time, rr.LineStrips3D.columns(strips=lifted))
+
+
+def _arrows(entity: str, time: Array, at: Array, way: Array) -> Batch:
+    return Batch(entity, time, rr.Arrows3D.columns(origins=at, vectors=way))

@@ -1,0 +1,115 @@
+"""A running experiment observed from another process; the control loop only leaves its rows."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from twin.record import CHANNELS, Recorder
+from twin.view.ring import Ring
+
+ROWS = 32768
+"""Rows the ring holds: a minute of a real-time run at 2 ms."""
+WIDTH = 96
+"""Most columns of one rig."""
+LAST = 5.0
+"""Seconds that the process is given at the end to work through what is left."""
+
+Address = tuple[int, int, str]
+
+
+def step_back() -> None:
+    """Leave this process's processor to the control loop whenever that wants it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run
+    if hasattr(os, "nice"):
+        os.nice(15)
+
+
+class Tap:
+    """Hands the rows of a run to a process of its own, which may hang, die or fall behind.
+
+    It costs the loop one copy of a row a period and never makes it wait.
+
+    Args:
+        work: Body of the process; is given the ring's address, then ``arguments``.
+        arguments: What else it needs.
+        rigs: Which of N rigs are observed.
+    """
+
+    def __init__(
+        self,
+        work: Callable[..., None],
+        arguments: tuple[Any, ...],
+        rigs: tuple[int, ...] = (0,),
+    ) -> None:
+        self._ring = Ring(ROWS, 1 + WIDTH * len(rigs))
+        self._rigs = rigs
+        self._tick = 0
+        self._plan: list[tuple[str, int, int, int]] = []
+        self.dropped = 0
+        """Rows that the process missed, known after ``finish``."""
+        context = multiprocessing.get_context("spawn")
+        self._process = context.Process(
+            target=work, args=(self._ring.address, *arguments), daemon=True
+        )
+        self._process.start()
+
+    def watch(self, recorder: Recorder) -> None:
+        """Observe a run that is about to begin."""
+        self._plant, self._period = recorder.plant, recorder.period
+        recorder.observers.append(self.observe)
+
+    def observe(self, channels: Mapping[str, NDArray[Any]]) -> None:
+        """Take in the channels of one control period, arrays with N rigs first."""
+        if not self._plan:
+            self._arrange(channels)
+        row = self._ring.slot()
+        row[0] = self._tick * self._period
+        for name, rig, begin, end in self._plan:
+            row[begin:end] = channels[name][rig]
+        self._ring.put()
+        self._tick += 1
+
+    def _arrange(self, channels: Mapping[str, NDArray[Any]]) -> None:
+        names = ["time"]
+        for rig in self._rigs:
+            for channel, values in channels.items():
+                known = CHANNELS.get(channel)
+                columns = known.columns if known else self._plant
+                if values[rig].size:
+                    self._plan.append((channel, rig, len(names), len(names) + len(columns)))
+                    names += columns
+        self._ring.name(names)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return self._process.is_alive()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the process ended by itself with an error."""
+        return self._process.exitcode not in (None, 0)
+
+    def finish(self, wait: float = LAST) -> bool:
+        """Give the process some seconds to work through what is left; return whether it has."""
+        self._ring.finish()
+        self._process.join(wait)
+        self.dropped = self._ring.dropped
+        return self._process.exitcode == 0
+
+    def close(self) -> None:
+        """End the process, whatever it does, and give the memory back."""
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(1.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._process.close()
+        self._ring.close()
