@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 
 _NAMES = 16384
-_COUNTERS = 4
-_WRITTEN, _DROPPED, _DONE, _NAMED = range(_COUNTERS)
+_COUNTERS = 5
+_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED = range(_COUNTERS)
 
 
 class Ring:
@@ -41,6 +41,8 @@ class Ring:
         self._own = name is None
         if self._own:
             self._counters[:] = 0
+        else:
+            self._counters[_OPENED] = 1
 
     @property
     def address(self) -> tuple[int, int, str]:
@@ -87,6 +89,11 @@ class Ring:
     def dropped(self) -> int:
         """Rows that were overwritten before they were read."""
         return int(self._counters[_DROPPED])
+
+    @property
+    def opened(self) -> bool:
+        """Whether the reader has opened it."""
+        return bool(self._counters[_OPENED])
 
     @property
     def done(self) -> bool:

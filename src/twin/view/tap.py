@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,6 +18,8 @@ ROWS = 32768
 """Rows the ring holds: a minute of a real-time run at 2 ms."""
 WIDTH = 96
 """Most columns of one rig."""
+FIRST = 60.0
+"""Most seconds that the process may take to start; after a short run they are waited for."""
 LAST = 5.0
 """Seconds that the process is given at the end to work through what is left."""
 
@@ -99,6 +102,9 @@ class Tap:
     def finish(self, wait: float = LAST) -> bool:
         """Give the process some seconds to work through what is left; return whether it has."""
         self._ring.finish()
+        until = time.monotonic() + FIRST
+        while not self._ring.opened and self.alive and time.monotonic() < until:
+            self._process.join(0.05)
         self._process.join(wait)
         self.dropped = self._ring.dropped
         return self._process.exitcode == 0
