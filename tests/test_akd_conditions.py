@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from twin.emulator.can_faults import Towards
 from twin.emulator.can_rehearsal import Rehearsal, still
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
@@ -14,8 +13,8 @@ from twin.hal.akd.cia402 import State
 from twin.hal.akd.config import AkdConfig
 from twin.hal.akd.errors import DriveError
 from twin.hal.faults import Severity
-
-TPDO1, TPDO2 = 0x181, 0x281
+from twin.safety import drive_causes as cause_of
+from twin.safety.drive_causes import CASES, TPDO1
 
 
 def swing(t):
@@ -34,196 +33,6 @@ def rig():
         assert rehearsal.servos.enabled
         assert not rehearsal.seen
         yield rehearsal
-
-
-def bus_off(rig):
-    rig.bus.faults.take_off_bus()
-
-
-def error_passive(rig):
-    rig.bus.faults.make_passive()
-
-
-def adapter_gone(rig):
-    rig.adapter.plugged = False
-
-
-def heartbeat_lost(rig):
-    rig.bus.faults.drop(0x701, towards=Towards.HOST)
-
-
-def node_silent(rig):
-    rig.bus.faults.silence(2)
-
-
-def rebooted(rig):
-    rig.drives[0].reboot()
-
-
-def left_operational(rig):
-    rig.drives[0].nmt = 127
-
-
-def monitoring_off(rig):
-    rig.drives[0].store.set(0x1016, 1, 0)
-
-
-def sdo_silent(rig):
-    rig.drives[0].sdo_silent = True
-
-
-def sdo_abort(rig):
-    rig.drives[0].sdo_aborts[0x1016, 1] = 0x08000022
-
-
-def emergency(rig):
-    rig.drives[0].emergency(0x4310, 0x08, b"\x01")
-
-
-def emergency_burst(rig):
-    for _ in range(12):
-        rig.drives[0].emergency(0x4390)
-
-
-def emergency_short(rig):
-    rig.drives[0].short_emergencies = True
-    rig.drives[0].emergency(0x4310)
-
-
-def pdo_missing(rig):
-    rig.bus.faults.drop(TPDO1, lasting=0.003)
-
-
-def pdo_stale(rig):
-    rig.bus.faults.drop(TPDO1)
-
-
-def pdo_short(rig):
-    rig.bus.faults.truncate(TPDO1, to=5, lasting=0.003)
-
-
-def pdo_late(rig):
-    rig.bus.faults.delay(TPDO1, by=0.003, lasting=0.0015)
-
-
-def pdo_wrong_cycle(rig):
-    rig.bus.faults.duplicate(TPDO1, lasting=0.003)
-
-
-def pdo_unsteady(rig):
-    rig.bus.faults.drop(TPDO1, share=0.5)
-
-
-def duplicate(rig):
-    rig.bus.faults.duplicate([TPDO1, TPDO2])
-
-
-def second_node(rig):
-    twin = EmulatedDrive(DriveSettings(node=1, serial=7))
-    rig.bus.drives.append(twin)
-
-
-def frozen(rig):
-    rig.drives[0].motor.frozen = True
-
-
-def frozen_plate(rig):
-    rig.drives[0].motor.frozen_plate = True
-
-
-def motor_jump(rig):
-    rig.drives[0].motor.jump(20_000)
-
-
-def plate_jump(rig):
-    rig.drives[0].motor.jump_plate(100)
-
-
-def stalled(rig):
-    rig.drives[0].store.set(0x6083, 0, 0)
-    rig.drives[0].store.set(0x6084, 0, 0)
-    rig.drives[0].motor.rate = -0.5
-
-
-def mode(rig):
-    rig.drives[0].mode_override = 1
-
-
-def drive_fault(rig):
-    rig.drives[0].fail(235)
-
-
-def disabled(rig):
-    rig.drives[0].power.state = Power.SWITCH_ON_DISABLED
-
-
-def quick_stopped(rig):
-    rig.drives[0].power.option = 6
-    rig.drives[0].store.set(0x605A, 0, 6)
-    rig.drives[0].power.state = Power.QUICK_STOP
-    rig.bus.faults.drop(0x201, lasting=0.01)
-
-
-def remote(rig):
-    rig.drives[0].remote = False
-
-
-def limit(rig):
-    rig.drives[0].limit_active = True
-
-
-def no_dc_link(rig):
-    rig.drives[0].power.dc_link = False
-
-
-def sto(rig):
-    rig.drives[0].open_sto()
-
-
-def warning(rig):
-    rig.drives[0].warning = True
-
-
-CASES = [
-    (bus_off, c.BUS_OFF),
-    (error_passive, c.ERROR_PASSIVE),
-    (adapter_gone, c.ADAPTER_GONE),
-    (heartbeat_lost, c.HEARTBEAT_LOST),
-    (node_silent, c.HEARTBEAT_LOST),
-    (node_silent, c.PDO_STALE),
-    (rebooted, c.DRIVE_REBOOTED),
-    (left_operational, c.NMT_LEFT),
-    (monitoring_off, c.MONITORING_OFF),
-    (sdo_silent, c.SDO_TIMEOUT),
-    (sdo_abort, c.SDO_ABORT),
-    (emergency, c.EMERGENCY),
-    (emergency_burst, c.EMERGENCY_BURST),
-    (emergency_short, c.EMERGENCY_SHORT),
-    (pdo_missing, c.PDO_MISSING),
-    (pdo_stale, c.PDO_STALE),
-    (pdo_short, c.PDO_SHORT),
-    (pdo_late, c.PDO_LATE),
-    (pdo_wrong_cycle, c.PDO_WRONG_CYCLE),
-    (pdo_unsteady, c.PDO_UNSTEADY),
-    (duplicate, c.DUPLICATE_ID),
-    (second_node, c.DUPLICATE_ID),
-    (frozen, c.FROZEN),
-    (frozen_plate, c.PLATE_FROZEN),
-    (motor_jump, c.ENCODER_JUMP),
-    (plate_jump, c.ENCODER_JUMP),
-    (stalled, c.RUNAWAY),
-    (mode, c.MODE_CHANGED),
-    (drive_fault, c.DRIVE_FAULT),
-    (drive_fault, c.FAULT_NUMBER),
-    (disabled, c.DRIVE_DISABLED),
-    (quick_stopped, c.QUICK_STOPPED),
-    (remote, c.REMOTE_LOST),
-    (remote, c.STOP_IGNORED),
-    (limit, c.INTERNAL_LIMIT),
-    (no_dc_link, c.NO_DC_LINK),
-    (sto, c.STO_OPEN),
-    (warning, c.DRIVE_WARNING),
-]
 
 
 @pytest.mark.parametrize(
@@ -314,7 +123,17 @@ def test_a_fault_is_not_reset_without_a_request(rig):
 
 
 @pytest.mark.parametrize(
-    "cause", [drive_fault, pdo_stale, frozen, motor_jump, sto, no_dc_link, disabled, limit]
+    "cause",
+    [
+        cause_of.drive_fault,
+        cause_of.pdo_stale,
+        cause_of.frozen,
+        cause_of.motor_jump,
+        cause_of.sto,
+        cause_of.no_dc_link,
+        cause_of.disabled,
+        cause_of.limit,
+    ],
 )
 def test_after_the_cause_is_gone_a_requested_reset_and_enable_go_on(rig, cause):
     cause(rig)
@@ -345,7 +164,16 @@ def test_a_reset_before_the_cause_is_gone_is_refused_and_said_so(rig):
     assert c.STO_OPEN in [each.fault.condition for each in seen]
 
 
-@pytest.mark.parametrize("cause", [rebooted, node_silent, adapter_gone, bus_off, mode])
+@pytest.mark.parametrize(
+    "cause",
+    [
+        cause_of.rebooted,
+        cause_of.node_silent,
+        cause_of.adapter_gone,
+        cause_of.bus_off,
+        cause_of.mode,
+    ],
+)
 def test_where_a_reset_cannot_help_a_restart_does(rig, cause):
     cause(rig)
     rig.run(0.5, turn)

@@ -12,6 +12,7 @@ def filled(rigs=1):
     record = Recorder(4, rigs, 0.002, ("torque_phi_Nm",))
     for tick in range(3):
         record.append(
+            0.002 * tick,
             state=np.full((rigs, 8), tick) + np.arange(rigs)[:, None] / 10,
             age=np.full(rigs, tick / 10),
             plant=np.full((rigs, 1), 1.5),

@@ -30,7 +30,7 @@ def made(ball, tables=TABLES, **columns):
     """A run whose ball moved as a function of time says, with nothing at its limits."""
     scenario = check(tables, "test")
     time = np.arange(round(scenario.duration / 0.002)) * 0.002
-    rows = {"time": time, "supervisor": np.full(len(time), 2.0), "touched": np.ones(len(time))}
+    rows = {"time": time, "supervisor": np.full(len(time), 3.0), "touched": np.ones(len(time))}
     for kind in ("true", "estimated"):
         for part in ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate"):
             rows[f"{kind}_{part}"] = np.zeros(len(time))

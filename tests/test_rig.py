@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.assemble import assemble
-from twin.hal.supervisor import State
+from twin.hal.states import State
 
 QUIET = (
     "sensors.touch.dead_time=0",
@@ -82,7 +82,7 @@ def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
 
     with pytest.raises(RuntimeError, match="controller died"):
         run_until_it_dies()
-    assert (rig.supervisor.state == State.DISABLED).all()
+    assert (rig.supervisor.state == State.OFF).all()
     assert np.abs(rig.bench.state[:, 2::4]).max() < np.radians(0.1)
 
 

@@ -4,17 +4,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin.hal.supervisor import Limits, State, Supervisor
+from twin.hal.limits import Limits
+from twin.hal.states import Event, State
+from twin.hal.supervisor import Supervisor
 
 PERIOD = 0.002
 LIMITS = Limits()
+FELT = np.array([True])
 WISHES = arrays(float, (60, 2, 2), elements=st.floats(-50, 50))
 
 
 def running(rigs=2, limits=LIMITS):
     supervisor = Supervisor(limits, PERIOD, rigs)
-    supervisor.enable(np.zeros((rigs, 2)))
-    supervisor.start()
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((rigs, 2)))
+    supervisor.handle(Event.START)
     return supervisor
 
 
@@ -46,10 +50,11 @@ def test_nothing_moves_before_the_explicit_start():
     supervisor = Supervisor(LIMITS, PERIOD, 1)
     wish = np.full((1, 2), 0.01)
     assert not supervisor.clamp(wish).any()
-    supervisor.enable(np.zeros((1, 2)))
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
     assert supervisor.state[0] == State.READY
     assert not supervisor.clamp(wish).any()
-    supervisor.start()
+    supervisor.handle(Event.START)
     assert supervisor.clamp(wish).any()
 
 
@@ -58,7 +63,7 @@ def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
     supervisor = running()
     rate = supervisor.clamp(np.array([[bad, 0.0], [0.01, 0.0]]))
     assert np.isfinite(rate).all()
-    assert supervisor.state.tolist() == [State.STOPPED, State.RUNNING]
+    assert supervisor.state.tolist() == [State.HOLDING, State.RUNNING]
     assert "controller asked for" in supervisor.reason[0]
 
 
@@ -68,13 +73,13 @@ def test_a_wish_that_is_no_number_stops_its_rig_and_only_that(bad):
 )
 def test_a_ball_or_plate_past_its_limit_stops_the_rig(ball, plate):
     supervisor = running(1)
-    supervisor.watch(measured(ball, plate))
-    assert supervisor.state[0] == State.STOPPED
+    supervisor.watch(measured(ball, plate), FELT)
+    assert supervisor.state[0] == State.HOLDING
 
 
 def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
     supervisor = running(1)
-    supervisor.watch(measured((0.29, 0.19)))
+    supervisor.watch(measured((0.29, 0.19)), FELT)
     assert supervisor.state[0] == State.RUNNING
 
 
@@ -82,9 +87,10 @@ def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
 @given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
 def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):
     supervisor = Supervisor(LIMITS, PERIOD, 1)
-    supervisor.enable(np.array([[phi, theta]]))
-    supervisor.start()
-    supervisor.level()
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.array([[phi, theta]]))
+    supervisor.handle(Event.START)
+    supervisor.handle(Event.LEVEL)
     for _ in range(1000):
         supervisor.clamp(np.full((1, 2), 0.5))
     assert np.abs(supervisor.angle).max() < 1e-5
@@ -93,7 +99,7 @@ def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta)
 
 def test_a_stopped_rig_stays_stopped_when_the_ball_returns():
     supervisor = running(1)
-    supervisor.watch(measured((0.3, 0.0)))
-    supervisor.watch(measured((0.0, 0.0)))
-    supervisor.start()
-    assert supervisor.state[0] == State.STOPPED
+    supervisor.watch(measured((0.3, 0.0)), FELT)
+    supervisor.watch(measured((0.0, 0.0)), FELT)
+    supervisor.handle(Event.START)
+    assert supervisor.state[0] == State.HOLDING

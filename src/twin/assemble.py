@@ -14,11 +14,11 @@ from controllers.stack import Controller
 from twin.errors import ScenarioError
 from twin.hal.cams import CamTable, Direct
 from twin.hal.drives import DriveModel
+from twin.hal.limits import Limits
 from twin.hal.misjudged import Misjudged
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.hal.simulated import Bench, SimulatedRig
-from twin.hal.supervisor import Limits
 from twin.models import model_path
 from twin.plant.exact import ExactPlant
 from twin.plant.friction import Friction
@@ -28,6 +28,7 @@ from twin.plant.parts import Parts
 from twin.plant.surface import SurfaceMap
 from twin.scenario.plant import Plant as PlantTables
 from twin.scenario.schema import Choice, Scenario, checked_settings, choices
+from twin.scenario.schema import Limits as LimitTable
 
 
 class Experiment(NamedTuple):
@@ -48,13 +49,8 @@ def assemble(scenario: Scenario, *, rigs: int = 1, threads: int = 0) -> Experime
     plant, transmission = build_plant(scenario, rigs=rigs, threads=threads)
     period = scenario.rig.period
     touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
-    start, servo = scenario.plant.start, scenario.plant.servo
-    ball = np.tile([start.x, start.x_rate, start.y, start.y_rate], (rigs, 1))
-    if isinstance(plant, Mechanism):
-        plant.start(ball, start.spin)
-    else:
-        plant.start(ball)
-    bench = Bench(
+    bench = build_bench(
+        scenario,
         plant,
         period=period,
         touch=TouchModel(
@@ -66,19 +62,44 @@ def assemble(scenario: Scenario, *, rigs: int = 1, threads: int = 0) -> Experime
             rotation=radians(touch.rotation_deg),
         ),
         encoders=EncoderModel(**dict(encoders)),
-        drives=DriveModel(bandwidth=servo.bandwidth_hz, backlash=radians(servo.backlash_deg)),
-        disturbance=scenario.disturbance.variance,
-        hold=max(1, round(scenario.sensors.noise_hold / period)),
-        seed=scenario.seed,
     )
     rig = SimulatedRig(
         bench,
         transmission=transmission,
-        limits=build_limits(scenario),
+        limits=build_limits(scenario.rig.limits),
         period=period,
         ideal=scenario.sensors.ideal,
     )
     return Experiment(rig, controller)
+
+
+def build_bench(
+    scenario: Scenario, plant: Plant, *, period: float, touch: TouchModel, encoders: EncoderModel
+) -> Bench:
+    """A scenario's devices around its plant, the plant started; period in s."""
+    servo = scenario.plant.servo
+    start_plant(plant, scenario)
+    hold = max(scenario.sensors.noise_hold, scenario.rig.period)
+    return Bench(
+        plant,
+        period=period,
+        touch=touch,
+        encoders=encoders,
+        drives=DriveModel(bandwidth=servo.bandwidth_hz, backlash=radians(servo.backlash_deg)),
+        disturbance=scenario.disturbance.variance,
+        hold=round(hold / period),
+        seed=scenario.seed,
+    )
+
+
+def start_plant(plant: Plant, scenario: Scenario) -> None:
+    """Put the balls where the scenario starts, the plates level."""
+    start = scenario.plant.start
+    ball = np.tile([start.x, start.x_rate, start.y, start.y_rate], (plant.rigs, 1))
+    if isinstance(plant, Mechanism):
+        plant.start(ball, start.spin)
+    else:
+        plant.start(ball)
 
 
 def build_plant(
@@ -181,15 +202,15 @@ def build_parts(settings: PlantTables) -> Parts:
     )
 
 
-def build_limits(scenario: Scenario) -> Limits:
-    """The limits of a scenario in SI units."""
-    given = scenario.rig.limits
+def build_limits(given: LimitTable) -> Limits:
+    """The limits of a scenario or a rig in SI units."""
     return Limits(
         angle=radians(given.angle_deg),
         rate=radians(given.rate_deg),
         acceleration=given.acceleration,
         area=given.area,
         margin=given.margin,
+        ball_speed=given.ball_speed,
     )
 
 

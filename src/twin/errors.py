@@ -5,6 +5,7 @@ TwinError
 +-- ModelError        the MJCF model or its cam table does not fit
 +-- ViewError         a viewer cannot be started or reached
 +-- RecordError       a run folder cannot be written or read
++-- RigError          a rig cannot be switched on; also DriveError and ScreenError of its devices
 """
 
 
@@ -26,3 +27,7 @@ class ViewError(TwinError, RuntimeError):
 
 class RecordError(TwinError, OSError):
     """A run folder or its files cannot be written or read."""
+
+
+class RigError(TwinError, ConnectionError):
+    """A rig, or one of its devices, cannot be brought up."""

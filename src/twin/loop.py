@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from controllers.interfaces import Measurement
 from controllers.stack import Controller
 from twin.hal.rig import Rig
-from twin.hal.supervisor import State
+from twin.hal.states import State
 from twin.record import Recorder
 
 
@@ -51,48 +51,46 @@ class Referee:
         rig: The rigs.
     """
 
-    LOST_AFTER = 0.1
-    """Seconds without touch after which the ball counts as lost."""
     STOP_WATCH = 2.0
-    """Seconds a stopped rig is watched further: its ball may come to rest or still fall."""
+    """Seconds a holding rig is watched further: its ball may come to rest or still fall."""
 
     def __init__(self, rig: Rig) -> None:
         self.outcomes: dict[int, Outcome] = {}
         self._rig = rig
         self._rigs = len(rig.supervisor.state)
-        self._unseen: float | NDArray[np.floating] = 0.0
         self._stopped = np.full(self._rigs, np.nan)
 
     def watch(self, measurement: Measurement) -> bool:
         """Take in a new period; return whether every rig has ended."""
         fallen = self._rig.fallen
-        if self._rig.supervisor.all_running and measurement.touched.all() and not fallen.any():
-            self._unseen = 0.0
+        if self._rig.supervisor.all_running and not fallen.any():
             return False
-        stopped = self._rig.supervisor.state == State.STOPPED
-        self._note(measurement.time, measurement.touched, fallen, stopped)
+        self._note(measurement.time, fallen)
         return len(self.outcomes) == self._rigs
 
-    def _note(
-        self,
-        time: float,
-        touched: NDArray[np.bool_],
-        fallen: NDArray[np.bool_],
-        stopped: NDArray[np.bool_],
-    ) -> None:
-        unseen = np.where(touched, 0.0, self._unseen + self._rig.period)
-        self._unseen = unseen
+    def _note(self, time: float, fallen: NDArray[np.bool_]) -> None:
+        supervisor = self._rig.supervisor
+        stopped = (supervisor.state == State.HOLDING) | (supervisor.state == State.FAULT)
         self._stopped = np.where(stopped & np.isnan(self._stopped), time, self._stopped)
+        lost = supervisor.lost
         for rig in range(self._rigs):
-            reason = self._rig.supervisor.reason[rig]
+            reason = supervisor.reason[rig]
             if rig in self.outcomes:
                 continue
             if fallen[rig]:
                 self.outcomes[rig] = Outcome(Ending.FELL, time, reason or "ball left the plate")
-            elif unseen[rig] > self.LOST_AFTER:
+            elif supervisor.state[rig] == State.FAULT:
+                self.outcomes[rig] = Outcome(Ending.FAULT, time, reason)
+            elif lost[rig] and not supervisor.by_device[rig]:
                 self.outcomes[rig] = Outcome(Ending.LOST, time, "screen no longer feels the ball")
             elif time - self._stopped[rig] > self.STOP_WATCH:
-                self.outcomes[rig] = Outcome(Ending.ABORTED, float(self._stopped[rig]), reason)
+                self.outcomes[rig] = self._stop(rig)
+
+    def _stop(self, rig: int) -> Outcome:
+        """The outcome of a rig that was stopped."""
+        supervisor = self._rig.supervisor
+        ending = Ending.FAULT if supervisor.by_device[rig] else Ending.ABORTED
+        return Outcome(ending, float(self._stopped[rig]), supervisor.reason[rig])
 
     def final(self, time: float, otherwise: Ending, reason: str = "") -> list[Outcome]:
         """One outcome a rig; those that have not ended get the ending given."""
@@ -104,8 +102,7 @@ class Referee:
             elif np.isnan(stop):
                 end.append(Outcome(otherwise, time, reason))
             else:
-                stopped = self._rig.supervisor.reason[rig]
-                end.append(Outcome(Ending.ABORTED, float(stop), stopped))
+                end.append(self._stop(rig))
         return end
 
 
@@ -129,11 +126,14 @@ def drive(
         rig.start()
         try:
             for tick in range(round(duration / rig.period)):
+                if measurement.time > duration - rig.period / 2:
+                    break
                 wished = controller.command(measurement)
                 before = controller.rate
                 rate = rig.write(wished)
                 controller.applied(rate)
                 recorder.append(
+                    measurement.time,
                     measured=measurement.y,
                     age=measurement.age,
                     touched=measurement.touched,
@@ -151,4 +151,4 @@ def drive(
                     progress(measurement.time)
         except KeyboardInterrupt:
             end, reason = Ending.ABORTED, INTERRUPTED
-    return referee.final(recorder.length * rig.period, end, reason)
+    return referee.final(recorder.end, end, reason)

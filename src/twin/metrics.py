@@ -25,7 +25,8 @@ class Motion:
 
     Attributes:
         time: Seconds, shape (K,).
-        ball: True ball position in plate axes, m, shape (K, 2).
+        ball: True ball position in plate axes, m, shape (K, 2); of a real rig, where nobody knows
+            it, the estimated one.
         plate: Plate angles (phi, theta) in rad, shape (K, 2).
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
         reference: Wished ball position in m, shape (K, 2).
@@ -40,7 +41,7 @@ class Motion:
     @classmethod
     def of(cls, record: Recorder, reference: Reference, rig: int = 0) -> Motion:
         """The motion of one rig of a record."""
-        state = record["state"][:, rig]
+        state = record["state" if "state" in record.data else "estimate"][:, rig]
         return cls(
             time=record.time,
             ball=state[:, 0::4],

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from twin.errors import RecordError
 
 Array = NDArray[np.floating]
+Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,9 @@ CHANNELS = {
     "wished": Channel(("wished_phi_acc", "wished_theta_acc"), ("rad/s^2", "rad/s^2")),
     "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
     "supervisor": Channel(("supervisor",), ("1",)),
+    "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
 }
-"""The channels every simulated record has, beside those of its plant."""
+"""The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only."""
 
 
 @dataclass
@@ -57,7 +59,8 @@ class Recorder:
         plant: Names of the columns of the channel ``plant``, each ending in its unit.
         length: Periods recorded so far.
         data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
-        observers: Are shown the channels of each period as they are recorded; must not stall.
+        observers: Are shown time and channels of each period as they are recorded; must not
+            stall.
     """
 
     ticks: int
@@ -66,23 +69,33 @@ class Recorder:
     plant: tuple[str, ...] = ()
     length: int = 0
     data: dict[str, Array] = field(default_factory=dict)
-    observers: list[Callable[[Mapping[str, NDArray[Any]]], None]] = field(default_factory=list)
+    observers: list[Observe] = field(default_factory=list)
 
-    def append(self, **channels: NDArray[Any]) -> None:
-        """Add one control period; the channels must be the same every time."""
+    def __post_init__(self) -> None:
+        """Make room for the times."""
+        self._time = np.empty(self.ticks)
+
+    def append(self, time: float, **channels: NDArray[Any]) -> None:
+        """Add the control period that began at a time in s; always the same channels."""
         if not self.data:
             for name, value in channels.items():
                 self.data[name] = np.full((self.ticks, *value.shape), np.nan)
         for name, value in channels.items():
             self.data[name][self.length] = value
+        self._time[self.length] = time
         self.length += 1
         for observe in self.observers:
-            observe(channels)
+            observe(time, channels)
 
     @property
     def time(self) -> Array:
-        """Seconds since the start, shape (length,)."""
-        return np.arange(self.length) * self.period
+        """Seconds since the start, shape (length,); of a real-time run with gaps if any."""
+        return self._time[: self.length]
+
+    @property
+    def end(self) -> float:
+        """When the last period ended, s."""
+        return float(self._time[self.length - 1]) + self.period if self.length else 0.0
 
     def __getitem__(self, name: str) -> Array:
         """What was recorded of a channel, shape (length, N, columns)."""

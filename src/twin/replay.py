@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from controllers.interfaces import Reference
 from twin.assemble import build_limits, build_reference
 from twin.errors import RecordError, ScenarioError
-from twin.hal.supervisor import Limits
+from twin.hal.limits import Limits
 from twin.metrics import Motion
 from twin.record import read_run
 from twin.scenario.load import check
@@ -56,7 +56,7 @@ class Replay:
     @property
     def limits(self) -> Limits:
         """What the rig might be told to do."""
-        return build_limits(self.scenario)
+        return build_limits(self.scenario.rig.limits)
 
     @cached_property
     def motion(self) -> Motion:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from controllers.interfaces import Reference
-from twin.assemble import assemble
+from twin.assemble import assemble, build_controller
+from twin.hal.rig import Entry, Rig
 from twin.loop import Outcome, drive
 from twin.metrics import Metrics, Motion, measure
 from twin.picture import draw
@@ -30,6 +31,8 @@ class Run:
         metrics: Its indicators.
         motion: What ball and plate did.
         real_time_factor: Simulated seconds a second of the loop.
+        journal: Every condition that was detected.
+        account: What a rig in real time has to say of its timing.
     """
 
     scenario: Scenario
@@ -38,6 +41,8 @@ class Run:
     metrics: Metrics
     motion: Motion
     real_time_factor: float
+    journal: tuple[Entry, ...] = ()
+    account: Mapping[str, Any] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints: the indicators and the speed."""
@@ -45,6 +50,7 @@ class Run:
             "scenario": self.scenario.title,
             **self.metrics.as_dict(),
             "real_time_factor": self.real_time_factor,
+            **self.account,
         }
 
 
@@ -52,6 +58,7 @@ def run(
     scenario: Scenario,
     progress: Callable[[float], None] = lambda _: None,
     watch: Callable[[Recorder], None] = lambda _: None,
+    rig: Rig | None = None,
 ) -> Run:
     """Run a scenario with one rig.
 
@@ -59,11 +66,15 @@ def run(
         scenario: What to run.
         progress: Is told the simulated time now and then.
         watch: Is given the recorder before the run, to observe it.
+        rig: A real rig, not switched on; simulated by default.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
-    rig, controller = assemble(scenario)
+    if rig is None:
+        rig, controller = assemble(scenario)
+    else:
+        controller = build_controller(scenario)
     period = scenario.rig.period
     record = Recorder(round(scenario.duration / period), 1, period, rig.channels)
     watch(record)
@@ -78,7 +89,16 @@ def run(
         start=scenario.metrics.start,
         band_percent=scenario.metrics.band_percent,
     )
-    return Run(scenario, record, outcome, metrics, motion, record.length * period / spent)
+    return Run(
+        scenario,
+        record,
+        outcome,
+        metrics,
+        motion,
+        record.length * period / spent,
+        tuple(rig.journal),
+        rig.account(),
+    )
 
 
 def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
@@ -96,6 +116,11 @@ def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
         "scenario": run.scenario.model_dump(mode="json"),
         "metrics": run.metrics.as_dict(),
         "versions": versions(),
+        "events": [
+            {"time": time, "severity": str(note.condition.severity), "text": note.text}
+            for time, note in run.journal
+        ],
+        **run.account,
     }
     write_run(folder, run.record, metadata)
     write_json(folder / "metrics.json", run.summary())

@@ -19,6 +19,10 @@ COMMANDS = {
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
     "identify": "twin.cli.identify:identify",
+    "study": "twin.cli.study:study",
+    "doctor": "twin.cli.doctor:doctor",
+    "emulate": "twin.cli.emulate:emulate",
+    "safety": "twin.cli.safety:safety",
     "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",
 }

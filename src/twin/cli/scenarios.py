@@ -13,8 +13,11 @@ import click
 from controllers.analysis import instability, slow_observer
 from twin.assemble import build_controller
 from twin.cli.output import console, print_json, print_metrics, progress, warn
+from twin.cli.rigs import RESET, RIG, tell
+from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
 from twin.errors import ScenarioError
+from twin.hal.rig import Rig
 from twin.loop import Ending
 from twin.metrics import Motion
 from twin.picture import draw
@@ -54,6 +57,8 @@ def list_scenarios(*, as_json: bool) -> None:
 @SETTING
 @PLANT
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO].")
+@RIG
+@RESET
 @VIEWING
 @JSON
 def run(
@@ -61,17 +66,22 @@ def run(
     overrides: tuple[str, ...],
     plant: str | None,
     out: Path | None,
+    rig: str | None,
     viewing: Viewing,
     *,
+    reset: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     chosen = load(scenario, _with_plant(overrides, plant))
     folder = out or Path("runs") / Path(scenario).stem
     check_writable(folder)
-    with viewing.of(chosen, folder) as watch:
-        done = _run(chosen, watch=watch, quiet=viewing.watch)
-    runs: dict[str, Run] = {PLANTS[chosen.plant.kind]: done}
+    with on_rig(rig, chosen, reset=reset) as real, viewing.of(chosen, folder) as watch:
+        done = _run(chosen, watch=watch, quiet=viewing.watch, rig=real)
+    if real is not None:
+        tell(real)
+    label = PLANTS[chosen.plant.kind] if real is None else f"rig {Path(str(rig)).stem}"
+    runs: dict[str, Run] = {label: done}
     if chosen.baseline and chosen.plant.kind == "mujoco" and not done.outcome.interrupted:
         runs["clean model"] = _run(clean(chosen))
     save(done, folder, {label: each.motion for label, each in runs.items()})
@@ -177,6 +187,7 @@ def _run(
     watch: Callable[[Recorder], None] = lambda _: None,
     *,
     quiet: bool = False,
+    rig: Rig | None = None,
 ) -> Run:
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
@@ -187,9 +198,9 @@ def _run(
         if danger:
             warn(danger)
     if quiet:
-        return run_scenario(scenario, watch=watch)
+        return run_scenario(scenario, watch=watch, rig=rig)
     with progress(label or scenario.title, scenario.duration) as advance:
-        return run_scenario(scenario, advance, watch)
+        return run_scenario(scenario, advance, watch, rig)
 
 
 def _with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import count
 
 from twin.emulator.can_faults import BusFaults, Towards
@@ -32,6 +32,9 @@ class EmulatedBus:
         self.faults = faults or BusFaults()
         self.time = 0.0
         """Seconds that have been stepped."""
+        self.moved: Callable[[float], None] = _nothing
+        """Called after each step with its s, to move a plant: read ``drive.rate``, call
+        ``drive.sense``."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
         self._host: list[Frame] = []
@@ -58,6 +61,7 @@ class EmulatedBus:
         while self._later and self._later[0][0] <= self.time:
             _, _, towards, frame = heapq.heappop(self._later)
             self._arrive(frame, towards)
+        self.moved(dt)
 
     def _carry(self, frame: Frame, towards: Towards) -> None:
         for delay, each in self.faults.deliver(frame, towards):
@@ -74,3 +78,7 @@ class EmulatedBus:
         for drive in self.drives:
             for answer in drive.receive(frame):
                 self._carry(answer, Towards.HOST)
+
+
+def _nothing(_: float) -> None:
+    """No plant."""

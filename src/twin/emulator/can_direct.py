@@ -43,8 +43,9 @@ class DirectBus(can.BusABC):
     def sleep(self, seconds: float) -> None:
         """Let the bus's time pass."""
         end = self._bus.time + seconds
-        while (left := end - self._bus.time) > _INSTANT:
-            self._bus.step(min(self._step, left))
+        while (left := end - self._bus.time) > 0:
+            # A step too small to count would let whoever waits for a deadline wait for ever.
+            self._bus.step(max(_INSTANT, min(self._step, left)))
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus at once; ``timeout`` is not needed."""
@@ -60,7 +61,6 @@ class DirectBus(can.BusABC):
         end = self._bus.time + (timeout or 0.0)
         self._collect()
         while not self._inbox and (left := end - self._bus.time) > 0:
-            # A step too small to count would let whoever waits for a deadline wait for ever.
             self._bus.step(max(_INSTANT, min(self._step, left)))
             self._collect()
         return self._inbox.popleft() if self._inbox else None

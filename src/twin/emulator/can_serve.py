@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -29,8 +28,6 @@ class Served:
     Args:
         bus: What is emulated.
         port: Where the host is.
-        advance: Called with each step's s, to move a plant: read ``drive.rate``, call
-            ``drive.sense``. Called in the serving thread, under ``lock``.
         step: Step in s.
     """
 
@@ -41,14 +38,12 @@ class Served:
         bus: EmulatedBus,
         port: Port,
         *,
-        advance: Callable[[float], None] | None = None,
         step: float = 0.0005,
     ) -> None:
         self.bus = bus
         self.port = port
         self.lock = threading.Lock()
         """Hold it to look at, or meddle with, several things at one time."""
-        self._advance = advance
         self._step = step
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -65,8 +60,6 @@ class Served:
                 while stepped + self._step <= now:
                     stepped += self._step
                     self.bus.step(self._step)
-                    if self._advance is not None:
-                        self._advance(self._step)
                 self.port.pump()
 
     def stop(self) -> None:

@@ -25,6 +25,7 @@ _STILL = 1e-3
 _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
 _HALT = 1 << 8
+_VENDOR = 0x6A
 _CODE = struct.Struct("<HB")
 
 
@@ -136,6 +137,18 @@ class EmulatedDrive:
         if lasting:
             self.power.causes.add(number)
         self._failed(self.power.fail(number, braked=True))
+
+    def mend(self) -> None:
+        """Remove whatever has been done to it; a fault that came of it stays until it is reset."""
+        self.close_sto()
+        self.clear_causes()
+        self.power.dc_link = self.remote = True
+        self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
+        self.motor.frozen = self.motor.frozen_plate = self.warning = False
+        self.mode_override = self.limit_active = None
+        self.store.set(0x1018, 1, _VENDOR)
+        self.mute.clear()
+        self.sdo_aborts.clear()
 
     def clear_causes(self) -> None:
         """Remove the causes of faults, not the faults."""

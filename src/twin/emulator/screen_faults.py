@@ -70,6 +70,11 @@ class Damage:
         """Put a fault in force until a time in s."""
         self._until[fault] = until
 
+    def clear(self) -> None:
+        """End all of it."""
+        self._until.clear()
+        self._last, self._kept = (), b""
+
     def active(self, fault: ScreenFault, time: float) -> bool:
         """Whether a fault is in force at a time in s."""
         return time < self._until.get(fault, -1.0)

@@ -18,10 +18,10 @@ from twin.experiments.rig import Rig
 from twin.experiments.tables import Experiment
 from twin.fleet import Fleet, Paths
 from twin.hal.cams import CamTable, Direct
+from twin.hal.limits import Limits
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.hal.simulated import Bench, SimulatedRig
-from twin.hal.supervisor import Limits
 from twin.loop import Outcome, drive
 from twin.models import model_path
 from twin.plant.exact import ExactPlant
@@ -74,12 +74,13 @@ class Excerpt(Recorder):
     _tick: int = 0
     _u: Array = field(default_factory=lambda: np.zeros(2))
 
-    def append(self, **channels: NDArray[Any]) -> None:
+    def append(self, time: float, **channels: NDArray[Any]) -> None:
         """Take in one control period."""
         u = channels["applied"]
         self._u = np.where(np.abs(u) > np.abs(self._u), u, self._u)
         if self._tick % EVERY == 0:
             super().append(
+                time,
                 state=channels["state"],
                 estimate=self.controller.estimate,
                 measured=channels["measured"],

@@ -17,9 +17,9 @@ from controllers.state_feedback import LQR, PolePlacement
 from twin.experiments.batch import PERIOD
 from twin.experiments.fit import identified
 from twin.hal.cams import Direct
+from twin.hal.limits import Limits
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.hal.simulated import Bench, SimulatedRig
-from twin.hal.supervisor import Limits
 from twin.loop import Ending, drive
 from twin.plant.exact import ExactPlant
 from twin.plant.friction import Friction

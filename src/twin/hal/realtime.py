@@ -50,6 +50,8 @@ class RealTimeClock:
         self.ledger = ledger or Ledger(period)
         self.tick = 0
         """Periods since the start, missed ones included."""
+        self.lateness = 0.0
+        """How late the current period began, s."""
         self._spin = spin
         self._allowed = allowed
         self._now = now
@@ -62,6 +64,7 @@ class RealTimeClock:
         """Let the first period begin now; the first ``time`` or ``wait`` does it otherwise."""
         self._start = self._now()
         self.tick = 0
+        self.lateness = 0.0
         self._row = 0
 
     @property
@@ -70,6 +73,12 @@ class RealTimeClock:
         if self._start is None:
             self.start()
         return self.tick * self.period
+
+    @property
+    def left(self) -> float:
+        """Seconds until the next period begins; negative if it is missed already."""
+        start = self._now() if self._start is None else self._start
+        return start + (self.tick + 1) * self.period - self._now()
 
     def wait(self) -> None:
         """Return at the beginning of the next period that has not begun yet."""
@@ -95,6 +104,7 @@ class RealTimeClock:
         return faults
 
     def _count(self, lateness: float, missed: int) -> None:
+        self.lateness = lateness
         before = self._row
         self._row = before + missed + 1 if self.ledger.tick(lateness, missed) else 0
         if before < self._allowed <= self._row:

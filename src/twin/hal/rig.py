@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.interfaces import Measurement
 from twin.hal.devices import Clock, Servos, TouchScreen
-from twin.hal.supervisor import Supervisor
+from twin.hal.faults import Watched
+from twin.hal.states import Event, State
+from twin.hal.supervisor import Note, Supervisor
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -21,6 +24,13 @@ class Transmission(Protocol):
 
     def motor(self, plate: Array) -> Array:
         """Motor angles that hold the plate angles (phi, theta), both rad, (..., 2)."""
+
+
+class Entry(NamedTuple):
+    """What the supervisor noted, and when, s."""
+
+    time: float
+    note: Note
 
 
 class Rig:
@@ -37,6 +47,7 @@ class Rig:
         transmission: Plate angles to motor angles.
         supervisor: States and limits.
         period: Control period in s.
+        watched: The devices that say what is wrong with them; one rig only.
     """
 
     LEVELLING_TIME = 2.0
@@ -55,21 +66,41 @@ class Rig:
         transmission: Transmission,
         supervisor: Supervisor,
         period: float,
+        watched: Sequence[Watched] = (),
     ) -> None:
         self.period = period
+        self.journal: list[Entry] = []
+        """Every condition that was detected, oldest first."""
         self.supervisor = supervisor
         self._servos = servos
         self._screen = screen
         self._clock = clock
+        self._watched = watched
         self._transmission = transmission
         self._plate: Array = supervisor.angle
         self._motor: Array = supervisor.angle
         self._unanchored = 0.0
 
     def __enter__(self) -> Self:
-        self.supervisor.enable(self._servos.plate())
-        self._anchor()
+        self.supervisor.handle(Event.INITIALISE)
+        try:
+            self._power_on()
+        except BaseException:
+            self.supervisor.handle(Event.SWITCH_OFF)
+            raise
+        self._hold()
         return self
+
+    def _power_on(self) -> None:
+        """Bring the devices up; the drives hold the plate then."""
+
+    def _power_off(self) -> None:
+        """Let the devices go; the drives have no torque then."""
+
+    def _hold(self) -> None:
+        """Be ready, with the plate held where it is measured."""
+        self.supervisor.powered(self._servos.plate())
+        self._anchor()
 
     def __exit__(
         self,
@@ -77,20 +108,32 @@ class Rig:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.supervisor.level()
+        try:
+            self.level()
+        finally:
+            self._servos.command(np.zeros_like(self._motor))
+            self.supervisor.handle(Event.SWITCH_OFF)
+            self._power_off()
+
+    def level(self) -> None:
+        """Bring the plate level, as far as the drives can; the controller has no say any more."""
+        self.supervisor.handle(Event.LEVEL)
         still = np.zeros_like(self.supervisor.rate)
         for _ in range(round(self.LEVELLING_TIME / self.period)):
-            if np.abs(self.supervisor.angle).max() < self.LEVEL:
+            holding = self.supervisor.state == State.HOLDING
+            if not (np.abs(self.supervisor.angle)[holding] >= self.LEVEL).any():
                 break
             self.write(still)
             self.wait()
             self.read()
-        self._servos.command(np.zeros_like(self._motor))
-        self.supervisor.disable()
 
     def start(self) -> None:
         """Let the controller move the plate from now on."""
-        self.supervisor.start()
+        self.supervisor.handle(Event.START)
+
+    def recover(self) -> None:
+        """A person's request: rigs that hold become ready again, whatever made them hold."""
+        self.supervisor.handle(Event.RECOVER)
 
     def read(self) -> Measurement:
         """What the sensors say now; a rig past a limit is stopped here."""
@@ -99,8 +142,15 @@ class Rig:
         y = np.empty((*plate.shape[:-1], 4))
         y[..., 0::2] = touch.position
         y[..., 1::2] = plate
-        self.supervisor.watch(y)
-        return Measurement(self._clock.time, y, touch.age, touch.touched)
+        self.supervisor.watch(y, touch.touched)
+        for device in self._watched:
+            for fault in device.faults():
+                self.supervisor.report(fault)
+        time = self._clock.time
+        if self.supervisor.notes:
+            self.journal += [Entry(time, note) for note in self.supervisor.notes]
+            self.supervisor.notes.clear()
+        return Measurement(time, y, touch.age, touch.touched)
 
     def write(self, rate: Array) -> Array:
         """Command plate rates (phi', theta') in rad/s, shape (N, 2); return those applied.
@@ -137,4 +187,8 @@ class Rig:
 
     def telemetry(self) -> dict[str, Array]:
         """Further channels for the record, each shape (N, columns); never for the controller."""
+        return {}
+
+    def account(self) -> dict[str, Any]:
+        """What there is to say of the run that has ended, for its record; empty if nothing."""
         return {}

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from controllers.interfaces import Measurement
 from twin.hal.devices import Touch
 from twin.hal.drives import DriveModel, SimulatedDrives
+from twin.hal.limits import Limits
 from twin.hal.rig import Rig, Transmission
 from twin.hal.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
-from twin.hal.supervisor import Limits, Supervisor
+from twin.hal.supervisor import Supervisor
 from twin.plant.interface import Plant
 
 Array = NDArray[np.floating]

@@ -2,46 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.hal.faults import Condition, Fault, Severity
+from twin.hal.limits import Clamp, Limits
+from twin.hal.states import TRANSITIONS, Event, State
+
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
+LOST_AFTER = 0.1
+"""Seconds without touch after which the ball counts as lost."""
+PACE = 0.04
+"""Seconds over which the speed of the ball is measured."""
 
-class State(IntEnum):
-    """What a rig is allowed to do.
+_LEVELLED = "level the plate, then hold"
+_AGAIN = "bring ball and plate back, recover, start"
 
-    DISABLED: drives off. READY: drives on, plate held, waiting for an explicit start.
-    RUNNING: follows the controller. STOPPED: a limit was passed; the plate is being levelled.
-    """
+BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
+BALL_FAST = Condition("ball too fast", Severity.LEVEL, 2 * PACE, _LEVELLED, _AGAIN)
+BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + 0.002, _LEVELLED, _AGAIN)
+PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
+BAD_WISH = Condition(
+    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "mend the controller, recover, start"
+)
 
-    DISABLED = 0
-    READY = 1
-    RUNNING = 2
-    STOPPED = 3
+RIG_CONDITIONS = (BALL_OUTSIDE, BALL_FAST, BALL_LOST, PLATE_TILTED, BAD_WISH)
+"""What the supervisor itself watches over, simulated or not."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What a rig may be told to do, and where its ball may be; SI units.
+class Note(NamedTuple):
+    """A condition that was detected on a rig.
 
     Attributes:
-        angle: Plate angle either way, rad; thesis chapter 3: 10 deg.
-        rate: Plate rate either way, rad/s; assumed, the thesis limits it without a number.
-        acceleration: Plate acceleration either way, rad/s^2; thesis chapter 3: 7.
-        area: Operating area |x|, |y| of references, m; thesis chapter 3: 0.25 x 0.15.
-        margin: How far the ball may stray beyond the area before the rig stops, m; assumed.
+        rig: Which one.
+        condition: Which condition.
+        text: What was seen, in words and numbers.
     """
 
-    angle: float = np.pi / 18
-    rate: float = 0.6
-    acceleration: float = 7.0
-    area: tuple[float, float] = (0.25, 0.15)
-    margin: float = 0.04
+    rig: int
+    condition: Condition
+    text: str
 
 
 class Supervisor:
@@ -61,94 +65,139 @@ class Supervisor:
 
     def __init__(self, limits: Limits, period: float, rigs: int = 1) -> None:
         self.limits = limits
-        self.state = np.full(rigs, State.DISABLED)
+        self.state = np.full(rigs, State.OFF)
         self.reason = [""] * rigs
+        """Why each rig holds or has a fault."""
+        self.by_device = np.zeros(rigs, bool)
+        """Whether it was a device that made it."""
         self.rate: Array = np.zeros((rigs, 2))
         """Plate rate commanded last, rad/s."""
         self.angle: Array = np.zeros((rigs, 2))
         """Plate angle: the commanded rates added up, drawn to the measured angle, rad."""
+        self.all_running = False
+        """Whether every rig follows its controller."""
+        self.notes: list[Note] = []
+        """What was detected and not yet taken out, oldest first."""
+        self._clamp = Clamp(limits, period)
         self._period = period
         reach = np.add(limits.area, limits.margin)
         tilt = limits.angle + self.ANGLE_SLACK
         self._bounds = np.array([reach[0], tilt, reach[1], tilt])
-        self.all_running = False
-        """Whether every rig follows its controller."""
         self._trust = period / self.DRIFT_TIME
-        self._step = limits.acceleration * period
-        self._half_step = self._step / 2
-        self._whole_way = 2 * limits.acceleration * limits.angle
-        self._per_angle = 2 * limits.acceleration * np.array([1.0, -1.0])[:, None, None]
-        self._least, self._most = self._half_step**2, (limits.rate + self._half_step) ** 2
+        self._unseen: float | Array = 0.0
+        self._paces = max(1, round(PACE / period))
+        self._way = limits.ball_speed * self._paces * period
+        self._pace = 0
+        self._before = np.full((rigs, 2), np.nan)
 
-    def enable(self, plate: Array) -> None:
-        """Switch on: hold the plate at its measured angles (N, 2) until the start."""
-        self.angle = np.array(plate)
-        self.rate = np.zeros_like(self.angle)
-        self.state[:] = State.READY
-
-    def start(self) -> None:
-        """Let the rigs that are ready follow their controller."""
-        self.state[self.state == State.READY] = State.RUNNING
+    def handle(self, event: Event, which: Mask | None = None) -> Mask:
+        """Let an event happen to some rigs, all by default; return which of them it changed."""
+        asked = np.ones(len(self.state), bool) if which is None else which
+        changed = np.zeros(len(self.state), bool)
+        old = self.state.copy()
+        for rig in np.flatnonzero(asked):
+            new = TRANSITIONS.get((State(old[rig]), event))
+            if new is not None:
+                self.state[rig], changed[rig] = new, True
+                if event in {Event.RECOVER, Event.RESET}:
+                    self.reason[rig], self.by_device[rig] = "", False
         self.all_running = bool((self.state == State.RUNNING).all())
+        return changed
 
-    def level(self) -> None:
-        """Stop every rig that is on: its plate is brought level whatever the controller says."""
-        self.state[self.state != State.DISABLED] = State.STOPPED
-        self.all_running = False
+    def powered(self, plate: Array) -> None:
+        """The drives hold the plate at its measured angles (N, 2): wait for the start."""
+        fresh = self.handle(Event.POWERED)[:, None]
+        self.angle = np.where(fresh, plate, self.angle)
+        self.rate = np.where(fresh, 0.0, self.rate)
+        self._unseen = 0.0
+        self._before[:] = np.nan
 
-    def disable(self) -> None:
-        """Switch off: nothing is commanded any more."""
-        self.state[:] = State.DISABLED
-        self.all_running = False
+    def report(self, fault: Fault, rig: int = 0) -> None:
+        """Take in what a device has detected."""
+        which = np.arange(len(self.state)) == rig
+        # that there is no ball is no fault of a device
+        by_device = fault.condition.name != BALL_LOST.name
+        self._answer(fault.condition, which, str(fault), by_device=by_device)
 
-    def watch(self, y: Array) -> None:
-        """Stop the running rigs whose measured ball or plate passed a limit.
+    @property
+    def lost(self) -> Mask:
+        """Whether the screen has not felt a ball for too long, shape (N,)."""
+        return np.broadcast_to(np.greater(self._unseen, LOST_AFTER), self.state.shape)
+
+    def watch(self, y: Array, touched: Mask) -> None:
+        """Level the running rigs whose measured ball or plate passed a limit.
 
         Args:
             y: Measured x, phi, y, theta in m and rad, shape (N, 4).
+            touched: Whether the screen feels the ball, shape (N,).
         """
         self.angle = self.angle + self._trust * (y[:, 1::2] - self.angle)
         beyond = np.abs(y) > self._bounds
         if beyond.any():
             ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
-            self._stop(ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
-            self._stop(plate, y[:, 1::2], "plate at ({:.3f}, {:.3f}) rad past its limit")
+            self._judge(BALL_OUTSIDE, ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
+            where = "plate at ({:.3f}, {:.3f}) rad past its limit"
+            self._judge(PLATE_TILTED, plate, y[:, 1::2], where)
+        if not touched.all():
+            self._unseen = np.where(touched, 0.0, self._unseen + self._period)
+            self._judge(BALL_LOST, self.lost, y, "screen no longer feels the ball")
+        elif not isinstance(self._unseen, float):
+            self._unseen = 0.0
+        self._pace += 1
+        if self._pace == self._paces:
+            self._pace = 0
+            self._watch_speed(y[:, 0::2], touched)
+
+    def _watch_speed(self, ball: Array, touched: Mask) -> None:
+        moved = np.abs(ball - self._before)
+        # NaN, where the ball was not felt, is never too fast
+        fast = (moved > self._way).any(axis=1)
+        if fast.any():
+            speed = moved / (self._paces * self._period)
+            self._judge(BALL_FAST, fast, speed, "ball at ({:.2f}, {:.2f}) m/s is too fast")
+        self._before = np.where(touched[:, None], ball, np.nan)
 
     def clamp(self, rate: Array) -> Array:
         """The plate rates that may be commanded for the wished ones, both rad/s, (N, 2).
 
         The result keeps within rate and acceleration limits, and within what can still be braked
-        before the angle limit.
+        before the angle limit; in a fault it is zero at once.
         """
         if not np.isfinite(rate).all():
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
-            self._stop(bad, rate, "controller asked for ({}, {}) rad/s")
+            self._judge(BAD_WISH, bad, rate, "controller asked for ({}, {}) rad/s")
             rate = np.where(bad[:, None], 0.0, rate)
-        if not self.all_running:
+        if self.all_running:
+            rate = self._clamp(rate, self.rate, self.angle)
+        else:
             rate = self._overrule(rate)
-        # A rate v braked by one step a period covers at most (v + step / 2)^2 / (2 a), so this is
-        # the square of v + step / 2 that the way to the angle limit allows, upwards and downwards.
-        square = self._whole_way - self._per_angle * self.angle
-        square = np.minimum(np.maximum(square, self._least), self._most)
-        up, down = np.sqrt(square) - self._half_step
-        rate = np.minimum(np.maximum(rate, -down), up)
-        rate = np.minimum(np.maximum(rate, self.rate - self._step), self.rate + self._step)
         self.rate = rate
         self.angle = self.angle + self._period * rate
         return rate
 
     def _overrule(self, rate: Array) -> Array:
-        """Level the plate where stopped, hold it where not running."""
+        """Level the plate where holding, keep it where not running, stop it where nothing moves."""
         state = self.state[:, None]
-        level = -np.sign(self.angle) * np.minimum(
-            np.sqrt(self.limits.acceleration * np.abs(self.angle)),
-            np.abs(self.angle) / (10 * self._period),
-        )
-        held = np.where(state == State.STOPPED, level, 0.0)
-        return np.where(state == State.RUNNING, rate, held)
+        held = np.where(state == State.HOLDING, self._clamp.towards_level(self.angle), 0.0)
+        wish = np.where(state == State.RUNNING, rate, held)
+        dead = (state == State.FAULT) | (state == State.OFF) | (state == State.INITIALISING)
+        return np.where(dead, 0.0, self._clamp(wish, self.rate, self.angle))
 
-    def _stop(self, which: Mask | np.bool_, values: Array, reason: str) -> None:
+    def _judge(
+        self, condition: Condition, which: Mask | np.bool_, values: Array, text: str
+    ) -> None:
+        """Answer a condition of the running rigs it holds for."""
         for rig in np.flatnonzero(which & (self.state == State.RUNNING)):
-            self.state[rig] = State.STOPPED
-            self.reason[rig] = reason.format(*values[rig])
-            self.all_running = False
+            self._answer(
+                condition, np.arange(len(self.state)) == rig, text.format(*values[rig].tolist())
+            )
+
+    def _answer(
+        self, condition: Condition, which: Mask, text: str, *, by_device: bool = False
+    ) -> None:
+        event = {Severity.LEVEL: Event.LEVEL, Severity.STOP: Event.STOP}.get(condition.severity)
+        changed = self.handle(event, which) if event else np.zeros_like(which)
+        for rig in np.flatnonzero(which):
+            self.notes.append(Note(int(rig), condition, text))
+            if changed[rig]:
+                self.reason[rig], self.by_device[rig] = text, by_device

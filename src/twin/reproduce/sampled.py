@@ -13,10 +13,10 @@ from controllers.interfaces import Measurement
 from controllers.stack import Controller
 from twin.fleet import Fleet, Paths
 from twin.hal.cams import CamTable, Direct
+from twin.hal.limits import Limits
 from twin.hal.rig import Transmission
 from twin.hal.sensors import EncoderModel, TouchModel
 from twin.hal.simulated import SimulatedRig
-from twin.hal.supervisor import Limits
 from twin.loop import Ending, Outcome, drive
 from twin.models import model_path
 from twin.plant.exact import ExactPlant
@@ -86,9 +86,10 @@ class Excerpt(Recorder):
 
     controller: FromOrigin
 
-    def append(self, **channels: NDArray[Any]) -> None:
+    def append(self, time: float, **channels: NDArray[Any]) -> None:
         """Add one control period."""
         super().append(
+            time,
             state=channels["state"],
             applied=channels["applied"],
             estimate=self.controller.estimate,

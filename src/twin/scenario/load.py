@@ -134,7 +134,7 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
     Raises:
         ScenarioError: If anything in them is unknown, of the wrong type, or out of range.
     """
-    scenario = _validate(Scenario, tables, source, "")
+    scenario = validated(Scenario, tables, source)
     for table in KINDS:
         choice = getattr(scenario, table)
         known = choices(table)
@@ -142,11 +142,24 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
             raise ScenarioError(
                 f"{source}: {table}.kind: no '{choice.kind}'{_nearest(choice.kind, known)}"
             )
-        _validate(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+        validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
     return scenario
 
 
-def _validate(model: type[Model], tables: Mapping[str, Any], source: str, prefix: str) -> Model:
+def validated(
+    model: type[Model], tables: Mapping[str, Any], source: str, prefix: str = ""
+) -> Model:
+    """The tables as a model.
+
+    Args:
+        model: What they must be.
+        tables: As read from a TOML file.
+        source: What to call it in messages.
+        prefix: Where in it the tables are.
+
+    Raises:
+        ScenarioError: If anything in them is unknown, of the wrong type, or out of range.
+    """
     try:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:

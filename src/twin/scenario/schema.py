@@ -58,6 +58,7 @@ class Limits(Section):
     acceleration: Positive = 7.0
     area: tuple[Positive, Positive] = (0.25, 0.15)
     margin: NotNegative = 0.04
+    ball_speed: Positive = 1.5
 
 
 class Rig(Section):

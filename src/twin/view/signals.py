@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.hal.supervisor import Limits
+from twin.hal.limits import Limits
 from twin.replay import motion_of
 
 Array = NDArray[np.floating]

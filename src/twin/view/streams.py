@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from controllers.interfaces import Reference
 from twin.assemble import build_friction, build_limits, build_parts, build_reference
 from twin.hal.cams import CamTable
-from twin.hal.supervisor import State
+from twin.hal.states import State
 from twin.models import model_path
 from twin.plant.model import load_model
 from twin.replay import columns, motion_of
@@ -32,10 +32,12 @@ TRAIL = 3.0
 FORCE_SCALE = {"phi": 0.001, "theta": 0.001, "ball": 0.25}
 """Metres of arrow a newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
 COLOURS = {
-    State.DISABLED: 0x757575FF,
+    State.OFF: 0x757575FF,
+    State.INITIALISING: 0x56B4E9FF,
     State.READY: 0xE69F00FF,
     State.RUNNING: 0x009E73FF,
-    State.STOPPED: 0xD55E00FF,
+    State.HOLDING: 0xD55E00FF,
+    State.FAULT: 0xCC0000FF,
 }
 
 
@@ -65,7 +67,7 @@ class Stream:
         self._colour = RUNS[(among or 0) % len(RUNS)]
         self.root = f"/{rr.escape_entity_path_part(name)}"
         self._reference: Reference = build_reference(scenario)
-        self._limits = build_limits(scenario)
+        self._limits = build_limits(scenario.rig.limits)
         self._scenario = scenario
         model = load_model(parts=build_parts(scenario.plant))
         self.scene = Scene(model, f"{self.root}/mechanism")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable, Mapping
+from time import monotonic
 from typing import Any
 
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ ROWS = 32768
 """Rows the ring holds: a minute of a real-time run at 2 ms."""
 WIDTH = 96
 """Most columns of one rig."""
-FIRST = 60.0
-"""Most seconds that the process may take to start; after a short run they are waited for."""
+FIRST = 20.0
+"""Seconds the process may take to start; a shorter run waits for that at its end."""
 LAST = 5.0
 """Seconds that the process is given at the end to work through what is left."""
 
@@ -52,7 +52,6 @@ class Tap:
     ) -> None:
         self._ring = Ring(ROWS, 1 + WIDTH * len(rigs))
         self._rigs = rigs
-        self._tick = 0
         self._plan: list[tuple[str, int, int, int]] = []
         self.dropped = 0
         """Rows that the process missed, known after ``finish``."""
@@ -61,22 +60,22 @@ class Tap:
             target=work, args=(self._ring.address, *arguments), daemon=True
         )
         self._process.start()
+        self._started = monotonic()
 
     def watch(self, recorder: Recorder) -> None:
         """Observe a run that is about to begin."""
-        self._plant, self._period = recorder.plant, recorder.period
+        self._plant = recorder.plant
         recorder.observers.append(self.observe)
 
-    def observe(self, channels: Mapping[str, NDArray[Any]]) -> None:
-        """Take in the channels of one control period, arrays with N rigs first."""
+    def observe(self, time: float, channels: Mapping[str, NDArray[Any]]) -> None:
+        """Take in the channels of the control period begun at a time, arrays with N rigs first."""
         if not self._plan:
             self._arrange(channels)
         row = self._ring.slot()
-        row[0] = self._tick * self._period
+        row[0] = time
         for name, rig, begin, end in self._plan:
             row[begin:end] = channels[name][rig]
         self._ring.put()
-        self._tick += 1
 
     def _arrange(self, channels: Mapping[str, NDArray[Any]]) -> None:
         names = ["time"]
@@ -102,8 +101,8 @@ class Tap:
     def finish(self, wait: float = LAST) -> bool:
         """Give the process some seconds to work through what is left; return whether it has."""
         self._ring.finish()
-        until = time.monotonic() + FIRST
-        while not self._ring.opened and self.alive and time.monotonic() < until:
+        until = self._started + FIRST
+        while not self._ring.opened and self.alive and monotonic() < until:
             self._process.join(0.05)
         self._process.join(wait)
         self.dropped = self._ring.dropped

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 
 from twin.assemble import build_reference
-from twin.hal.supervisor import State
+from twin.hal.states import State
 from twin.replay import motion_of
 from twin.scenario.schema import Scenario
 from twin.view.ring import Ring

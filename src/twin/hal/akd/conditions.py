@@ -1,7 +1,8 @@
 """Everything that can go wrong with the drives and their bus: the one table.
 
 Detection times hold for the default settings of `config.Watch` at a period of 2 ms and count from
-the first wrong (or absent) frame on the wire.
+the first wrong (or absent) frame on the wire; those of frozen encoders hold while the motor turns
+at 0.1 rad/s or more.
 """
 
 from __future__ import annotations

@@ -125,9 +125,10 @@ class Watch:
         stale: Cycles without a PDO after which the axis counts as unknown.
         unsteady: Irregular cycles (missing, late, surplus, short) among the last 50 that level.
         burst: Emergencies within 1 s that level.
-        travel: Commanded motor travel without a single count of motion, rad.
-        plate_travel: Motor travel without a count of the plate encoder, rad; a twentieth of it
-            moves a plate encoder of 16384 counts with cams of ratio 5 by one count... and slack.
+        travel: Commanded motor travel without a single count of motion, rad, that is suspicious.
+        plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
+            it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
+        frozen: Time without a count, s, that must have passed as well: answers lag behind.
         jump: Factor of the rate limit that no encoder can pass.
         plate_rate: Fastest plate motion taken for real, rad/s.
         slack: Motion that is never a jump: motor rad, plate rad.
@@ -143,8 +144,9 @@ class Watch:
     stale: int = 10
     unsteady: int = 12
     burst: int = 10
-    travel: float = 0.02
-    plate_travel: float = 0.1
+    travel: float = 0.005
+    plate_travel: float = 0.03
+    frozen: float = 0.02
     jump: float = 3.0
     plate_rate: float = 6.0
     slack: tuple[float, float] = (0.01, 0.01)

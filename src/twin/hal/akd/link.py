@@ -38,6 +38,7 @@ class Link:
         self.up = True
         """Whether the adapter still works."""
         self._bus = bus
+        self._flush: Callable[[], None] | None = getattr(bus, "flush", None)
         self._where = where
         self._reports = reports
         self._now = now
@@ -60,6 +61,14 @@ class Link:
             self._blocked += 1
             if self._blocked >= _BLOCKED:
                 self._found_off("nobody acknowledges: no room to send")
+
+    def flush(self) -> None:
+        """Let frames go that an adapter has gathered."""
+        if self.up and self._flush is not None:
+            try:
+                self._flush()
+            except BUS_ERRORS as error:
+                self._gone(error)
 
     def receive(self, wait: float = 0.0) -> Iterator[tuple[int, bytes]]:
         """Frames that have arrived, identifier and data; waits for the first only if told to."""

@@ -176,6 +176,7 @@ class AkdServos:
         question = self._lookout.next(at)
         if question is not None:
             link.send(*question)
+        link.flush()
 
     def exchange(self) -> None:
         """``receive`` and ``send``, where nothing is computed between them."""

@@ -1,8 +1,8 @@
 """Serial-line CAN adapters (LAWICEL protocol) without waiting, and with their bus errors.
 
 python-can's own bus reads byte by byte, waits a millisecond when nothing is there, ends a drain at
-every acknowledgement, and never asks the adapter how the bus is. This one differs in just that;
-opening, bit rate and closing are the library's.
+every acknowledgement, and never asks the adapter how the bus is. This one differs in just that,
+and writes all frames of a period in one piece; opening, bit rate and closing are the library's.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class PromptSlcanBus(slcanBus):
     def __init__(self, channel: str, bitrate: int, **options: Any) -> None:
         self.garbled = 0
         self._bytes = bytearray()
+        self._waiting: list[str] = []
         self._asked = 0.0
         self._unanswered = False
         self._refused = 0
@@ -56,17 +57,25 @@ class PromptSlcanBus(slcanBus):
             raise CanOperationError("adapter takes no more bytes")
 
     def send(self, msg: Message, timeout: float | None = None) -> None:
-        """Hand a frame to the adapter; ``timeout`` is not needed."""
-        self._write(f"t{msg.arbitration_id:03X}{msg.dlc}{msg.data.hex().upper()}")
+        """Hand a frame to the adapter with the next ``flush`` or ``recv``."""
+        self._waiting.append(f"t{msg.arbitration_id:03X}{msg.dlc}{msg.data.hex().upper()}")
+
+    def flush(self) -> None:
+        """Write what waits to be sent in one piece: one transfer for all frames of a period."""
+        if self._waiting:
+            lines, self._waiting = "\r".join(self._waiting), []
+            self._write(lines)
 
     def shutdown(self) -> None:
         """Close the channel and the port; an adapter that has gone is let go."""
         BusABC.shutdown(self)
         with suppress(CanOperationError):
+            self.flush()
             self._write("C")
         self.serialPortOrig.close()
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
+        self.flush()
         self._ask()
         message = self._next()
         if message is None and self._fill(timeout):

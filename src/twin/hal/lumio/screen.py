@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,19 @@ from twin.hal.lumio.transports import TRANSPORTS, ScreenError
 Array = NDArray[np.floating]
 
 
+class Port(Protocol):
+    """What bytes come from."""
+
+    def open(self) -> None:
+        """Open it, or raise a ScreenError."""
+
+    def read(self, timeout: float) -> bytes:
+        """What has arrived, or nothing after a timeout in s; a ScreenError if the port has gone."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
 class LumioScreen:
     """A touch screen with one ball on it; a TouchScreen and Watched of the rig.
 
@@ -33,6 +46,7 @@ class LumioScreen:
     Args:
         config: Port, protocol, calibration, limits.
         now: Clock in s.
+        port: What to read from; that of the configuration by default.
     """
 
     WAIT = 0.01
@@ -40,12 +54,17 @@ class LumioScreen:
     REST = 0.003
     """Pause in s after more bytes at once than a screen sends, so that a flood costs little."""
 
-    def __init__(self, config: LumioConfig, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        config: LumioConfig,
+        now: Callable[[], float] = time.monotonic,
+        port: Port | None = None,
+    ) -> None:
         self.config = config
         self.connected = False
         """Whether the port is open."""
         self._now = now
-        self._port = TRANSPORTS[config.transport](config.port, config.baud)
+        self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
         self._intake = Intake(config.protocol, config.capacity, config.calibration, config.gate)
         self._presence = Presence(config.gate, self._intake.tell)
         self._thread: threading.Thread | None = None
@@ -72,11 +91,17 @@ class LumioScreen:
         """
         if self._thread is not None:
             return
-        self._port.open()
-        self.connected = True
+        self._begin()
         self._stop.clear()
         self._thread = threading.Thread(target=self._listen, name="touch screen", daemon=True)
         self._thread.start()
+
+    def _begin(self) -> None:
+        """Open the port, and know nothing of what was before."""
+        self._intake.forget()
+        self._presence.forget()
+        self._port.open()
+        self.connected = True
 
     def stop(self) -> None:
         """Stop listening and close the port; harmless if stopped already."""
@@ -158,26 +183,29 @@ class LumioScreen:
     def _listen(self) -> None:
         """Read until stopped; a port that goes is waited for until someone asks to recover."""
         while not self._stop.is_set():
-            if self._recover.is_set():
-                self._recover.clear()
-                self._intake.forget()
-                self._reopen()
-            elif not self.connected:
+            taken = self.listen()
+            if not self.connected:
                 self._stop.wait(self.WAIT)
-            else:
-                self._take()
+            elif taken > self._intake.MOST:
+                self._stop.wait(self.REST)
         self._port.close()
         self.connected = False
 
-    def _take(self) -> None:
+    def listen(self) -> int:
+        """Take in what arrives; the number of bytes. The thread does nothing else."""
+        if self._recover.is_set():
+            self._recover.clear()
+            self._intake.forget()
+            self._reopen()
+        if not self.connected:
+            return 0
         try:
             data = self._port.read(self.WAIT)
         except ScreenError as error:
             self._gone(error)
-            return
+            return 0
         self._intake.take(self._now(), data)
-        if len(data) > self._intake.MOST:
-            self._stop.wait(self.REST)
+        return len(data)
 
     def _reopen(self) -> None:
         if self.connected:

@@ -1,0 +1,50 @@
+"""The command safety: every fault on purpose, and what came of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from twin.cli.output import console, print_json, progress
+from twin.cli.scenarios import JSON
+from twin.safety.cases import CASES
+from twin.safety.doc import write_doc
+from twin.safety.matrix import Row, run_all
+
+
+@click.command()
+@click.option("--doc", type=click.Path(path_type=Path), help="Write the safety case as Markdown.")
+@click.option("--processes", type=click.IntRange(min=1), default=2, help="Processors to use [2].")
+@JSON
+def safety(doc: Path | None, processes: int, *, as_json: bool) -> int:
+    """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
+    with progress("fault matrix", len(CASES)) as advance:
+        rows = run_all(processes, advance)
+    if doc is not None:
+        write_doc(doc, rows)
+    if as_json:
+        print_json([row.as_dict() for row in rows])
+    else:
+        console.print(_table(rows))
+        good = sum(row.good for row in rows)
+        console.print(f"{good} of {len(rows)} faults were detected in time, safe, and recovered")
+        if doc is not None:
+            console.print(f"written to {doc}")
+    return 0 if all(row.good for row in rows) else 1
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table("fault", "condition", "allowed ms", "detected ms", "run", "verdict")
+    for row in rows:
+        seen = "-" if row.detected is None else f"{1e3 * row.detected:.0f}"
+        table.add_row(
+            row.name,
+            row.condition or "none",
+            f"{1e3 * row.allowed:.0f}" if row.condition else "-",
+            seen if row.condition else "-",
+            row.ending,
+            "good" if row.good else "[bold red]BAD[/bold red]",
+        )
+    return table

@@ -1,0 +1,195 @@
+"""The virtual rig in a process of its own: a bus adapter and a screen on ptys, in real time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_serve import Served
+from twin.emulator.can_slcan import SlcanPort
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.screen import EmulatedScreen
+from twin.emulator.screen_bytes import Protocol
+from twin.emulator.virtual import TICK, VirtualBench
+from twin.errors import RigError
+from twin.scenario.load import Tables
+from twin.scenario.schema import Scenario
+
+PRIORITY = 70
+"""Of SCHED_FIFO where it is permitted, below the host's: real devices need no processor."""
+START = 60.0
+"""Longest time in s that the process may take to start."""
+
+
+class VirtualRig:
+    """Two drives on an adapter, a screen on a port, and the plant between them; a context manager.
+
+    Args:
+        scenario: Whose plant it is.
+        protocol: What the screen speaks.
+
+    Raises:
+        ModelError: The mechanism or its cam table cannot be used.
+    """
+
+    def __init__(self, scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> None:
+        self.bench = VirtualBench(scenario)
+        self.drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+        self.bus = EmulatedBus(self.drives)
+        self.adapter = SlcanPort(self.bus)
+        self.served = Served(self.bus, self.adapter, step=TICK)
+        self.screen = EmulatedScreen(
+            self._ball, protocol=protocol, dead_time=self.bench.dead_time, seed=scenario.seed
+        )
+        self.bench.attach(self.drives)
+        self.bus.moved = self.bench.advance
+        self._open = ExitStack()
+
+    def __enter__(self) -> VirtualRig:
+        with ExitStack() as opened:
+            opened.enter_context(self.adapter)
+            opened.enter_context(self.screen)
+            self._open = opened.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def tables(self) -> Tables:
+        """The rig file that a host needs to find it."""
+        serial = self.screen.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
+        return {
+            "title": "emulated",
+            "bus": {
+                "interface": "slcan",
+                "channel": str(self.adapter.channel),
+                "options": {"sleep_after_open": 0.0},
+            },
+            "touch": {
+                "port": str(self.screen.path),
+                "transport": "serial" if serial else "hidraw",
+                "protocol": str(self.screen.protocol),
+            },
+        }
+
+    def obey(self, word: str) -> str:
+        """Do something to it while it runs: press its STO button, take the ball away, ...
+
+        Returns:
+            What was done, or what can be.
+        """
+        known: dict[str, tuple[str, Callable[[], None]]] = {
+            "sto": ("STO open: both drives without torque", self._open_sto),
+            "release": ("STO closed; reset the faults to go on", self._close_sto),
+            "lift": ("ball lifted", partial(self._put, present=False)),
+            "put": ("ball put back", partial(self._put, present=True)),
+            "unplug": ("touch screen unplugged", self.screen.unplug),
+            "plug": ("touch screen plugged in", self.screen.replug),
+        }
+        if word not in known:
+            return f"known: {', '.join(known)}"
+        text, act = known[word]
+        with self.served.lock:
+            act()
+        return text
+
+    def _open_sto(self) -> None:
+        for drive in self.drives:
+            drive.open_sto()
+
+    def _close_sto(self) -> None:
+        for drive in self.drives:
+            drive.close_sto()
+
+    def _put(self, *, present: bool) -> None:
+        self.bench.present = present
+
+    def _ball(self) -> tuple[tuple[float, float], ...]:
+        with self.served.lock:
+            return self.bench.ball()
+
+
+def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
+    """The body of the process: serve until the pipe is closed, doing what comes through it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
+    with VirtualRig(scenario, protocol) as rig:
+        pipe.send(rig.tables())
+        listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
+        listener.start()
+        rig.served.run()
+
+
+def _listen(pipe: Connection, rig: VirtualRig) -> None:
+    """Do what comes through the pipe until its other end is closed."""
+    while True:
+        try:
+            pipe.send(rig.obey(pipe.recv()))
+        except (EOFError, OSError):
+            rig.served.stop()
+            return
+
+
+class Emulator:
+    """A virtual rig in another process.
+
+    Args:
+        process: The process.
+        pipe: What it is told through.
+        tables: The rig file that a host needs.
+    """
+
+    def __init__(
+        self, process: multiprocessing.context.SpawnProcess, pipe: Connection, tables: Tables
+    ) -> None:
+        self.tables = tables
+        self._process, self._pipe = process, pipe
+
+    def tell(self, word: str) -> str:
+        """Do something to the rig, as ``VirtualRig.obey`` says; what was done."""
+        self._pipe.send(word)
+        answer: Any = self._pipe.recv()
+        return str(answer)
+
+    @property
+    def pid(self) -> int:
+        """Its process."""
+        return self._process.pid or os.getpid()
+
+
+@contextmanager
+def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> Iterator[Emulator]:
+    """A virtual rig in a process of its own, for as long as the context lasts.
+
+    Raises:
+        RigError: If it does not start.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        try:
+            tables = ours.recv() if ours.poll(START) else None
+        except EOFError:
+            tables = None
+        if tables is None:
+            raise RigError(
+                "emulated rig: its process did not start; run ballplate emulate to see why"
+            )
+        yield Emulator(process, ours, tables)
+    finally:
+        ours.close()
+        process.join(2.0)
+        if process.is_alive():
+            process.kill()
+            process.join()

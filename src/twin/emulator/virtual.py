@@ -1,0 +1,84 @@
+"""The plant behind emulated devices: moved by the drives' shafts, seen by their encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.assemble import build_bench, build_plant, start_plant
+from twin.emulator.drive import EmulatedDrive
+from twin.hal.rig import Transmission
+from twin.hal.sensors import EncoderModel, TouchModel
+from twin.hal.simulated import Bench
+from twin.scenario.schema import Scenario
+
+TICK = 0.001
+"""Longest step in s of the plant between two looks at the drives."""
+
+
+class VirtualBench:
+    """A scenario's plant, with its noise and its drives' imperfections, for emulated devices.
+
+    Dead time, frames and quantisation are those of the emulated devices.
+
+    Args:
+        scenario: Whose plant it is.
+
+    Raises:
+        ModelError: The mechanism or its cam table cannot be used.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        plant, self.transmission = build_plant(scenario)
+        self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
+        touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
+        self.dead_time = touch.dead_time
+        self.bench: Bench = build_bench(
+            scenario,
+            plant,
+            period=self._tick,
+            touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
+            encoders=EncoderModel(counts=0, variance=encoders.variance),
+        )
+        self.present = True
+        """Whether there is a ball for the screen to feel."""
+        self._owed = 0.0
+        self._drives: Sequence[EmulatedDrive] = ()
+
+    transmission: Transmission
+    """Plate angles to motor angles, as the scenario's rig knows them."""
+
+    def attach(self, drives: Sequence[EmulatedDrive]) -> None:
+        """Let the drives, phi then theta, move the plant and feel where it is."""
+        self._drives = drives[:2]
+        self._sense()
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass in whole ticks; the rest is kept for the next call."""
+        self._owed += seconds
+        while self._owed > self._tick - 1e-9:
+            self._owed -= self._tick
+            self.bench.command(np.array([[drive.rate for drive in self._drives]]))
+            self.bench.wait()
+            self._sense()
+
+    def restart(self) -> None:
+        """Put the ball back to where the scenario starts, the plate level."""
+        start_plant(self.bench.plant, self._scenario)
+        self.bench.command(np.zeros((1, 2)))
+        self.bench.wait()
+        self._sense()
+
+    def ball(self) -> tuple[tuple[float, float], ...]:
+        """Where the ball touches the screen, m in plate axes; empty if it does not."""
+        if not self.present or not self.bench.on_plate[0]:
+            return ()
+        x, y = self.bench.read().position[0].tolist()
+        return ((x, y),)
+
+    def _sense(self) -> None:
+        motor, plate = self.bench.motor()[0].tolist(), self.bench.plate()[0].tolist()
+        for drive, shaft, angle in zip(self._drives, motor, plate, strict=True):
+            drive.sense(shaft, angle)

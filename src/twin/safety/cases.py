@@ -1,0 +1,181 @@
+"""The fault matrix's rows: what is done to a rig that tracks a circle, and what must come of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from twin.emulator.can_faults import Towards
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.rehearsal import RehearsedRig
+from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen_faults import ScreenFault
+from twin.hal import supervisor
+from twin.hal.akd import conditions as akd
+from twin.hal.faults import Condition
+from twin.hal.lumio import conditions as lumio
+from twin.hal.realtime import LOOP_OVERRUN
+from twin.safety import drive_causes
+
+Act = Callable[[RehearsedRig], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One row.
+
+    Attributes:
+        name: What is done, in words.
+        act: Does it.
+        expected: The condition that must be reported; None if nothing may come of it.
+        before: Whether it is done before the rig is switched on; a condition must refuse that.
+        protocol: What the touch screen speaks.
+        of_screen: Whether it is seen on the screen's bytes: a dead time and a frame later.
+    """
+
+    name: str
+    act: Act
+    expected: Condition | None
+    before: bool = False
+    protocol: Protocol = Protocol.MICROTOUCH
+    of_screen: bool = False
+
+
+def _drive(cause: Callable[..., None], condition: Condition) -> Case:
+    name = (cause.__doc__ or cause.__name__).rstrip(".")
+    return Case(name=name, act=lambda rig: cause(rig.rehearsal), expected=condition)
+
+
+def _screen(
+    name: str,
+    fault: ScreenFault,
+    expected: Condition | None,
+    *,
+    lasting: float = 0.06,
+    protocol: Protocol = Protocol.MICROTOUCH,
+) -> Case:
+    return Case(
+        name=name,
+        act=lambda rig: rig.inject(fault, lasting),
+        expected=expected,
+        protocol=protocol,
+        of_screen=True,
+    )
+
+
+def _wrong_bit_rate(rig: RehearsedRig) -> None:
+    rig.rehearsal.bus.faults.drop()
+    rig.rehearsal.bus.faults.make_passive()
+
+
+def _absent(rig: RehearsedRig) -> None:
+    rig.rehearsal.bus.drives.pop()
+
+
+def _foreign(rig: RehearsedRig) -> None:
+    rig.rehearsal.drives[0].store.set(0x1018, 1, 0x123)
+
+
+def _twin(rig: RehearsedRig) -> None:
+    rig.rehearsal.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
+
+
+def _no_ball(rig: RehearsedRig) -> None:
+    rig.bench.present = False
+
+
+def _no_screen(rig: RehearsedRig) -> None:
+    rig.port.plugged = False
+
+
+def _sto_before(rig: RehearsedRig) -> None:
+    rig.rehearsal.drives[0].open_sto()
+
+
+def _stall(rig: RehearsedRig) -> None:
+    rig.stall = rig.period
+
+
+def _silence(rig: RehearsedRig) -> None:
+    rig.rehearsal.bus.faults.drop(towards=Towards.DRIVES)
+
+
+def _wrap(rig: RehearsedRig) -> None:
+    for drive in rig.rehearsal.drives:
+        drive.motor.jump(2**31 - 2000)
+
+
+AT_START = (
+    Case(name="The bit rate is wrong", act=_wrong_bit_rate, expected=akd.BIT_RATE, before=True),
+    Case(name="Drive theta is absent", act=_absent, expected=akd.NODE_ABSENT, before=True),
+    Case(name="Node 1 is no AKD", act=_foreign, expected=akd.WRONG_IDENTITY, before=True),
+    Case(name="Two drives have node 1", act=_twin, expected=akd.DUPLICATE_ID, before=True),
+    Case(name="STO is open", act=_sto_before, expected=akd.STO_OPEN, before=True),
+    Case(name="The touch screen is absent", act=_no_screen, expected=lumio.UNPLUGGED, before=True),
+    Case(name="There is no ball", act=_no_ball, expected=supervisor.BALL_LOST, before=True),
+)
+
+LATER = {
+    (drive_causes.node_silent, akd.HEARTBEAT_LOST),
+    (drive_causes.drive_fault, akd.FAULT_NUMBER),
+    (drive_causes.remote, akd.STOP_IGNORED),
+    (drive_causes.second_node, akd.DUPLICATE_ID),
+}
+"""Conditions that would come after the one that ends the run."""
+
+DRIVES = (
+    *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
+    _drive(drive_causes.second_node, akd.DRIVE_REBOOTED),
+)
+
+SCREEN = (
+    _screen("Touch bytes are truncated", ScreenFault.TRUNCATE, lumio.BAD_BYTES),
+    _screen("Touch packets come in two parts", ScreenFault.SPLIT, None),
+    _screen("Touch packets come two at once", ScreenFault.MERGE, None),
+    _screen("Touch bytes are garbled", ScreenFault.GARBLE, lumio.BAD_BYTES),
+    _screen("There is noise between touch packets", ScreenFault.NOISE, lumio.BAD_BYTES),
+    _screen(
+        "Touch checksums are wrong", ScreenFault.CHECKSUM, lumio.CHECKSUM, protocol=Protocol.ELO
+    ),
+    _screen("Bytes flood the touch port", ScreenFault.FLOOD, lumio.FLOOD, lasting=0.6),
+    _screen("The ball is lifted (pen-up)", ScreenFault.PEN_UP, lumio.BALL_LOST, lasting=math.inf),
+    _screen(
+        "The ball is lifted without a pen-up",
+        ScreenFault.MISSING_PEN_UP,
+        lumio.BALL_LOST,
+        lasting=math.inf,
+    ),
+    _screen("A brief dropout of the touch", ScreenFault.DROPOUT, lumio.DROPOUT, lasting=0.07),
+    _screen(
+        "A second contact on the screen",
+        ScreenFault.TWO_CONTACTS,
+        lumio.TWO_CONTACTS,
+        protocol=Protocol.HID_0006,
+    ),
+    _screen(
+        "Touch values out of range",
+        ScreenFault.OUT_OF_RANGE,
+        lumio.OUT_OF_RANGE,
+        protocol=Protocol.ELO,
+        lasting=0.05,
+    ),
+    _screen("The touch axes are swapped", ScreenFault.SWAP_AXES, lumio.SWAPPED_AXES, lasting=1.0),
+    _screen("The touch is frozen", ScreenFault.FREEZE, lumio.FROZEN, lasting=math.inf),
+    _screen("One touch frame jumps", ScreenFault.JUMP, lumio.JUMP),
+    Case(
+        name="The touch screen is unplugged",
+        act=_no_screen,
+        expected=lumio.UNPLUGGED,
+    ),
+)
+
+LOOP = (
+    Case(name="The host falls silent", act=_silence, expected=akd.PDO_STALE),
+    Case(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN),
+    Case(name="The motor positions wrap", act=_wrap, expected=None, before=True),
+)
+
+CASES = (*AT_START, *DRIVES, *SCREEN, *LOOP)
+"""Every row of the matrix."""

@@ -1,0 +1,241 @@
+"""What can go wrong with drives and bus, each as a function that makes it go wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from twin.emulator.can_faults import Towards
+from twin.emulator.can_rehearsal import Rehearsal
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_power import Power
+from twin.emulator.drive_settings import DriveSettings
+from twin.hal.akd import conditions as c
+from twin.hal.faults import Condition
+
+TPDO1, TPDO2 = 0x181, 0x281
+
+
+def bus_off(rig: Rehearsal) -> None:
+    """The controller leaves the bus."""
+    rig.bus.faults.take_off_bus()
+
+
+def error_passive(rig: Rehearsal) -> None:
+    """The adapter becomes error passive."""
+    rig.bus.faults.make_passive()
+
+
+def adapter_gone(rig: Rehearsal) -> None:
+    """The CAN adapter is pulled."""
+    rig.adapter.plugged = False
+
+
+def heartbeat_lost(rig: Rehearsal) -> None:
+    """The heartbeat of drive phi gets lost."""
+    rig.bus.faults.drop(0x701, towards=Towards.HOST)
+
+
+def node_silent(rig: Rehearsal) -> None:
+    """Drive theta falls silent."""
+    rig.bus.faults.silence(2)
+
+
+def rebooted(rig: Rehearsal) -> None:
+    """Drive phi reboots in mid-run."""
+    rig.drives[0].reboot()
+
+
+def left_operational(rig: Rehearsal) -> None:
+    """Drive phi leaves the operational state."""
+    rig.drives[0].nmt = 127
+
+
+def monitoring_off(rig: Rehearsal) -> None:
+    """Drive phi no longer watches the host."""
+    rig.drives[0].store.set(0x1016, 1, 0)
+
+
+def sdo_silent(rig: Rehearsal) -> None:
+    """Drive phi answers no SDO."""
+    rig.drives[0].sdo_silent = True
+
+
+def sdo_abort(rig: Rehearsal) -> None:
+    """Drive phi aborts an SDO."""
+    rig.drives[0].sdo_aborts[0x1016, 1] = 0x08000022
+
+
+def emergency(rig: Rehearsal) -> None:
+    """Drive phi sends an emergency message."""
+    rig.drives[0].emergency(0x4310, 0x08, b"\x01")
+
+
+def emergency_burst(rig: Rehearsal) -> None:
+    """Drive phi sends a burst of emergency messages."""
+    for _ in range(12):
+        rig.drives[0].emergency(0x4390)
+
+
+def emergency_short(rig: Rehearsal) -> None:
+    """Drive phi sends a short emergency message."""
+    rig.drives[0].short_emergencies = True
+    rig.drives[0].emergency(0x4310)
+
+
+def pdo_missing(rig: Rehearsal) -> None:
+    """One PDO of drive phi is missing."""
+    rig.bus.faults.drop(TPDO1, lasting=0.003)
+
+
+def pdo_stale(rig: Rehearsal) -> None:
+    """The PDOs of drive phi are missing from now on."""
+    rig.bus.faults.drop(TPDO1)
+
+
+def pdo_short(rig: Rehearsal) -> None:
+    """One PDO of drive phi is too short."""
+    rig.bus.faults.truncate(TPDO1, to=5, lasting=0.003)
+
+
+def pdo_late(rig: Rehearsal) -> None:
+    """One PDO of drive phi is late."""
+    rig.bus.faults.delay(TPDO1, by=0.003, lasting=0.003)
+
+
+def pdo_wrong_cycle(rig: Rehearsal) -> None:
+    """One PDO of drive phi comes again in the wrong cycle."""
+    rig.bus.faults.duplicate(TPDO1, lasting=0.003)
+
+
+def pdo_unsteady(rig: Rehearsal) -> None:
+    """Half of the PDOs of drive phi are missing."""
+    rig.bus.faults.drop(TPDO1, share=0.5)
+
+
+def duplicate(rig: Rehearsal) -> None:
+    """The PDOs of both drives come twice."""
+    rig.bus.faults.duplicate([TPDO1, TPDO2])
+
+
+def second_node(rig: Rehearsal) -> None:
+    """A second drive has the node of drive phi."""
+    twin = EmulatedDrive(DriveSettings(node=1, serial=7))
+    rig.bus.drives.append(twin)
+
+
+def frozen(rig: Rehearsal) -> None:
+    """The motor position of drive phi is frozen."""
+    rig.drives[0].motor.frozen = True
+
+
+def frozen_plate(rig: Rehearsal) -> None:
+    """The plate encoder of drive phi is frozen."""
+    rig.drives[0].motor.frozen_plate = True
+
+
+def motor_jump(rig: Rehearsal) -> None:
+    """The motor encoder of drive phi jumps."""
+    rig.drives[0].motor.jump(20_000)
+
+
+def plate_jump(rig: Rehearsal) -> None:
+    """The plate encoder of drive phi jumps."""
+    rig.drives[0].motor.jump_plate(100)
+
+
+def stalled(rig: Rehearsal) -> None:
+    """Drive phi runs the wrong way."""
+    rig.drives[0].store.set(0x6083, 0, 0)
+    rig.drives[0].store.set(0x6084, 0, 0)
+    rig.drives[0].motor.rate = -1.5
+
+
+def mode(rig: Rehearsal) -> None:
+    """Drive phi is in another mode."""
+    rig.drives[0].mode_override = 1
+
+
+def drive_fault(rig: Rehearsal) -> None:
+    """Drive phi has a fault."""
+    rig.drives[0].fail(235)
+
+
+def disabled(rig: Rehearsal) -> None:
+    """Drive phi loses its torque."""
+    rig.drives[0].power.state = Power.SWITCH_ON_DISABLED
+
+
+def quick_stopped(rig: Rehearsal) -> None:
+    """Drive phi is in quick stop."""
+    rig.drives[0].power.option = 6
+    rig.drives[0].store.set(0x605A, 0, 6)
+    rig.drives[0].power.state = Power.QUICK_STOP
+    rig.bus.faults.drop(0x201, lasting=0.01)
+
+
+def remote(rig: Rehearsal) -> None:
+    """Drive phi loses its remote bit."""
+    rig.drives[0].remote = False
+
+
+def limit(rig: Rehearsal) -> None:
+    """Drive phi has an internal limit active."""
+    rig.drives[0].limit_active = True
+
+
+def no_dc_link(rig: Rehearsal) -> None:
+    """Drive phi has no DC link."""
+    rig.drives[0].power.dc_link = False
+
+
+def sto(rig: Rehearsal) -> None:
+    """The STO input of drive phi opens."""
+    rig.drives[0].open_sto()
+
+
+def warning(rig: Rehearsal) -> None:
+    """Drive phi warns."""
+    rig.drives[0].warning = True
+
+
+CASES: tuple[tuple[Callable[[Rehearsal], None], Condition], ...] = (
+    (bus_off, c.BUS_OFF),
+    (error_passive, c.ERROR_PASSIVE),
+    (adapter_gone, c.ADAPTER_GONE),
+    (heartbeat_lost, c.HEARTBEAT_LOST),
+    (node_silent, c.HEARTBEAT_LOST),
+    (node_silent, c.PDO_STALE),
+    (rebooted, c.DRIVE_REBOOTED),
+    (left_operational, c.NMT_LEFT),
+    (monitoring_off, c.MONITORING_OFF),
+    (sdo_silent, c.SDO_TIMEOUT),
+    (sdo_abort, c.SDO_ABORT),
+    (emergency, c.EMERGENCY),
+    (emergency_burst, c.EMERGENCY_BURST),
+    (emergency_short, c.EMERGENCY_SHORT),
+    (pdo_missing, c.PDO_MISSING),
+    (pdo_stale, c.PDO_STALE),
+    (pdo_short, c.PDO_SHORT),
+    (pdo_late, c.PDO_LATE),
+    (pdo_wrong_cycle, c.PDO_WRONG_CYCLE),
+    (pdo_unsteady, c.PDO_UNSTEADY),
+    (duplicate, c.DUPLICATE_ID),
+    (second_node, c.DUPLICATE_ID),
+    (frozen, c.FROZEN),
+    (frozen_plate, c.PLATE_FROZEN),
+    (motor_jump, c.ENCODER_JUMP),
+    (plate_jump, c.ENCODER_JUMP),
+    (stalled, c.RUNAWAY),
+    (mode, c.MODE_CHANGED),
+    (drive_fault, c.DRIVE_FAULT),
+    (drive_fault, c.FAULT_NUMBER),
+    (disabled, c.DRIVE_DISABLED),
+    (quick_stopped, c.QUICK_STOPPED),
+    (remote, c.REMOTE_LOST),
+    (remote, c.STOP_IGNORED),
+    (limit, c.INTERNAL_LIMIT),
+    (no_dc_link, c.NO_DC_LINK),
+    (sto, c.STO_OPEN),
+    (warning, c.DRIVE_WARNING),
+)
+"""Every cause with a condition that it makes the host report."""

@@ -1,0 +1,215 @@
+"""What the rows of a study say: indices, curves, spreads, and how sure that is."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from SALib.analyze import morris, sobol
+from scipy import stats
+
+from twin.study.design import LEVELS, SEED, Point, points, problem, quantiles
+from twin.study.schema import Study
+from twin.study.work import Row, Task
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Index:
+    """How much one parameter matters.
+
+    Attributes:
+        key: The parameter.
+        value: Total Sobol index, or Morris's mu* in units of the metric, or Spearman's rank
+            correlation.
+        half: Half-width of its 95 % interval; NaN if there is none.
+        first: First-order Sobol index, or Morris's sigma; NaN for others.
+        decided: Whether the interval leaves out zero.
+    """
+
+    key: str
+    value: float
+    half: float
+    first: float
+    decided: bool
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What comes of one variant at one point, or over all points.
+
+    Attributes:
+        median: Of the finished runs; NaN without any.
+        low: Their 5 % quantile.
+        high: Their 95 % quantile.
+        runs: How many runs there are.
+        failed: How many of them did not end well; kept out of the quantiles.
+        chance: 95 % interval of the probability of that.
+    """
+
+    median: float
+    low: float
+    high: float
+    runs: int
+    failed: int
+    chance: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A metric over the values of one parameter.
+
+    Attributes:
+        key: The parameter.
+        where: What the other parameters are.
+        values: Its values.
+        spreads: The metric at each.
+        slope: Change of the metric for one unit of the parameter; None if it is not numeric.
+    """
+
+    key: str
+    where: Point
+    values: tuple[float | str, ...]
+    spreads: tuple[Spread, ...]
+    slope: float | None
+
+    @property
+    def needed(self) -> float | None:
+        """How well the parameter must be known to predict the metric within one unit."""
+        return None if not self.slope else abs(1 / self.slope)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a study says of one variant."""
+
+    variant: str
+    whole: Spread
+    indices: tuple[Index, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    notes: tuple[str, ...] = ()
+    values: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def answers(study: Study, tasks: Sequence[Task], rows: dict[str, Row]) -> list[Answer]:
+    """One answer a variant, about the study's first metric."""
+    metric = study.metrics[0]
+    found = []
+    for variant in study.compared:
+        own = [task for task in tasks if task.variant == variant.name]
+        values = np.array([_value(rows[task.key], metric) for task in own])
+        notes: list[str] = []
+        indices: tuple[Index, ...] = ()
+        if study.method in {"sobol", "morris", "lhs", "montecarlo"}:
+            indices = _indices(study, own, values, notes)
+        curves = _curves(study, own, values) if study.method in {"grid", "oat"} else ()
+        whole = spread(values)
+        found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
+    return found
+
+
+def _value(row: Row, metric: str) -> float:
+    value = row[metric] if row["outcome"] == "finished" else None
+    return np.nan if value is None else float(value)
+
+
+def spread(values: Array) -> Spread:
+    """Median and quantiles of the runs that ended well, and the chance of those that did not."""
+    good = values[np.isfinite(values)]
+    failed = len(values) - len(good)
+    chance = stats.binomtest(failed, max(len(values), 1)).proportion_ci(method="wilson")
+    middle, low, high = (
+        np.quantile(good, (0.5, 0.05, 0.95)).tolist() if len(good) else (np.nan,) * 3
+    )
+    return Spread(middle, low, high, len(values), failed, (float(chance.low), float(chance.high)))
+
+
+def _by_point(own: Sequence[Task], values: Array) -> Array:
+    """Mean over the seeds of each point; NaN where a run failed."""
+    at = np.array([task.point for task in own])
+    return np.bincount(at, values) / np.bincount(at)
+
+
+def _indices(
+    study: Study, own: Sequence[Task], values: Array, notes: list[str]
+) -> tuple[Index, ...]:
+    keys, mean = list(study.parameters), _by_point(own, values)
+    if study.method in {"lhs", "montecarlo"}:
+        return _ranks(study, mean)
+    block = len(keys) + (2 if study.method == "sobol" else 1)
+    whole = np.asarray(np.isfinite(mean).reshape(-1, block).all(axis=1))
+    if not whole.all():
+        notes.append(
+            f"{int((~whole).sum())} of {len(whole)} blocks left out, because a run in them failed"
+        )
+    if whole.sum() < 4:
+        notes.append("too few whole blocks for indices")
+        return ()
+    kept = np.repeat(whole, block)
+    if study.method == "morris":
+        got = morris.analyze(
+            problem(study), quantiles(study)[kept], mean[kept], num_levels=LEVELS, seed=SEED
+        )
+        triples = zip(got["mu_star"], got["mu_star_conf"], got["sigma"], strict=True)
+    else:
+        got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
+        triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
+    return tuple(
+        Index(key, float(value), float(half), float(first), bool(value - half > 0))
+        for key, (value, half, first) in zip(keys, triples, strict=True)
+    )
+
+
+def _ranks(study: Study, mean: Array) -> tuple[Index, ...]:
+    found = []
+    for key in study.parameters:
+        settings = [point[key] for point in points(study)]
+        numeric = all(isinstance(value, float) for value in settings)
+        good = np.isfinite(mean)
+        if not numeric or good.sum() < 5:
+            continue
+        x = np.array(settings, float)[good]
+        rank = float(stats.spearmanr(x, mean[good]).statistic)
+        # Fisher's transformation
+        reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))
+        width = 1.96 * 1.03 / np.sqrt(good.sum() - 3)
+        low, high = np.tanh((reach - width, reach + width))
+        found.append(Index(key, rank, float(high - low) / 2, np.nan, bool(low * high > 0)))
+    return tuple(found)
+
+
+def _curves(study: Study, own: Sequence[Task], values: Array) -> tuple[Curve, ...]:
+    """Of a grid: over its first parameter, one curve for each setting of the others."""
+    design = points(study)
+    keys = list(study.parameters)
+    at = [design[task.point] for task in own]
+    if study.method == "oat":
+        return tuple(_curve(study, key, {}, at, values) for key in keys)
+    others = [
+        [(key, value) for value in study.parameters[key].steps(study.samples)] for key in keys[1:]
+    ]
+    return tuple(
+        _curve(study, keys[0], dict(chosen), at, values) for chosen in itertools.product(*others)
+    )
+
+
+def _curve(study: Study, key: str, where: Point, at: Sequence[Point], values: Array) -> Curve:
+    steps = study.parameters[key].steps(study.samples)
+    spreads, means = [], []
+    for value in steps:
+        wanted = {key: value, **where}
+        there = np.array([point | wanted == point and key in point for point in at])
+        spreads.append(spread(values[there]))
+        good = values[there][np.isfinite(values[there])]
+        means.append(good.mean() if len(good) else np.nan)
+    known = np.isfinite(means)
+    slope = None
+    if all(isinstance(value, int | float) for value in steps) and known.sum() >= 3:
+        line: Any = stats.linregress(np.array(steps, float)[known], np.array(means)[known])
+        slope = float(line.slope)
+    return Curve(key, where, tuple(steps), tuple(spreads), slope)

@@ -1,0 +1,236 @@
+"""Many scenarios as the rigs of one batch, through the seam's own vectorised code.
+
+What a run gives does not depend, to the last bit, on what shares its batch: only scenarios alike in
+all that a batch has once are put together, noise is drawn rig by rig, and no group is smaller than
+the sizes from which on numpy and the plant calculate in one and the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.interfaces import Law
+from controllers.stack import Controller
+from twin.assemble import (
+    build_controller,
+    build_friction,
+    build_limits,
+    build_parts,
+    build_plant,
+)
+from twin.fleet import Fleet, Paths
+from twin.hal.simulated import SimulatedRig
+from twin.loop import Ending, drive
+from twin.metrics import Metrics, Motion, measure
+from twin.plant.exact import ExactPlant
+from twin.plant.friction import Friction
+from twin.plant.interface import Plant
+from twin.plant.mechanism import Mechanism
+from twin.plant.surface import SurfaceMap
+from twin.record import Recorder
+from twin.scenario import Scenario
+from twin.study.bench import Rigs
+
+Array = NDArray[np.floating]
+
+LEAST = {"mujoco": 16, "lagrange": 2}
+"""Rigs from which on a plant of each kind is calculated in the same way, however many there are."""
+PAIR = 2
+"""Rigs a law from which on its matrix products are rounded in the same way."""
+DIVERGED = "diverged"
+"""How a run ends whose numbers run away."""
+RAN_AWAY = "the simulation's numbers ran away"
+OWN = {
+    "title",
+    "baseline",
+    "seed",
+    "controller",
+    "reference",
+    "metrics",
+    "plant.level_deg",
+    "plant.friction.rolling_mm",
+    "plant.friction.breakaway_ratio",
+    "plant.friction.stribeck_speed",
+    "plant.friction.dwell_time",
+    "plant.friction.viscous_mm",
+    "plant.servo.bandwidth_hz",
+    "plant.start.x",
+    "plant.start.y",
+    "plant.start.x_rate",
+    "plant.start.y_rate",
+    "sensors.touch.dead_time",
+}
+"""Keys in which the rigs of a batch may differ."""
+PARTS = {
+    "plant.ball.mass",
+    "plant.ball.radius",
+    "plant.ball.inertia",
+    "plant.ball.oval_mm",
+    "plant.friction.sliding",
+    "plant.friction.spinning_mm",
+    "plant.servo.speed_limit",
+    "plant.servo.torque_limit",
+    "plant.wheels.stiffness",
+    "plant.wheels.damping_ratio",
+    "plant.spring.preload",
+    "plant.plate.offset_mm",
+}
+"""Keys in which they may differ besides if each has a mechanism of its own."""
+
+
+def common(scenario: Scenario) -> dict[str, Any]:
+    """What rigs must have in common to be the rigs of one batch."""
+    own = OWN | PARTS if scenario.plant.kind == "mujoco" else OWN
+    left = {key: value for key, value in _flat(scenario.model_dump()).items() if key not in own}
+    left = {key: value for key, value in left.items() if key.partition(".")[0] not in own}
+    friction = build_friction(scenario.plant)
+    return left | {
+        "resisted": friction is not None,
+        "free": friction is None or bool(friction.absent),
+        "constant": friction is None or friction.constant,
+        "ageing": friction is not None and friction.ageing,
+        "level": any(scenario.plant.level_deg),
+        "lag": scenario.plant.servo.bandwidth_hz > 0,
+    }
+
+
+def _flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            found |= _flat(value, f"{prefix}{key}.")
+        else:
+            found[prefix + key] = value
+    return found
+
+
+@dataclass(kw_only=True)
+class Excerpt(Recorder):
+    """A record of what the indicators are made from: true state and applied accelerations."""
+
+    def append(self, time: float, **channels: NDArray[Any]) -> None:
+        """Take in one control period."""
+        super().append(time, state=channels["state"], applied=channels["applied"])
+
+
+def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -> list[Metrics]:
+    """The indicators of each scenario, all with the same ``common``.
+
+    Args:
+        scenarios: What to run.
+        controllers: Of each, as ``build_controller`` makes them.
+
+    Raises:
+        KeyboardInterrupt: If the user has enough.
+        TwinError: If the plant cannot be built.
+    """
+    order = _padded(scenarios)
+    padded = [scenarios[i] for i in order]
+    first = padded[0]
+    plant = _plant(padded)
+    rig = SimulatedRig(
+        Rigs(plant, padded),
+        transmission=build_plant(first)[1],
+        limits=build_limits(first.rig.limits),
+        period=first.rig.period,
+        ideal=first.sensors.ideal,
+    )
+    fleet = Fleet(_shared([controllers[i].law for i in order], padded))
+    originals = [controller.reference.original for controller in controllers]
+    paths = Paths(tuple(originals[i] for i in order))
+    # An observer is as good for N rigs as for one: it begins with the measurements it is given.
+    whole = Controller(fleet, build_controller(first).observer, paths, first.rig.period)
+    ticks = round(first.duration / first.rig.period)
+    record = Excerpt(ticks=ticks, rigs=len(order), period=first.rig.period)
+    with np.errstate(all="ignore"):
+        outcomes = drive(rig, whole, first.duration, record)
+    if any(outcome.interrupted for outcome in outcomes):
+        raise KeyboardInterrupt
+    found = []
+    for index, scenario in enumerate(scenarios):
+        at = order.index(index)
+        outcome = outcomes[at]
+        if _diverged(plant, record, at):
+            found.append(Metrics(outcome=DIVERGED, outcome_time=outcome.time, reason=RAN_AWAY))
+            continue
+        if outcome.ending is not Ending.FINISHED:
+            time, reason = outcome.time, outcome.reason
+            found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
+            continue
+        judged = scenario.metrics
+        motion = Motion.of(record, originals[index], at)
+        found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
+    return found
+
+
+def _diverged(plant: Plant, record: Recorder, rig: int) -> bool:
+    """Whether a rig's numbers ran away; the engine sets such a rig back and counts a warning."""
+    if isinstance(plant, Mechanism) and np.any(plant.warnings[rig]):
+        return True
+    return not np.isfinite(record["state"][-1, rig]).all()
+
+
+def _law(scenario: Scenario) -> str:
+    return scenario.controller.model_dump_json()
+
+
+def _padded(scenarios: Sequence[Scenario]) -> list[int]:
+    """Which scenario each rig runs: law by law, some twice so that no group is too small."""
+    order = sorted(range(len(scenarios)), key=lambda i: _law(scenarios[i]))
+    laws = [_law(scenarios[i]) for i in order]
+    found = []
+    for index, law in zip(order, laws, strict=True):
+        found += [index] * (PAIR if laws.count(law) < PAIR else 1)
+    lacking = max(0, LEAST[scenarios[0].plant.kind] - len(found))
+    return found + [found[-1]] * lacking
+
+
+def _shared(laws: Sequence[Law], scenarios: Sequence[Scenario]) -> list[Law]:
+    """One object for laws with the same settings."""
+    known: dict[str, Law] = {}
+    return [known.setdefault(_law(s), law) for s, law in zip(scenarios, laws, strict=True)]
+
+
+def _plant(scenarios: Sequence[Scenario]) -> Plant:
+    first = scenarios[0].plant
+    each = [scenario.plant for scenario in scenarios]
+    friction = _stacked([build_friction(plant) for plant in each])
+    ball = np.array([(s.x, s.x_rate, s.y, s.y_rate) for s in (plant.start for plant in each)])
+    if first.kind == "lagrange":
+        single = build_plant(scenarios[0])[0]
+        assert isinstance(single, ExactPlant)
+        exact = ExactPlant(
+            single.model,
+            rigs=len(each),
+            step=first.step,
+            friction=friction,
+            level=np.radians([plant.level_deg for plant in each]),
+        )
+        exact.start(ball)
+        return exact
+    mechanism = Mechanism(
+        rigs=len(each),
+        step=first.step,
+        threads=1,
+        friction=friction or Friction(),
+        parts=[build_parts(plant) for plant in each],
+    )
+    mechanism.start(ball, first.start.spin)
+    return mechanism
+
+
+def _stacked(each: Sequence[Friction | None]) -> Friction | None:
+    """The frictions of N rigs as one; all are None, or none is."""
+    given = [friction for friction in each if friction is not None]
+    if not given:
+        return None
+    names = ("rolling", "breakaway_ratio", "stribeck_speed", "dwell_time", "viscous")
+    numbers = {name: np.array([getattr(f, name) for f in given], float) for name in names}
+    # a batch has one surface
+    surface: SurfaceMap | None = given[0].map
+    return replace(given[0], **numbers, map=surface)

@@ -1,0 +1,91 @@
+"""Scenarios of a study's points, checked like any other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+from twin.errors import ScenarioError
+from twin.scenario import Scenario, load
+from twin.scenario.load import check, override, validated
+from twin.scenario.load import read as read_tables
+from twin.scenario.schema import KINDS
+from twin.study.design import Point
+
+_MISSING = object()
+
+
+class Builder:
+    """Scenarios from overrides and points, as ``load`` makes them; but a law is checked once.
+
+    Args:
+        name: Name or file of the scenario.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._tables, self._source = read_tables(name)
+        self._checked: set[str] = set()
+        self._bases: dict[tuple[str, ...], dict[str, Any]] = {}
+
+    def __call__(
+        self, fixed: Sequence[str], point: Point, relative: Collection[str] = ()
+    ) -> Scenario:
+        """The scenario with overrides and, over them, the values of a point.
+
+        Args:
+            fixed: Overrides ``key=value``.
+            point: Dotted key to value; ``key.0`` is the first number of a list.
+            relative: Keys whose values are factors on what the scenario says.
+
+        Raises:
+            ScenarioError: If a key does not exist, or a value is out of range.
+        """
+        given = {}
+        for key, value in point.items():
+            factor = value if key in relative else None
+            path, _, tail = key.rpartition(".")
+            at = int(tail) if path and tail.isdigit() else None
+            if at is None and factor is None:
+                given[key] = value
+                continue
+            name = key if at is None else path
+            whole = given[name] if name in given else self._now(fixed, name)
+            given[name] = self._changed(key, whole, at, value, relative=key in relative)
+        overrides = (*fixed, *(f"{key}={json.dumps(value)}" for key, value in given.items()))
+        return self._built(overrides)
+
+    def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
+        """What a key becomes: a number, or a list with one of its numbers changed."""
+        if at is not None and not (isinstance(whole, list) and at < len(whole)):
+            known = f"0 to {len(whole) - 1}" if isinstance(whole, list) else "it is no list"
+            raise ScenarioError(f"{self._source}: {key}: no such number ({known})")
+        old = whole if at is None else whole[at]
+        if relative and not isinstance(old, int | float):
+            raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
+        new = value * old if relative else value
+        return new if at is None else [*whole[:at], new, *whole[at + 1 :]]
+
+    def _now(self, fixed: Sequence[str], key: str) -> Any:
+        """What the scenario says of a key, by itself or by default."""
+        base = tuple(text for text in fixed if not text.startswith("seed="))
+        if base not in self._bases:
+            self._bases[base] = json.loads(self._built(base).model_dump_json())
+        table: Any = self._bases[base]
+        for name in key.split("."):
+            table = table.get(name, _MISSING) if isinstance(table, Mapping) else _MISSING
+        if table is _MISSING:
+            raise ScenarioError(f"{self._source}: {key}: not given by the scenario and no default")
+        return table
+
+    def _built(self, overrides: Sequence[str]) -> Scenario:
+        merged = override(self._tables, overrides)
+        if "parameters" in merged:
+            return load(self._name, overrides)
+        choices = json.dumps([merged.get(table) for table in KINDS], default=str)
+        if choices in self._checked:
+            return validated(Scenario, merged, self._source)
+        scenario = check(merged, self._source)
+        self._checked.add(choices)
+        return scenario

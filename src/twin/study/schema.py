@@ -1,0 +1,172 @@
+"""What a study file may say, checked."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy import stats
+
+from twin.errors import ScenarioError
+from twin.metrics import Metrics
+from twin.scenario.load import folder
+
+STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
+Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
+METRICS = tuple(
+    name
+    for name in Metrics.__dataclass_fields__
+    if name not in {"outcome", "outcome_time", "reason"}
+)
+
+
+class Parameter(BaseModel):
+    """What a parameter may be: a distribution by quantiles, or a list of values.
+
+    Exactly one of ``uniform`` (low, high), ``loguniform`` (low, high), ``normal`` (mean, standard
+    deviation, low, high: cut there), ``values``. With ``relative`` the value is a factor on what
+    the scenario or variant says.
+    """
+
+    model_config = STRICT
+
+    uniform: tuple[float, float] | None = None
+    loguniform: tuple[float, float] | None = None
+    normal: tuple[float, float, float, float] | None = None
+    values: tuple[float | str, ...] | None = None
+    unit: str = ""
+    relative: bool = False
+
+    @model_validator(mode="after")
+    def _one(self) -> Parameter:
+        given = [self.uniform, self.loguniform, self.normal, self.values]
+        if sum(item is not None for item in given) != 1:
+            raise ValueError("give exactly one of uniform, loguniform, normal, values")
+        if self.values is not None:
+            if not self.values:
+                raise ValueError("values: must not be empty")
+            if self.relative and not all(isinstance(value, float) for value in self.values):
+                raise ValueError("values: must be numbers if they are relative")
+            return self
+        low, high = self.ends
+        if not low < high:
+            raise ValueError(f"empty range: {low:g} is not below {high:g}")
+        if self.loguniform is not None and low <= 0:
+            raise ValueError("loguniform: must begin above 0")
+        if self.normal is not None and self.normal[1] <= 0:
+            raise ValueError("normal: the standard deviation must be above 0")
+        return self
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest value of a distribution."""
+        if self.normal is not None:
+            return self.normal[2], self.normal[3]
+        ends = self.uniform or self.loguniform
+        assert ends is not None
+        return ends
+
+    def at(self, quantile: float) -> float | str:
+        """The value at a quantile between 0 and 1."""
+        if self.values is not None:
+            return self.values[min(int(quantile * len(self.values)), len(self.values) - 1)]
+        low, high = self.ends
+        if self.normal is not None:
+            mean, deviation = self.normal[:2]
+            cut = stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
+            return float(mean + deviation * cut.ppf(quantile))
+        if self.loguniform is not None:
+            return float(low * (high / low) ** quantile)
+        return float(low + (high - low) * quantile)
+
+    def steps(self, count: int) -> tuple[float | str, ...]:
+        """Its values, or so many quantiles of its distribution from end to end."""
+        if self.values is not None:
+            return self.values
+        return tuple(self.at(float(q)) for q in np.linspace(0, 1, count))
+
+
+class Variant(BaseModel):
+    """One of several things to compare on equal terms: a name and what it changes."""
+
+    model_config = STRICT
+
+    name: str
+    set: tuple[str, ...] = ()
+
+
+class Study(BaseModel):
+    """A study.
+
+    Attributes:
+        title: What it is about.
+        scenario: Name or file of the scenario.
+        set: Overrides ``key=value`` of all runs.
+        method: How points are chosen.
+        samples: ``lhs``, ``montecarlo``: runs; ``sobol``, ``morris``: base samples or
+            trajectories; ``grid``, ``oat``: steps of a distribution.
+        seeds: Runs a point that differ in their noise, the same for every variant.
+        metrics: Indicators of a run that are judged, the first above all.
+        parameters: Dotted scenario key to what it may be; ``key.0`` is the first number of a list.
+        variants: What is compared; one unnamed if empty.
+    """
+
+    model_config = STRICT
+
+    title: str
+    scenario: str
+    set: tuple[str, ...] = ()
+    method: Method
+    samples: Annotated[int, Field(ge=2, le=1_000_000)] = 16
+    seeds: Annotated[int, Field(ge=1, le=10_000)] = 1
+    metrics: tuple[str, ...] = ("tracking_error_percent",)
+    parameters: dict[str, Parameter]
+    variants: tuple[Variant, ...] = ()
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Study:
+        unknown = [name for name in self.metrics if name not in METRICS]
+        if unknown or not self.metrics:
+            raise ValueError(f"metrics: no '{', '.join(unknown)}' (known: {', '.join(METRICS)})")
+        if not self.parameters:
+            raise ValueError("parameters: name at least one")
+        if self.method in {"sobol", "morris"}:
+            for key, parameter in self.parameters.items():
+                if parameter.values is not None:
+                    raise ValueError(f"parameters.{key}: {self.method} needs a distribution")
+        return self
+
+    @property
+    def compared(self) -> tuple[Variant, ...]:
+        """The variants, or one that changes nothing."""
+        return self.variants or (Variant(name=self.scenario),)
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped studies by name."""
+    return {path.stem: path for path in sorted((folder() / "studies").glob("*.toml"))}
+
+
+def read(name: str) -> Study:
+    """The study of a shipped name or a TOML file.
+
+    Raises:
+        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+    """
+    known = shipped()
+    path = known.get(name) or Path(name)
+    if not path.is_file():
+        raise ScenarioError(f"study '{name}': not found (known: {', '.join(known) or 'none'})")
+    try:
+        tables: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        return Study.model_validate(tables)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path.name}: not a TOML file: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        text = first["msg"].removeprefix("Value error, ")
+        raise ScenarioError(f"{path.name}: {place + ': ' if place else ''}{text}") from None

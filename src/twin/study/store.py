@@ -1,0 +1,66 @@
+"""The rows of a study on disk: whole files only, and no run twice."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from twin.errors import RecordError
+from twin.record import write_whole
+from twin.study.schema import METRICS
+from twin.study.work import Row
+
+SCHEMA = pa.schema(
+    [
+        ("key", pa.string()),
+        ("outcome", pa.string()),
+        ("reason", pa.string()),
+        *((name, pa.float64()) for name in METRICS),
+    ]
+)
+
+
+class Store:
+    """The finished runs in a folder, one file a chunk, named by what is in it.
+
+    A file is written under another name and renamed, so that a killed study leaves whole chunks or
+    none; what is in no file is run again.
+
+    Args:
+        folder: Where; made if missing.
+
+    Raises:
+        RecordError: If it cannot be read or written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "chunks"
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordError(f"{folder}: cannot be written: {error.strerror}") from error
+
+    def rows(self) -> dict[str, Row]:
+        """Every finished run by its key."""
+        found: dict[str, Row] = {}
+        for path in sorted(self.folder.glob("*.parquet")):
+            try:
+                table = pq.read_table(path)
+            except (OSError, pa.ArrowException) as error:
+                raise RecordError(f"{path}: not a readable chunk; delete it: {error}") from error
+            if table.schema.names != SCHEMA.names:
+                raise RecordError(
+                    f"{path}: a chunk of another version of this program; choose another --out"
+                )
+            found |= {row["key"]: row for row in table.to_pylist()}
+        return found
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep a chunk of finished runs."""
+        name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
+        table = pa.Table.from_pylist(list(rows), SCHEMA)
+        write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))

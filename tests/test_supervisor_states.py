@@ -1,0 +1,177 @@
+"""Any sequence of events, against the table read as sentences."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from twin.hal.faults import Condition, Fault, Severity
+from twin.hal.limits import Limits
+from twin.hal.states import TRANSITIONS, Event, State
+from twin.hal.supervisor import Supervisor
+
+PERIOD = 0.002
+LIMITS = Limits()
+MOVING = {State.RUNNING, State.HOLDING}
+numbers = st.floats(-50, 50) | st.sampled_from([np.nan, np.inf, -np.inf])
+pairs = st.tuples(numbers, numbers)
+
+
+def fault(severity):
+    return Fault(Condition("test", severity, 0.0, "", ""), "device", "detail")
+
+
+class AnyEvents(RuleBasedStateMachine):
+    """What may happen to one rig, in any order, with the promises checked after each step."""
+
+    def __init__(self):
+        super().__init__()
+        self.supervisor = Supervisor(LIMITS, PERIOD)
+        self.rate = np.zeros((1, 2))
+        self.asked = False
+        self.resting = 0
+
+    @property
+    def state(self):
+        return State(self.supervisor.state[0])
+
+    @rule()
+    def initialise(self):
+        self.supervisor.handle(Event.INITIALISE)
+
+    @rule(plate=st.tuples(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17)))
+    def powered(self, plate):
+        if self.state is State.INITIALISING:
+            self.rate = np.zeros((1, 2))
+        self.supervisor.powered(np.array([plate]))
+
+    @rule()
+    def start(self):
+        self.asked = self.asked or self.state is State.READY
+        self.supervisor.handle(Event.START)
+
+    @rule(event=st.sampled_from([Event.RECOVER, Event.RESET, Event.SWITCH_OFF]))
+    def ask(self, event):
+        self.supervisor.handle(event)
+        self.asked = self.asked and self.state is State.RUNNING
+
+    @rule(severity=st.sampled_from(Severity))
+    def device(self, severity):
+        before = self.state
+        self.supervisor.report(fault(severity))
+        if severity is Severity.STOP and before is not State.OFF:
+            assert self.state is State.FAULT
+            assert not self.supervisor.clamp(np.full((1, 2), 0.01)).any()
+        if severity is Severity.LEVEL and before is State.RUNNING:
+            assert self.state is State.HOLDING
+        if severity is Severity.WARNING:
+            assert self.state is before
+
+    @rule(
+        ball=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.25, 0.25)),
+        plate=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
+        touched=st.booleans(),
+    )
+    def watch(self, ball, plate, touched):
+        y = np.array([[ball[0], plate[0], ball[1], plate[1]]])
+        before = self.state
+        self.supervisor.watch(y, np.array([touched]))
+        outside = abs(ball[0]) > 0.29 or abs(ball[1]) > 0.19
+        if before is State.RUNNING and outside:
+            assert self.state is State.HOLDING
+
+    @rule(wish=pairs, times=st.integers(1, 30))
+    def command(self, wish, times):
+        for _ in range(times):
+            rate = self.supervisor.clamp(np.array([wish]))
+            dead = self.state not in MOVING and self.state is not State.READY
+            if dead:
+                assert not rate.any()
+            else:
+                step = LIMITS.acceleration * PERIOD + 1e-12
+                assert (np.abs(rate - self.rate) <= step).all()
+            assert (np.abs(rate) <= LIMITS.rate + 1e-12).all()
+            self.rate = rate
+
+    @precondition(lambda self: self.state is State.HOLDING)
+    @rule()
+    def hold_long(self):
+        for _ in range(1000):
+            self.rate = self.supervisor.clamp(np.full((1, 2), np.nan))
+        assert np.abs(self.rate).max() < 1e-3
+
+    @invariant()
+    def only_an_asked_for_start_lets_the_controller_move_the_plate(self):
+        if self.state is State.RUNNING:
+            assert self.asked
+
+    @invariant()
+    def the_fast_path_is_taken_only_while_running(self):
+        assert self.supervisor.all_running == (self.state is State.RUNNING)
+
+    @invariant()
+    def a_reason_is_there_whenever_a_rig_was_stopped(self):
+        if self.state is State.FAULT:
+            assert self.supervisor.reason[0]
+
+
+TestAnyEvents = AnyEvents.TestCase
+TestAnyEvents.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+
+
+def test_every_state_can_be_left_and_every_one_reached():
+    assert {before for before, _ in TRANSITIONS} == set(State)
+    assert set(TRANSITIONS.values()) == set(State)
+
+
+def test_only_a_start_leads_to_running_and_only_from_ready():
+    ways = [key for key, after in TRANSITIONS.items() if after is State.RUNNING]
+    assert ways == [(State.READY, Event.START)]
+
+
+@pytest.mark.parametrize("state", [s for s in State if s is not State.OFF and s != State.FAULT])
+def test_a_stop_leads_to_fault_from_every_state_with_power(state):
+    assert TRANSITIONS[state, Event.STOP] is State.FAULT
+
+
+def test_out_of_fault_lead_only_requests_of_a_person():
+    ways = {event for before, event in TRANSITIONS if before is State.FAULT}
+    assert ways == {Event.RESET, Event.SWITCH_OFF}
+
+
+def test_an_event_changes_only_the_rigs_it_is_meant_for():
+    supervisor = Supervisor(LIMITS, PERIOD, 3)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((3, 2)))
+    supervisor.handle(Event.START)
+    supervisor.report(fault(Severity.STOP), rig=1)
+    assert supervisor.state.tolist() == [State.RUNNING, State.FAULT, State.RUNNING]
+    rate = supervisor.clamp(np.full((3, 2), 0.01))
+    assert rate.tolist() == [[0.01, 0.01], [0.0, 0.0], [0.01, 0.01]]
+
+
+def test_a_ball_no_longer_felt_is_lost_after_a_tenth_of_a_second():
+    supervisor = Supervisor(LIMITS, PERIOD)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
+    supervisor.handle(Event.START)
+    for _ in range(49):
+        supervisor.watch(np.zeros((1, 4)), np.array([False]))
+    assert supervisor.state[0] == State.RUNNING
+    for _ in range(2):
+        supervisor.watch(np.zeros((1, 4)), np.array([False]))
+    assert supervisor.state[0] == State.HOLDING
+    assert supervisor.lost[0]
+
+
+@pytest.mark.parametrize(("speed", "state"), [(1.4, State.RUNNING), (1.6, State.HOLDING)])
+def test_a_ball_faster_than_the_limit_makes_the_rig_hold(speed, state):
+    supervisor = Supervisor(Limits(area=(1.0, 1.0)), PERIOD)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.powered(np.zeros((1, 2)))
+    supervisor.handle(Event.START)
+    for tick in range(60):
+        y = np.array([[0.0, 0.0, speed * PERIOD * tick, 0.0]])
+        supervisor.watch(y, np.array([True]))
+    assert supervisor.state[0] == state
