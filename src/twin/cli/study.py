@@ -2,54 +2,63 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
+import json
+import os
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic, perf_counter
 
 import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
-from twin.cli.output import console, errors, print_json, progress
+from twin.cli.output import LINE_EVERY, console, errors, print_json
 from twin.cli.scenarios import JSON, check_writable
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, missing
-from twin.study.report import compared, sentences, write
-from twin.study.schema import Study, read
+from twin.study.report import compared, document, sentences, write
+from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.work import Task, carry_out, tasks
 
-BYTES = 350
-"""Measured size of a run in a chunk's file."""
+BYTES = 600
+"""Measured size of a run on disk: its row in a chunk, and in rows.parquet and rows.csv."""
+PILOT = (0.1, 0.5)
+"""Simulated seconds of the two short batches from which the time of a study is told."""
 
 
 @click.command()
-@click.argument("study")
+@click.argument("study", required=False)
 @click.option("--samples", type=click.IntRange(min=2), help="In place of the study's own.")
 @click.option("--seeds", type=click.IntRange(min=1), help="In place of the study's own.")
-@click.option("--plan", is_flag=True, help="Say how many runs, how long, how much; run only one.")
+@click.option("--plan", is_flag=True, help="Say how many runs, how long, how much; run none.")
 @click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
+@click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
 @JSON
 def study(
-    study: str,
+    study: str | None,
     samples: int | None,
     seeds: int | None,
     processes: int | None,
     scheduler: str | None,
     out: Path | None,
+    doc: Path | None,
     *,
     plan: bool,
     as_json: bool,
 ) -> int:
-    """Carry out a study: a shipped one by name, or a TOML file.
+    """Carry out a study: a shipped one by name, or a TOML file; without a name, list them.
 
     What is finished is kept: an interrupted study goes on where it stopped, a finished one answers
     at once, a changed one runs only what changed.
     """
+    if study is None:
+        return _list(as_json=as_json)
     about = read(study)
     update = {"samples": samples, "seeds": seeds}
     about = about.model_copy(update={k: v for k, v in update.items() if v is not None})
@@ -59,19 +68,12 @@ def study(
     store = Store(folder)
     if plan:
         return _plan(wanted, store, processes)
-    with _executor(scheduler) as executor, progress(about.title, len(wanted)) as advance:
-        failed = 0
-
-        def tell(done: int, bad: int) -> None:
-            nonlocal failed
-            if bad > failed:
-                failed = bad
-                errors.print(f"{bad} of {done} runs so far did not end well", style="dim")
-            advance(done)
-
+    with _executor(scheduler) as executor, _progress(about.title, len(wanted)) as tell:
         rows = carry(wanted, store, executor=executor, processes=processes, progress=tell)
     found = answers(about, wanted, rows)
     write(about, wanted, rows, found, folder)
+    if doc is not None:
+        document(about, wanted, found, doc / f"{Path(study).stem}.md")
     if as_json:
         print_json(_numbers(about, found))
     else:
@@ -80,19 +82,86 @@ def study(
     return 0
 
 
+def _list(*, as_json: bool) -> int:
+    found = {name: read(name).title for name in shipped()}
+    if as_json:
+        print_json(found)
+        return 0
+    width = max(map(len, found), default=0)
+    for name, title in found.items():
+        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
+    return 0
+
+
 def _plan(wanted: list[Task], store: Store, processes: int | None) -> int:
-    left = sum(map(len, missing(wanted, store.rows())))
-    begin = time.perf_counter()
-    if left:
-        carry_out(wanted[:1])
-    each = time.perf_counter() - begin
-    count = processes or 2
+    count = processes or os.cpu_count() or 1
+    chunks = missing(wanted, store.rows, count)
+    left = sum(map(len, chunks))
+    if not left:
+        console.print(f"{len(wanted)} runs, all of them finished")
+        return 0
+    each = _seconds(chunks[0])
     console.print(
-        f"{len(wanted)} runs, {len(wanted) - left} of them finished; {left} left take about "
-        f"{left * each / count / 60:.1f} min on {count} processors ({each:.1f} s a run, measured "
-        f"now) and {left * BYTES / 1e6:.2f} MB on disk"
+        f"{len(wanted)} runs, {len(wanted) - left} of them finished; {left} left in {len(chunks)} "
+        f"batches take about {_time(left * each / count)} on {count} processors ({each:.2f} s a "
+        f"run, measured now on one) and {left * BYTES / 1e6:.2f} MB on disk"
     )
     return 0
+
+
+def _seconds(chunk: list[Task]) -> float:
+    """What a run of a chunk takes, from two short ones: setting up, and the rest by its length."""
+    times = []
+    for duration in PILOT:
+        begin = perf_counter()
+        carry_out([_short(task, duration) for task in chunk])
+        times.append(perf_counter() - begin)
+    rate = (times[1] - times[0]) / (PILOT[1] - PILOT[0])
+    whole = float(json.loads(chunk[0].scenario)["duration"])
+    return (times[0] + rate * (whole - PILOT[0])) / len(chunk)
+
+
+def _short(task: Task, duration: float) -> Task:
+    scenario = json.loads(task.scenario)
+    scenario |= {"duration": duration, "metrics": {"start": 0.0}}
+    return task._replace(scenario=json.dumps(scenario))
+
+
+@contextmanager
+def _progress(what: str, total: int) -> Iterator[Callable[[int, int], None]]:
+    """How far it is, at what rate, how long it will take, and what failed: a bar, or lines."""
+    begin, before = monotonic(), -1
+
+    def told(done: int, failed: int) -> str:
+        nonlocal before
+        before = done if before < 0 else before
+        rate = (done - before) / max(monotonic() - begin, 1e-9)
+        soon = f", {rate:.2g} a second, about {_time((total - done) / rate)} left" if rate else ""
+        return f"{soon}, {failed} failed"
+
+    if errors.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, TextColumn("{task.fields[more]}"), console=errors) as bar:
+            task = bar.add_task(what, total=total, more="")
+            yield lambda done, bad: bar.update(task, completed=done, more=told(done, bad)[2:])
+        return
+    last = begin
+    click.echo(f"{what}: {total} runs ...", err=True)
+
+    def tell(done: int, failed: int) -> None:
+        nonlocal last
+        line = told(done, failed)
+        if monotonic() - last > LINE_EVERY:
+            click.echo(f"{what}: {done} of {total} runs{line}", err=True)
+            last = monotonic()
+
+    yield tell
+
+
+def _time(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 @contextmanager
@@ -132,13 +201,16 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
                 "chance_to_fail": answer.whole.chance,
                 "indices": {
                     index.key: {
-                        "value": number(index.value),
+                        "value": number(index.value) if index.decided else None,
                         "half_width": number(index.half),
                         "decided": index.decided,
                     }
                     for index in answer.indices
                 },
-                "slopes": {curve.key: curve.slope for curve in answer.curves},
+                "slopes": [
+                    {"parameter": curve.key, "where": curve.where, "slope": curve.slope}
+                    for curve in answer.curves
+                ],
                 "notes": answer.notes,
             }
             for answer in found

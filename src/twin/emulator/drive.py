@@ -91,6 +91,11 @@ class EmulatedDrive:
         return self.motor.rate
 
     @property
+    def enabled(self) -> bool:
+        """Whether it follows its commands."""
+        return self.power.state is Power.OPERATION_ENABLED
+
+    @property
     def state(self) -> Power:
         """State of the power stage."""
         return self.power.state

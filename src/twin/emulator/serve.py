@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
@@ -24,8 +25,6 @@ from twin.errors import RigError
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
-PRIORITY = 70
-"""Of SCHED_FIFO where it is permitted, below the host's: real devices need no processor."""
 START = 60.0
 """Longest time in s that the process may take to start."""
 
@@ -59,10 +58,13 @@ class VirtualRig:
             opened.enter_context(self.adapter)
             opened.enter_context(self.screen)
             self._open = opened.pop_all()
+        gc.collect()
+        gc.freeze()  # a collection of everything takes longer than a period
         return self
 
     def __exit__(self, *_: object) -> None:
         self._open.close()
+        gc.unfreeze()
 
     def tables(self) -> Tables:
         """The rig file that a host needs to find it."""
@@ -74,6 +76,8 @@ class VirtualRig:
                 "channel": str(self.adapter.channel),
                 "options": {"sleep_after_open": 0.0},
             },
+            # a process answers less steadily than a drive does
+            "drives": {"watch": {"unsteady": 25}},
             "touch": {
                 "port": str(self.screen.path),
                 "transport": "serial" if serial else "hidraw",
@@ -121,6 +125,8 @@ class VirtualRig:
 def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
     """The body of the process: serve until the pipe is closed, doing what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
+    with suppress(OSError):  # real devices need no processor
+        os.nice(-10)
     with VirtualRig(scenario, protocol) as rig:
         pipe.send(rig.tables())
         listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)

@@ -60,6 +60,8 @@ class VirtualBench:
         self._owed += seconds
         while self._owed > self._tick - 1e-9:
             self._owed -= self._tick
+            if not any(drive.enabled for drive in self._drives):
+                self.bench.rest()
             self.bench.command(np.array([[drive.rate for drive in self._drives]]))
             self.bench.wait()
             self._sense()

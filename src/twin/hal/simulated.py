@@ -75,6 +75,10 @@ class Bench:
         self._tick += 1
         self._look()
 
+    def rest(self) -> None:
+        """Forget the disturbance that has added up: drives without torque make none."""
+        self._drift[:] = 0.0
+
     def read(self) -> Touch:
         """The newest touch sample that has arrived."""
         return self._screen.read()

@@ -27,9 +27,11 @@ class Index:
         key: The parameter.
         value: Total Sobol index, or Morris's mu* in units of the metric, or Spearman's rank
             correlation.
-        half: Half-width of its 95 % interval; NaN if there is none.
+        half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol and Morris.
         first: First-order Sobol index, or Morris's sigma; NaN for others.
         decided: Whether the interval leaves out zero.
+        slope: Change of the metric for one unit of the parameter, over its whole range; NaN if it
+            might be none.
     """
 
     key: str
@@ -37,6 +39,12 @@ class Index:
     half: float
     first: float
     decided: bool
+    slope: float = np.nan
+
+    @property
+    def needed(self) -> float | None:
+        """How well the parameter must be known to predict the metric within one unit."""
+        return None if np.isnan(self.slope) or not self.slope else abs(1 / self.slope)
 
 
 @dataclass(frozen=True)
@@ -160,27 +168,43 @@ def _indices(
         got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
         triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
     return tuple(
-        Index(key, float(value), float(half), float(first), bool(value - half > 0))
+        Index(
+            key,
+            float(value),
+            float(half),
+            float(first),
+            bool(value - half > 0),
+            _slope([point[key] for point in points(study)], mean),
+        )
         for key, (value, half, first) in zip(keys, triples, strict=True)
     )
 
 
 def _ranks(study: Study, mean: Array) -> tuple[Index, ...]:
     found = []
+    design, good = points(study), np.isfinite(mean)
     for key in study.parameters:
-        settings = [point[key] for point in points(study)]
-        numeric = all(isinstance(value, float) for value in settings)
-        good = np.isfinite(mean)
-        if not numeric or good.sum() < 5:
+        settings = [point[key] for point in design]
+        if good.sum() < 5 or not all(isinstance(value, float) for value in settings):
             continue
         x = np.array(settings, float)[good]
         rank = float(stats.spearmanr(x, mean[good]).statistic)
-        # Fisher's transformation
+        # Fisher's transformation, with the variance of a rank correlation (Fieller et al. 1957)
         reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))
-        width = 1.96 * 1.03 / np.sqrt(good.sum() - 3)
+        width = 1.96 * np.sqrt(1.06 / (good.sum() - 3))
         low, high = np.tanh((reach - width, reach + width))
-        found.append(Index(key, rank, float(high - low) / 2, np.nan, bool(low * high > 0)))
+        decided = bool(low * high > 0)
+        half = float(high - low) / 2
+        found.append(Index(key, rank, half, np.nan, decided, _slope(settings, mean)))
     return tuple(found)
+
+
+def _slope(settings: Sequence[float | str], mean: Array) -> float:
+    """Slope of the straight line through a metric; NaN if its 95 % interval holds zero."""
+    good = np.isfinite(mean)
+    line: Any = stats.linregress(np.array(settings, float)[good], mean[good])
+    sure = abs(line.slope) > stats.t.ppf(0.975, good.sum() - 2) * line.stderr
+    return float(line.slope) if sure else np.nan
 
 
 def _curves(study: Study, own: Sequence[Task], values: Array) -> tuple[Curve, ...]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor, as_completed
 
 from twin.errors import TwinError
 from twin.pool import results
@@ -64,7 +63,7 @@ def carry(
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
-    done = store.rows()
+    done = store.rows
     wanted = {task.key for task in tasks}
     count = processes or os.cpu_count() or 1
     chunks = missing(tasks, done, count)
@@ -74,7 +73,6 @@ def carry(
     found = _here(chunks, work, count) if executor is None else _elsewhere(chunks, work, executor)
     for rows in found:
         store.add(rows)
-        done |= {row["key"]: row for row in rows}
         finished += len(rows)
         failed += sum(row["outcome"] != "finished" for row in rows)
         progress(finished, failed)
@@ -87,17 +85,20 @@ def _here(chunks: Sequence[list[Task]], work: Work, processes: int) -> Iterator[
 
 
 def _elsewhere(chunks: Sequence[list[Task]], work: Work, executor: Executor) -> Iterator[list[Row]]:
-    left = list(chunks)
+    left, why = list(chunks), ""
     for _ in range(RETRIES):
         waiting = {executor.submit(work, chunk): chunk for chunk in left}
         left = []
         for future in as_completed(waiting):
             try:
-                yield future.result()
-            except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:
-                if isinstance(error, TwinError):
-                    raise
+                rows = future.result()
+            except TwinError:
+                raise
+            except Exception as error:  # noqa: BLE001 - every kind of cluster loses work in its own way
+                why = f"{type(error).__name__}: {error}".splitlines()[0]
                 left.append(waiting[future])
+            else:
+                yield rows
         if not left:
             return
-    raise TwinError(f"{len(left)} chunks of runs were lost {RETRIES} times; is a worker dying?")
+    raise TwinError(f"{len(left)} chunks of runs were lost {RETRIES} times; the last one: {why}")

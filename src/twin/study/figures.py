@@ -3,108 +3,209 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.picture import COLOURS, LOOK
-from twin.study.answers import Answer
+from twin.picture import COLOURS, LOOK, STYLES
+from twin.report.numbers import LABELS
+from twin.study.answers import Answer, Curve, Index
+from twin.study.design import Point
 from twin.study.schema import Study
 
+INDEX = {
+    "sobol": "share of the variance: total Sobol index (black line: without interactions)",
+    "morris": "mean size of an elementary effect, mu*",
+    "lhs": "rank correlation",
+    "montecarlo": "rank correlation",
+}
+FAILED = "#B00000"
 
-def figures(study: Study, found: Sequence[Answer]) -> dict[str, Figure]:
-    """Name to picture: indices, curves, distribution, chance of failure."""
+
+def figures(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> dict[str, Figure]:
+    """Name to picture: indices, curves, spread, and where runs fail.
+
+    Args:
+        study: What was asked.
+        found: One answer a variant.
+        design: The point of each of an answer's values.
+    """
     with mpl.rc_context(LOOK):
-        out = {"spread": _spread(study, found)}
-        if any(answer.indices for answer in found):
-            out["indices"] = _indices(study, found)
+        out = {}
         if any(answer.curves for answer in found):
             out["curves"] = _curves(study, found)
+        if any(answer.indices for answer in found):
+            out["indices"] = _indices(study, found)
+        out["spread"] = _spread(study, found)
+        if len(study.parameters) > 1 and any(answer.indices for answer in found):
+            out["map"] = _map(study, found, design)
+        for figure in out.values():
+            # text is laid out when drawn: now, while these settings hold
+            figure.draw_without_rendering()
     return out
 
 
-def _colour(k: int) -> str:
-    return COLOURS[k % len(COLOURS)]
+def metric_label(study: Study) -> str:
+    """The first metric in words, with its unit."""
+    words, unit = LABELS[study.metrics[0]]
+    unit = "m" if unit == "mm" else unit
+    return f"{words} [{unit}]" if unit else words
+
+
+def parameter_label(study: Study, key: str) -> str:
+    """A parameter's key with its unit."""
+    about = study.parameters[key]
+    unit = "× nominal" if about.relative else about.unit
+    return f"{key} [{unit}]" if unit else key
+
+
+def where_label(study: Study, where: Point) -> str:
+    """Values of some parameters in words."""
+    return ", ".join(
+        f"{key} = {value:g} {study.parameters[key].unit}".strip()
+        if isinstance(value, float)
+        else f"{key} = {value}"
+        for key, value in where.items()
+    )
+
+
+def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
+    """The parameters, those that matter most first."""
+    sizes = dict.fromkeys(study.parameters, 0.0)
+    for answer in found:
+        for index in answer.indices:
+            sizes[index.key] += abs(index.value) if np.isfinite(index.value) else 0.0
+    return sorted(sizes, key=lambda key: -sizes[key])
+
+
+def _look(k: int) -> dict[str, Any]:
+    return {"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k // len(COLOURS) % len(STYLES)]}
 
 
 def _indices(study: Study, found: Sequence[Answer]) -> Figure:
-    keys = list(study.parameters)
-    figure = Figure(figsize=(10, 1.2 + 0.35 * len(keys) * len(found)), layout="constrained")
-    panel = figure.subplots()
+    keys = ranked(study, found)
     height = 0.8 / len(found)
+    figure = Figure(
+        figsize=(9, 1.3 + len(keys) * max(0.42, 0.17 * len(found))), layout="constrained"
+    )
+    panel = figure.subplots()
     for k, answer in enumerate(found):
         for index in answer.indices:
             at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
-            panel.barh(
-                at,
-                index.value,
-                height * 0.9,
-                xerr=index.half if np.isfinite(index.half) else None,
-                color=_colour(k),
-                alpha=1.0 if index.decided else 0.3,
-                label=answer.variant if index is answer.indices[0] else None,
-            )
-    name = {"sobol": "total Sobol index", "morris": "mu*", "lhs": "rank correlation"}
+            _bar(panel, index, at, height * 0.9, k)
+        panel.barh(0, 0, color=_look(k)["color"], label=answer.variant)
+    panel.axvline(0, color="0.3", lw=0.8)
     panel.set(
-        xlabel=f"{name.get(study.method, 'rank correlation')} of {study.metrics[0]} "
-        "(pale: undecided)",
+        xlabel=f"{INDEX[study.method]}; hollow: undecided",
+        title=f"What the {LABELS[study.metrics[0]][0]} depends on",
         yticks=range(len(keys)),
         yticklabels=keys,
     )
     panel.invert_yaxis()
+    panel.grid(visible=False, axis="y")
     if len(found) > 1:
-        panel.legend(fontsize=8)
-    figure.draw_without_rendering()
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure
+
+
+def _bar(panel: Axes, index: Index, at: float, height: float, k: int) -> None:
+    colour = _look(k)["color"]
+    if not index.decided:
+        # no bar: the number means nothing, only how large it might be
+        reach = (index.value - index.half, index.value + index.half)
+        panel.plot(reach, (at, at), color=colour, lw=1, alpha=0.6)
+        panel.plot(0, at, "o", mec=colour, mfc="white", ms=4)
+        return
+    panel.barh(at, index.value, height, color=colour, alpha=0.85)
+    if np.isfinite(index.half):
+        reach = (index.value - index.half, index.value + index.half)
+        panel.plot(reach, (at, at), color="0.2", lw=1.2)
+    if np.isfinite(index.first) and 0 < index.first <= 1:
+        panel.plot(2 * (index.first,), (at - height / 2, at + height / 2), color="black", lw=2)
 
 
 def _curves(study: Study, found: Sequence[Answer]) -> Figure:
-    keys = list(study.parameters)
-    figure = Figure(figsize=(max(6, 5 * len(keys)), 4.2), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(1, len(keys)))
-    for panel, key in zip(panels, keys, strict=True):
+    shown = found[0].curves
+    figure = Figure(figsize=(max(6.5, 3.9 * len(shown)), 5.0), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
+    for number, (panel, curve) in enumerate(zip(panels, shown, strict=True)):
         for k, answer in enumerate(found):
-            curve = next(each for each in answer.curves if each.key == key)
-            numeric = all(isinstance(value, int | float) for value in curve.values)
-            x = list(curve.values) if numeric else list(range(len(curve.values)))
-            middle, low, high = (
-                [getattr(each, name) for each in curve.spreads]
-                for name in ("median", "low", "high")
-            )
-            panel.plot(x, middle, "o-", color=_colour(k), ms=4, label=answer.variant)
-            panel.fill_between(x, low, high, color=_colour(k), alpha=0.15, lw=0)
-            if not numeric:
-                panel.set_xticks(x, [str(value) for value in curve.values])
-        panel.set(xlabel=f"{key} {study.parameters[key].unit}".strip(), ylabel=study.metrics[0])
-    if len(found) > 1:
-        panels[0].legend(fontsize=8)
-    figure.draw_without_rendering()
+            if answer.curves:
+                _curve(panel, answer.curves[number], answer.variant if number == 0 else None, k)
+        panel.set(xlabel=parameter_label(study, curve.key), ylim=(0, None))
+        if curve.where:
+            panel.set_title(where_label(study, curve.where), fontsize=9)
+    panels[0].set_ylabel(metric_label(study))
+    if any(each.failed for answer in found for curve in answer.curves for each in curve.spreads):
+        panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure
 
 
+def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
+    numeric = all(isinstance(value, int | float) for value in curve.values)
+    x = np.array(curve.values if numeric else range(len(curve.values)), float)
+    middle, low, high = (
+        np.array([getattr(each, name) for each in curve.spreads])
+        for name in ("median", "low", "high")
+    )
+    panel.plot(x, middle, marker="o", ms=3.5, lw=1.4, label=label, **_look(k))
+    if (high > low).any():
+        panel.fill_between(x, low, high, color=_look(k)["color"], alpha=0.15, lw=0)
+    failed = np.array([each.failed > 0 for each in curve.spreads])
+    # a point none of whose runs finished has no height: it is shown at the foot
+    panel.plot(x[failed], np.nan_to_num(middle[failed]), "x", color=FAILED, ms=8, clip_on=False)
+    if not numeric:
+        panel.set_xticks(x, [str(value) for value in curve.values])
+
+
 def _spread(study: Study, found: Sequence[Answer]) -> Figure:
-    figure = Figure(figsize=(10, 1.4 + 0.35 * len(found)), layout="constrained")
+    figure = Figure(figsize=(9, 1.5 + 0.3 * len(found)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     for k, answer in enumerate(found):
-        whole = answer.whole
-        left.plot((whole.low, whole.high), (k, k), color=_colour(k), lw=3, alpha=0.5)
-        left.plot(whole.median, k, "o", color=_colour(k))
+        whole, colour = answer.whole, _look(k)["color"]
+        left.plot((whole.low, whole.high), (k, k), color=colour, lw=5, alpha=0.35)
+        left.plot(whole.median, k, "o", color=colour)
         low, high = whole.chance
-        share = whole.failed / max(whole.runs, 1)
-        right.errorbar(
-            100 * share,
-            k,
-            xerr=[[100 * (share - low)], [100 * (high - share)]],
-            fmt="o",
-            color=_colour(k),
-        )
+        right.plot((100 * low, 100 * high), (k, k), color=FAILED, lw=5, alpha=0.35)
+        right.plot(100 * whole.failed / max(whole.runs, 1), k, "o", color=FAILED)
     left.set(
-        xlabel=f"{study.metrics[0]}: median and 5 to 95 % of the runs that finished",
+        xlabel=f"{metric_label(study)}: median, and where 9 of 10 runs lie",
         yticks=range(len(found)),
         yticklabels=[answer.variant for answer in found],
     )
-    right.set(xlabel="runs that failed [%]", xlim=(-2, 102))
+    most = max(100 * answer.whole.chance[1] for answer in found)
+    right.set(xlabel="runs that fail [%]", xlim=(-0.03 * most, 1.05 * most))
     left.invert_yaxis()
-    figure.draw_without_rendering()
+    return figure
+
+
+def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figure:
+    """Runs over the two parameters that matter most: how large the metric is, and which failed."""
+    first, second = ranked(study, found)[:2]
+    columns = min(3, len(found))
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(1.5 + 3.2 * columns, 0.8 + 2.7 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    x, y = (np.array([point[key] for point in design]) for key in (first, second))
+    values = np.concatenate([answer.values for answer in found])
+    good = values[np.isfinite(values)]
+    scale = np.quantile(good, (0.02, 0.98)) if len(good) else (0, 1)
+    for panel in panels.flat[len(found) :]:
+        panel.set_visible(False)
+    for panel, answer in zip(panels.flat, found, strict=False):
+        done = np.isfinite(answer.values)
+        dots = panel.scatter(
+            x[done], y[done], c=answer.values[done], s=14, vmin=scale[0], vmax=scale[1]
+        )
+        panel.plot(x[~done], y[~done], "x", color=FAILED, ms=7, mew=2)
+        lost = int((~done).sum())
+        failed = f"{lost} of {len(done)} failed (x)" if lost else "none failed"
+        panel.set_title(f"{answer.variant}: {failed}", fontsize=9)
+    figure.colorbar(dots, ax=panels, label=metric_label(study))
+    figure.supxlabel(parameter_label(study, first), fontsize=9)
+    figure.supylabel(parameter_label(study, second), fontsize=9)
     return figure

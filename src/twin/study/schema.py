@@ -12,7 +12,7 @@ from scipy import stats
 
 from twin.errors import ScenarioError
 from twin.metrics import Metrics
-from twin.scenario.load import folder
+from twin.scenario.load import _nearest, folder
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
@@ -129,8 +129,10 @@ class Study(BaseModel):
     @model_validator(mode="after")
     def _sensible(self) -> Study:
         unknown = [name for name in self.metrics if name not in METRICS]
-        if unknown or not self.metrics:
-            raise ValueError(f"metrics: no '{', '.join(unknown)}' (known: {', '.join(METRICS)})")
+        if unknown:
+            raise ValueError(f"metrics: no '{unknown[0]}'{_nearest(unknown[0], METRICS)}")
+        if not self.metrics:
+            raise ValueError("metrics: name at least one")
         if not self.parameters:
             raise ValueError("parameters: name at least one")
         if self.method in {"sobol", "morris"}:
@@ -159,14 +161,27 @@ def read(name: str) -> Study:
     known = shipped()
     path = known.get(name) or Path(name)
     if not path.is_file():
-        raise ScenarioError(f"study '{name}': not found (known: {', '.join(known) or 'none'})")
+        raise ScenarioError(f"study '{name}': not found{_nearest(name, known)}")
     try:
         tables: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
         return Study.model_validate(tables)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path.name}: not a TOML file: {error}") from error
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        text = first["msg"].removeprefix("Value error, ")
-        raise ScenarioError(f"{path.name}: {place + ': ' if place else ''}{text}") from None
+        raise ScenarioError(f"{path.name}: {_one_line(error)}") from None
+
+
+def _one_line(error: ValidationError) -> str:
+    # an unknown key explains a missing one beside it, so it is told first
+    first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        inner: dict[str, type[BaseModel]] = {"parameters": Parameter, "variants": Variant}
+        model = inner.get(str(first["loc"][0]), Study) if len(first["loc"]) > 1 else Study
+        return f"{place}: unknown key{_nearest(str(first['loc'][-1]), model.model_fields)}"
+    if first["type"] == "missing":
+        return f"{place}: missing; it has no default"
+    text = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
+    return f"{place}: {text}" if place else text

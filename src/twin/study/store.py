@@ -43,24 +43,28 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RecordError(f"{folder}: cannot be written: {error.strerror}") from error
-
-    def rows(self) -> dict[str, Row]:
+        self.rows: dict[str, Row] = {}
         """Every finished run by its key."""
-        found: dict[str, Row] = {}
-        for path in sorted(self.folder.glob("*.parquet")):
-            try:
-                table = pq.read_table(path)
-            except (OSError, pa.ArrowException) as error:
-                raise RecordError(f"{path}: not a readable chunk; delete it: {error}") from error
-            if table.schema.names != SCHEMA.names:
-                raise RecordError(
-                    f"{path}: a chunk of another version of this program; choose another --out"
-                )
-            found |= {row["key"]: row for row in table.to_pylist()}
-        return found
+        for path in sorted(self.folder.glob("[!.]*.parquet")):
+            self.rows |= {row["key"]: row for row in _read(path)}
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep a chunk of finished runs."""
         name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
         table = pa.Table.from_pylist(list(rows), SCHEMA)
         write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
+        self.rows |= {row["key"]: row for row in rows}
+
+
+def _read(path: Path) -> list[Row]:
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordError(f"{path}: not a readable chunk; delete it: {reason}") from error
+    if table.schema.names != SCHEMA.names:
+        raise RecordError(
+            f"{path}: a chunk of another version of this program; choose another --out"
+        )
+    rows: list[Row] = table.to_pylist()
+    return rows

@@ -77,7 +77,7 @@ class AkdServos:
         self._through_drives = plate is None
         self._plate: PlateEncoders = plate or DriveEncoders(lambda: self.axes, now)
         self._motor_zero = np.zeros((1, 2))
-        self._opener, self._now, self._sleep = opener, now, sleep
+        self._opener, self.now, self.sleep = opener, now, sleep
         self._reports = Reports(config.watch.repeat)
         self._link: Link | None = None
 
@@ -93,9 +93,9 @@ class AkdServos:
         config = self.config
         self._reports = Reports(config.watch.repeat)
         bus = self._opener(config.bus)
-        link = Link(bus, f"CAN {config.bus}", self._reports, self._now)
+        link = Link(bus, f"CAN {config.bus}", self._reports, self.now)
         try:
-            bring_up(bus, config, with_plate=self._through_drives, now=self._now)
+            bring_up(bus, config, with_plate=self._through_drives, now=self.now)
         except BaseException as error:
             link.close()
             if isinstance(error, BUS_ERRORS) and not isinstance(error, DriveError):
@@ -104,7 +104,7 @@ class AkdServos:
             raise
         link.heartbeat(config.host)
         self._link = link
-        at = self._now()
+        at = self.now()
         self.axes = tuple(self._axis(index, at) for index in (0, 1))
         self._guards = tuple(Guard(axis, config, self._reports) for axis in self.axes)
         nodes = (axis.node for axis in config.axes)
@@ -133,8 +133,8 @@ class AkdServos:
 
         Without it frames are noticed at the next ``receive``, and ``round_trip`` counts to there.
         """
-        deadline = self._now() + limit
-        while self._trip is None and (left := deadline - self._now()) > 0 and self._up:
+        deadline = self.now() + limit
+        while self._trip is None and (left := deadline - self.now()) > 0 and self._up:
             self._drain(left)
 
     def command(self, motor_rate: Array) -> None:
@@ -148,7 +148,7 @@ class AkdServos:
             if not np.isfinite(rate):
                 axis.target = 0.0
                 detail = f"{rate} rad/s"
-                self._reports.report(c.BAD_COMMAND, axis.config.where, detail, self._now())
+                self._reports.report(c.BAD_COMMAND, axis.config.where, detail, self.now())
 
     def send(self) -> None:
         """Judge the cycle that ends, then send the commands and the next SYNC; never waits."""
@@ -156,7 +156,7 @@ class AkdServos:
         if link is None:
             return
         self._drain(0.0)
-        at = self._now()
+        at = self.now()
         if self._sent:
             for guard in self._guards:
                 guard.cycle(at)
@@ -167,7 +167,7 @@ class AkdServos:
             link.send(frames.RPDO1 + axis.config.node, axis.output())
         self._sent += 1
         self._trip = None
-        self._synced = self._now()
+        self._synced = self.now()
         link.send(frames.SYNC, b"")
         if self.heartbeat and at - self._beat >= self.config.heartbeat - self.config.period / 2:
             self._beat = at
@@ -215,7 +215,7 @@ class AkdServos:
         """
         if self.needs_restart or not self._up:
             return
-        at = self._now()
+        at = self.now()
         self._reports.reset()
         self._lookout.forget()
         for guard in self._guards:
@@ -256,7 +256,7 @@ class AkdServos:
 
     def age(self) -> Array:
         """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
-        motor = self._now() - np.array([[axis.sampled for axis in self.axes]])
+        motor = self.now() - np.array([[axis.sampled for axis in self.axes]])
         return np.asarray(np.maximum(motor, self._plate.age()))
 
     def home(self, plate: Array, motor: Array) -> None:
@@ -286,7 +286,7 @@ class AkdServos:
             node = axis.config.node
             link.send(frames.REQUEST + node, _MONITORING_OFF)
             link.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
-        self._sleep(self.config.heartbeat)
+        self.sleep(self.config.heartbeat)
         link.close()
         self._link = None
 
@@ -296,7 +296,7 @@ class AkdServos:
             if not self._up or done():
                 return
             self.exchange()
-            self._sleep(self.config.period)
+            self.sleep(self.config.period)
 
     @property
     def _up(self) -> bool:
@@ -309,7 +309,7 @@ class AkdServos:
         if self._link is None:
             return
         for identifier, data in self._link.receive(wait):
-            at = self._now()
+            at = self.now()
             node, service = identifier & frames.NODE, identifier & ~frames.NODE
             guard = self._by_node.get(node)
             if guard is None:

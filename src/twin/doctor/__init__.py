@@ -1,0 +1,1 @@
+"""Bring-up of a rig: everything it needs, found, checked, and said what to do about."""

@@ -1,0 +1,83 @@
+"""The computer: scheduling, timer, cam table, limits, and settings nobody has confirmed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from math import degrees
+from pathlib import Path
+
+from twin.assemble import build_limits
+from twin.connect import narrower
+from twin.doctor.finding import Finding, failed, passed, warned
+from twin.errors import TwinError
+from twin.hal.akd.config import unconfirmed
+from twin.hal.cams import CamTable
+from twin.hal.ledger import Ledger
+from twin.hal.realtime import RealTimeClock
+from twin.hal.scheduling import real_time
+from twin.models import model_path
+from twin.scenario.rig import RigFile
+from twin.scenario.schema import Scenario
+
+TIMED = 1.0
+"""Seconds that the timer is watched."""
+OLD = 365
+"""Days after which a cam table should be measured again; wheels and cams wear."""
+
+
+def computer(scenario: Scenario, rig: RigFile) -> Iterator[Finding]:
+    """Everything that can be checked without a device."""
+    yield from _scheduling(scenario.rig.period)
+    yield _cams(rig)
+    limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
+    yield passed(
+        "limits",
+        f"{degrees(limits.angle):.3g} deg, {degrees(limits.rate):.3g} deg/s, "
+        f"{limits.acceleration:g} rad/s^2, ball within {limits.area[0]:g} x {limits.area[1]:g} m "
+        f"and {limits.margin:g} m beyond",
+    )
+    open_points = unconfirmed(rig.servos(scenario.rig.period))
+    names = sorted({point.name.rpartition(".")[2] for point in open_points})
+    yield warned(
+        "settings of the drives",
+        f"never confirmed on a rig: {', '.join(names)}",
+        "compare them with the drives' manual and setup software",
+    )
+
+
+def _scheduling(period: float) -> Iterator[Finding]:
+    ledger = Ledger(period)
+    clock = RealTimeClock(period, ledger)
+    with real_time() as obtained:
+        for words, good in zip(obtained.words, (obtained.fifo, obtained.locked), strict=False):
+            head, _, advice = words.partition(": ")
+            what = "real-time priority" if "priority" in head else "memory"
+            yield passed(what, head) if good else warned(what, head, advice)
+        for _ in range(round(TIMED / period)):
+            clock.wait()
+    late = ledger.lateness.quantile(0.99)
+    share = 100 * ledger.missed / max(1, ledger.ticks + ledger.missed)
+    seen = f"p99 {1e6 * late:.0f} us late, {share:.2f} % of {1e3 * period:g} ms periods missed"
+    if share > 0.5 or late > period / 4:
+        yield warned("timer", seen, "end other programs; use a kernel with PREEMPT_RT")
+    else:
+        yield passed("timer", seen)
+
+
+def _cams(rig: RigFile) -> Finding:
+    file = Path(rig.cams) if rig.cams else model_path("cams.json")
+    try:
+        table = CamTable.from_file(file)
+        if not rig.cams:
+            table.check(model_path())
+    except TwinError as error:
+        return failed("cam table", str(error), "run `ballplate calibrate cams`")
+    days = (time.time() - file.stat().st_mtime) / 86400
+    seen = f"{file.name}: ratio {table.ratio:.2f}, {days:.0f} days old"
+    if not rig.cams:
+        advice = "name a table measured on this rig as 'cams' in the rig file"
+        return warned("cam table", f"{seen}, computed from the model", advice)
+    if days > OLD:
+        return warned("cam table", seen, "measure it again")
+    return passed("cam table", seen)

@@ -1,0 +1,155 @@
+"""The drives: bus, identities, state, heartbeat; with leave to move, direction and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from math import degrees, radians
+
+import numpy as np
+
+from twin.doctor.finding import Finding, failed, passed, warned
+from twin.errors import TwinError
+from twin.hal.akd.cia402 import State
+from twin.hal.akd.config import AkdConfig
+from twin.hal.akd.errors import DriveError
+from twin.hal.akd.servos import AkdServos
+from twin.hal.rig import Transmission
+
+TILT = radians(1.0)
+"""How far an axis is tilted to see its encoder's direction and scale."""
+SCALE = 0.2
+"""Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
+DC_LINK = 1 << 4
+
+
+def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
+    """Open the bus and bring the drives up; no torque. Leaves them started if all is well."""
+    what = f"CAN bus {config.bus} at {config.bus.bitrate / 1e6:g} Mbit/s"
+    try:
+        servos.start()
+    except DriveError as error:
+        yield failed(what, str(error), error.fault.condition.recovery)
+        return
+    yield passed(what, "opened")
+    _exchange(servos, 0.1)
+    trip = servos.round_trip
+    if trip is not None:
+        yield passed("bus round trip", f"{1e3 * trip:.2f} ms from SYNC to the last answer")
+    dictionary = "the vendor's EDS file" if config.eds else "the built-in one"
+    yield passed("object dictionary", dictionary)
+    for axis in servos.axes:
+        yield passed(
+            axis.config.where,
+            f"an AKD, configured and monitored; {axis.state.name.lower().replace('_', ' ')}",
+        )
+        if axis.state is State.FAULT:
+            advice = "remove the cause, then run with --reset"
+            yield failed(f"{axis.config.where} fault", "in fault", advice)
+        elif not (axis.status or 0) & DC_LINK:
+            advice = "switch the main supply on; close the STO circuit"
+            yield failed(f"{axis.config.where} power", "no DC link", advice)
+        else:
+            yield passed(f"{axis.config.where} power", "DC link up, no fault")
+    for fault in servos.faults():
+        yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
+
+
+def torque(servos: AkdServos) -> Iterator[Finding]:
+    """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
+    try:
+        servos.enable()
+        _until(servos, lambda: servos.enabled, 1.0)
+    except TwinError as error:
+        yield failed("torque", str(error), "close STO, reset the faults (--reset)")
+        return
+    if not servos.enabled:
+        states = ", ".join(axis.state.name.lower() for axis in servos.axes)
+        yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
+        return
+    yield passed("torque", "both drives hold their position")
+    servos.heartbeat = False
+    begin = servos.now()
+    silence = servos.config.silence
+    _until(servos, lambda: not servos.enabled, silence + 0.2)
+    took = servos.now() - begin
+    if servos.enabled:
+        advice = "do not run: set the heartbeat consumer (1016h) and its fault reaction"
+        yield failed("heartbeat", f"ignored for {took:.2f} s: the drives go on", advice)
+    else:
+        seen = f"the drives stopped by themselves {1e3 * took:.0f} ms after it ended"
+        yield passed("heartbeat", f"{seen} (set: {1e3 * silence:.0f} ms)")
+    servos.heartbeat = True
+    _exchange(servos, 0.05)
+    servos.reset_faults()
+    _exchange(servos, 0.2)
+    if servos.needs_restart:
+        servos.start()
+        servos.reset_faults()
+        _exchange(servos, 0.2)
+    servos.faults()
+
+
+def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
+    """Tilt each axis by a degree and back; its plate encoder must follow."""
+    try:
+        servos.enable()
+        _until(servos, lambda: servos.enabled, 1.0)
+    except TwinError as error:
+        yield failed("motion", str(error), "reset the faults (--reset)")
+        return
+    level = np.zeros((1, 2))
+    servos.home(level, cams.motor(level))
+    for index, axis in enumerate(servos.axes):
+        tilted = level.copy()
+        tilted[0, index] = TILT
+        if not _turn(servos, cams.motor(level), cams.motor(tilted)):
+            grave = [str(f) for f in servos.faults() if f.condition.severity != "warning"]
+            seen = grave[0] if grave else "the drives went off"
+            yield failed(f"{axis.config.name} encoder", seen, "see the fault")
+            return
+        angle = float(servos.plate()[0, index])
+        _turn(servos, cams.motor(tilted), cams.motor(level))
+        yield _judged(axis.config.name, angle)
+    servos.quick_stop()
+    _exchange(servos, 0.1)
+
+
+def _judged(name: str, seen: float) -> Finding:
+    text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TILT):+.3f} deg commanded"
+    what = f"{name} encoder"
+    if seen < 0:
+        return failed(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
+    if abs(seen / TILT - 1) > SCALE:
+        advice = f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table"
+        return failed(what, text, advice)
+    return passed(what, text)
+
+
+def _turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:
+    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
+    begin = servos.now()
+    while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
+        # half a cosine: from rest to rest
+        share = (1 - np.cos(np.pi * min(1.0, gone / seconds))) / 2
+        servos.command(20 * (start + share * (end - start) - servos.motor()))
+        _exchange(servos, servos.config.period)
+    servos.command(np.zeros((1, 2)))
+    _exchange(servos, 0.05)
+    return servos.enabled
+
+
+def _until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
+    end = servos.now() + limit
+    while not done() and servos.now() < end:
+        _exchange(servos, servos.config.period)
+
+
+def _exchange(servos: AkdServos, seconds: float) -> None:
+    """Exchange with the drives for a time, one period after the other."""
+    period = servos.config.period
+    for _ in range(max(1, round(seconds / period))):
+        begin = servos.now()
+        servos.receive()
+        servos.send()
+        servos.settle(period / 2)
+        servos.sleep(max(0.0, begin + period - servos.now()))

@@ -1,0 +1,73 @@
+"""The whole examination, in the order of a bring-up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from twin.assemble import build_plant
+from twin.connect import connect
+from twin.doctor import drives
+from twin.doctor.computer import computer
+from twin.doctor.delay import dead_time
+from twin.doctor.finding import Ask, Finding, Verdict, warned
+from twin.doctor.touch import touch
+from twin.hal.akd.servos import AkdServos
+from twin.hal.lumio.screen import LumioScreen
+from twin.hal.scheduling import real_time
+from twin.scenario.rig import RigFile
+from twin.scenario.schema import Scenario
+
+
+def examine(
+    scenario: Scenario, rig: RigFile, ask: Ask, *, move: bool, reset: bool
+) -> Iterator[Finding]:
+    """Every check, as it is made.
+
+    Args:
+        scenario: What the rig is to run.
+        rig: What is connected where.
+        ask: Asks for the ball to be put or lifted.
+        move: Whether drives may have torque and the plate may be tilted by a degree.
+        reset: Whether faults found in the drives are reset.
+    """
+    yield from computer(scenario, rig)
+    screen = LumioScreen(rig.screen())
+    touched = []
+    try:
+        for finding in touch(screen, ask, rig.patience):
+            touched.append(finding)
+            yield finding
+    finally:
+        screen.stop()
+    servos = AkdServos(rig.servos(scenario.rig.period))
+    found: list[Finding] = []
+    try:
+        with real_time():
+            for finding in _drives(servos, scenario, move=move, reset=reset):
+                found.append(finding)
+                yield finding
+    finally:
+        servos.stop()
+    good = all(each.verdict is not Verdict.FAIL for each in (*touched, *found))
+    if move and good:
+        expected = scenario.predictor.delay if scenario.predictor else 0.0
+        yield from dead_time(connect(scenario, rig, reset=True), expected)
+    elif not move:
+        advice = "hands off the plate, then: ballplate doctor --move"
+        yield warned("torque, heartbeat, encoders, dead time", "not tested", advice)
+
+
+def _drives(servos: AkdServos, scenario: Scenario, *, move: bool, reset: bool) -> Iterator[Finding]:
+    found = []
+    for finding in drives.bus(servos.config, servos):
+        found.append(finding)
+        yield finding
+    if reset and servos.axes:
+        servos.reset_faults()
+    failed = any(finding.verdict is Verdict.FAIL for finding in found)
+    if move and servos.axes and (reset or not failed):
+        for finding in drives.torque(servos):
+            found.append(finding)
+            yield finding
+        if not any(finding.verdict is Verdict.FAIL for finding in found[-2:]):
+            yield from drives.motion(servos, build_plant(scenario)[1])

@@ -1,0 +1,142 @@
+"""What a user gets wrong about a study: one clear line, and nothing lost."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.cli import main
+from twin.study import store
+
+STUDY = """
+title = "short"
+scenario = "hold"
+set = ["plant.kind=lagrange", "duration=0.1"]
+method = "grid"
+metrics = ["rms_error"]
+
+[parameters."plant.friction.rolling_mm"]
+values = [0.1, 0.2]
+"""
+KEY, VALUES = "plant.friction.rolling_mm", "values = [0.1, 0.2]"
+
+
+@pytest.fixture
+def study(capsys, tmp_path: Path, monkeypatch):
+    """Runs the command on the study with one piece of text changed: exit code, output, error."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(old: str = "", new: str = "", *arguments: str) -> tuple[int, str, str]:
+        (tmp_path / "short.toml").write_text(STUDY.replace(old, new) if old else STUDY)
+        with pytest.raises(SystemExit) as caught:
+            main(["study", "short.toml", "--processes", "1", *arguments])
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (KEY, "plant.friction.roling_mm", "did you mean 'rolling_mm'"),
+        (KEY, "plant.level_deg.7", "plant.level_deg.7: no such number (0 to 1)"),
+        (KEY, "duration.0", "duration.0: no such number (it is no list)"),
+        (VALUES, "values = []", "values: must not be empty"),
+        (VALUES, "uniform = [0.2, 0.2]", "empty range: 0.2 is not below 0.2"),
+        (VALUES, "uniform = [0.3, 0.2]", "empty range"),
+        (VALUES, "uniform = [-1.0, 0.2]", "rolling_mm: must be greater than or equal to 0, got -1"),
+        (VALUES, "loguniform = [0.0, 0.2]", "loguniform: must begin above 0"),
+        (VALUES, "normal = [0.1, 0.0, 0.05, 0.2]", "the standard deviation must be above 0"),
+        (VALUES, 'values = ["rough"]', 'rolling_mm: must be a valid number, got "rough"'),
+        (VALUES, "values = [0.1]\nrelativ = true", "relativ"),
+        (VALUES, "values = [1e400]", "rolling_mm"),
+        ('["rms_error"]', '["rms_eror"]', "no 'rms_eror'; did you mean 'rms_error'?"),
+        ('"grid"', '"gird"', "method"),
+        ('"hold"', '"holt"', "scenario 'holt': not found; did you mean 'hold'"),
+        ('"grid"', '"sobol"', "sobol needs a distribution"),
+        ("duration=0.1", "duration", "override 'duration': write key=value"),
+        ("title", "titel", "titel"),
+        ('title = "short"', "title = ", "not a TOML file"),
+    ],
+)
+def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
+    study, tmp_path, old, new, expected
+) -> None:
+    code, out, err = study(old, new)
+    assert code == 2
+    assert out == ""
+    assert len(err.strip().splitlines()) == 1
+    assert expected in err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_unknown_study_is_answered_with_the_nearest_and_all_shipped_ones(capsys) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["study", "frictoin"])
+    assert caught.value.code == 2
+    err = capsys.readouterr().err
+    assert "did you mean 'friction'?" in err
+    assert "tournament" in err
+
+
+def test_a_relative_parameter_without_a_number_to_scale_is_refused(study) -> None:
+    code, _, err = study(f'"{KEY}"]', '"plant.spring.preload"]\nrelative = true')
+    assert code == 2
+    assert "plant.spring.preload: no number to take a part of" in err
+
+
+def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(study, tmp_path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    code, _, err = study("", "", "--out", "taken")
+    assert code == 2
+    assert "taken: cannot be written" in err
+
+
+def test_a_damaged_chunk_is_named_and_told_to_be_deleted(study, tmp_path) -> None:
+    assert study()[0] == 0
+    (chunk,) = (tmp_path / "runs" / "study-short" / "chunks").glob("*.parquet")
+    chunk.write_bytes(chunk.read_bytes()[:50])
+    code, _, err = study()
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1
+    assert str(chunk.name) in err
+    assert "delete it" in err
+
+
+def test_a_folder_of_another_version_is_refused_and_left_as_it_is(study, tmp_path) -> None:
+    folder = tmp_path / "runs" / "study-short" / "chunks"
+    folder.mkdir(parents=True)
+    old = folder / "old.parquet"
+    pq.write_table(pa.table({"key": ["a"], "speed": [1.0]}), old)
+    before = old.read_bytes()
+    code, _, err = study()
+    assert code == 2
+    assert "another version" in err
+    assert old.read_bytes() == before
+
+
+def test_a_full_disk_is_one_line_and_leaves_what_is_finished(study, tmp_path, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    assert study()[0] == 0
+    folder = tmp_path / "runs" / "study-short" / "chunks"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with monkeypatch.context() as patched:
+        patched.setattr(store.pq, "write_table", full)
+        code, _, err = study(VALUES, "values = [0.1, 0.2, 0.3]")
+    assert code == 2
+    assert "No space left on device" in err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert study(VALUES, "values = [0.1, 0.2, 0.3]")[0] == 0
+
+
+def test_a_scheduler_where_nobody_listens_is_one_line(study) -> None:
+    code, _, err = study("", "", "--scheduler", "tcp://127.0.0.1:9")
+    assert code == 2
+    assert "nobody answers there" in err

@@ -1,0 +1,141 @@
+"""Studies on several processes and on a cluster, killed at any moment."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from twin.study.carry import carry
+from twin.study.schema import Study
+from twin.study.store import Store
+from twin.study.work import Row, tasks
+
+pytestmark = pytest.mark.long
+
+STUDY = """
+title = "short"
+scenario = "hold"
+set = ["plant.kind=lagrange", "duration=0.3"]
+method = "grid"
+seeds = 8
+metrics = ["rms_error"]
+
+[parameters."plant.friction.rolling_mm"]
+values = [0.1, 0.12, 0.14, 0.16, 0.18, 0.2, 0.22, 0.24]
+
+[[variants]]
+name = "AFL"
+set = ["controller.kind=afl"]
+
+[[variants]]
+name = "backstepping"
+set = ["controller.kind=backstepping"]
+"""
+MAIN = (
+    "import sys; from twin.study import carry; carry.CHUNK, carry.LEAST = 4, 1; "
+    "from twin.cli import main; main(sys.argv[1:])"
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "short.toml").write_text(STUDY)
+    return tmp_path
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", MAIN, "study", "short.toml", "--out", "out", *arguments]
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+
+
+def kept(folder: Path) -> list[Row]:
+    paths = (folder / "out" / "chunks").glob("[!.]*.parquet")
+    return [row for path in paths for row in pq.read_table(path).to_pylist()]
+
+
+def undisturbed(folder: Path) -> dict[str, Row]:
+    import tomllib
+
+    about = Study.model_validate(tomllib.loads(STUDY))
+    return carry(tasks(about), Store(folder / "quiet"), processes=1)
+
+
+@pytest.mark.parametrize("processes", ["1", "2"])
+def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, processes) -> None:
+    truth = undisturbed(folder)
+    rng = random.Random(int(processes))
+    kills = 0
+    for _ in range(60):
+        child = start(folder, "--processes", processes)
+        try:
+            child.wait(rng.uniform(1.0, 4.0))
+        except subprocess.TimeoutExpired:
+            os.killpg(child.pid, signal.SIGKILL)
+            kills += 1
+        child.communicate()
+        rows = kept(folder)
+        assert len({row["key"] for row in rows}) == len(rows)
+        assert all(truth[row["key"]] == row for row in rows)
+        if len(rows) == len(truth) and child.returncode == 0:
+            break
+    assert {row["key"]: row for row in kept(folder)} == truth
+    table = pq.read_table(folder / "out" / "rows.parquet")
+    assert table.num_rows == len(truth)
+    assert kills >= 3
+
+
+def test_two_processes_give_the_bits_of_one(folder) -> None:
+    child = start(folder, "--processes", "2")
+    assert child.wait(120) == 0
+    child.communicate()
+    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+
+
+@pytest.fixture
+def cluster():
+    """A scheduler with two worker processes."""
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as running:
+        yield running
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_of_two_processes_gives_the_bits_of_one_process(folder, cluster) -> None:
+    child = start(folder, "--scheduler", cluster.scheduler_address)
+    assert child.wait(240) == 0
+    child.communicate()
+    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_killed_worker_costs_a_retry_and_not_the_study(folder, cluster) -> None:
+    from distributed import Client
+
+    child = start(folder, "--scheduler", cluster.scheduler_address)
+    while not kept(folder) and child.poll() is None:
+        time.sleep(0.05)
+    with Client(cluster.scheduler_address) as client:
+        victim, *_ = client.run(os.getpid).values()
+    os.kill(victim, signal.SIGKILL)
+    assert child.poll() is None, "the study was over before a worker was killed"
+    assert child.wait(240) == 0
+    child.communicate()
+    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)

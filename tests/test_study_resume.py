@@ -1,0 +1,139 @@
+"""Studies that are interrupted, cut differently, changed, or carried out elsewhere."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from twin.errors import TwinError
+from twin.study import carry as carrying
+from twin.study.carry import carry, missing
+from twin.study.schema import Study
+from twin.study.store import Store
+from twin.study.work import Row, Task, carry_out, tasks
+
+
+def study(
+    values: Sequence[float] = (0.1, 0.15, 0.2, 0.25), seeds: int = 2, law: str = "lqr"
+) -> Study:
+    return Study.model_validate(
+        {
+            "title": "short",
+            "scenario": "hold",
+            "set": ["plant.kind=lagrange", "duration=0.06", f"controller.kind={law}"],
+            "method": "grid",
+            "seeds": seeds,
+            "parameters": {"plant.friction.rolling_mm": {"values": list(values)}},
+        }
+    )
+
+
+def carried(about: Study, folder: Path, **how) -> dict[str, Row]:
+    return carry(tasks(about), Store(folder), **({"processes": 1} | how))
+
+
+def test_results_do_not_depend_on_how_the_work_is_cut_or_ordered(tmp_path, monkeypatch) -> None:
+    wanted = tasks(study())
+    whole = carry(wanted, Store(tmp_path / "a"), processes=1)
+    monkeypatch.setattr(carrying, "CHUNK", 3)
+    monkeypatch.setattr(carrying, "LEAST", 1)
+    shuffled = random.Random(1).sample(wanted, len(wanted))
+    assert carry(shuffled, Store(tmp_path / "b"), processes=1) == whole
+
+
+def test_any_executor_will_do_and_gives_the_same_bits(tmp_path) -> None:
+    with ThreadPoolExecutor(1) as executor:
+        assert carried(study(), tmp_path / "a", executor=executor) == carried(
+            study(), tmp_path / "b"
+        )
+
+
+def test_a_finished_study_runs_nothing_again(tmp_path) -> None:
+    first = carried(study(), tmp_path)
+
+    def never(_: Sequence[Task]) -> list[Row]:
+        raise AssertionError
+
+    assert carried(study(), tmp_path, work=never) == first
+
+
+def test_a_changed_study_runs_only_what_changed(tmp_path) -> None:
+    carried(study(), tmp_path)
+    ran: list[Task] = []
+
+    def noted(some: Sequence[Task]) -> list[Row]:
+        ran.extend(some)
+        return carry_out(some)
+
+    carried(study((0.1, 0.15, 0.2, 0.3)), tmp_path, work=noted)
+    assert len(ran) == 2
+    carried(study(law="afl"), tmp_path, work=noted)
+    assert len(ran) == 2 + 8
+
+
+def test_a_study_that_dies_between_chunks_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(carrying, "CHUNK", 2)
+    monkeypatch.setattr(carrying, "LEAST", 1)
+    calls = 0
+
+    def dies(some: Sequence[Task]) -> list[Row]:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise KeyboardInterrupt
+        return carry_out(some)
+
+    with pytest.raises(KeyboardInterrupt):
+        carried(study(), tmp_path, work=dies)
+    assert len(missing(tasks(study()), Store(tmp_path).rows)) == 2
+    assert carried(study(), tmp_path) == carried(study(), tmp_path / "other")
+
+
+def test_what_a_killed_writer_left_behind_is_not_read(tmp_path) -> None:
+    whole = carried(study(), tmp_path)
+    (tmp_path / "chunks" / ".half-x1.parquet").write_bytes(b"PAR1 and no more")
+    assert Store(tmp_path).rows == whole
+
+
+def test_a_run_kept_twice_counts_once(tmp_path) -> None:
+    whole = carried(study(), tmp_path)
+    (chunk,) = (tmp_path / "chunks").glob("*.parquet")
+    pq.write_table(pq.read_table(chunk).slice(0, 3), chunk.with_name("again.parquet"))
+    assert Store(tmp_path).rows == whole
+
+
+class Flaky(Executor):
+    """Loses each chunk so often before it carries it out."""
+
+    def __init__(self, losses: int) -> None:
+        self.losses, self.lost = losses, 0
+
+    def submit(self, work, chunk):
+        future: Future[list[Row]] = Future()
+        if self.lost < self.losses:
+            self.lost += 1
+            future.set_exception(BrokenProcessPool("a worker died"))
+        else:
+            future.set_result(work(chunk))
+        return future
+
+
+def test_a_lost_chunk_is_tried_again_and_loses_nothing(tmp_path) -> None:
+    assert carried(study(), tmp_path / "a", executor=Flaky(2)) == carried(study(), tmp_path / "b")
+
+
+def test_a_chunk_that_is_lost_again_and_again_ends_the_study_with_one_line(tmp_path) -> None:
+    with pytest.raises(TwinError, match="1 chunks of runs were lost 3 times"):
+        carried(study(), tmp_path, executor=Flaky(99))
+
+
+def test_progress_counts_what_is_finished_and_what_failed(tmp_path) -> None:
+    told: list[tuple[int, int]] = []
+    carried(study(), tmp_path, progress=lambda done, bad: told.append((done, bad)))
+    assert told == [(0, 0), (8, 0)]
