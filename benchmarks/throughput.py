@@ -72,7 +72,7 @@ def commands(seconds: float) -> list[NDArray[np.floating]]:
 
 
 def bare(rigs: int, motion: Sequence[NDArray[np.floating]]) -> float:
-    """Processor seconds of a bare loop of ``Batch.step`` on one thread under the same motor rates."""
+    """Processor seconds of a bare loop of ``Batch.step`` under the same motor rates."""
     model = mujoco.MjModel.from_xml_path(str(model_path()))
     batch = Batch(model, nsim=rigs, nthread=1)
     batch.reset(keyframe=0)

@@ -43,13 +43,13 @@ def tick_costs(tap):
     record = Recorder(1000, 1, chosen.rig.period, rig.channels)
     costs = []
 
-    def timed(channels):
+    def timed(now, channels):
         begin = time.perf_counter_ns()
-        tap.observe(channels)
+        tap.observe(now, channels)
         costs.append((time.perf_counter_ns() - begin) / 1000)
         time.sleep(0.0015)
 
-    tap._plant, tap._period = record.plant, record.period
+    tap._plant = record.plant
     record.observers.append(timed)
     drive(rig, controller, 2.0, record)
     return np.array(costs)

@@ -157,6 +157,7 @@ def test_the_report_needs_no_other_file(found):
     assert "<script" not in text
 
 
+@pytest.mark.long
 def test_a_csv_file_in_other_units_says_the_same(columns, found, tmp_path):
     scaled, headers = {}, {}
     for name, values in columns.items():
@@ -173,6 +174,7 @@ def broken(columns, **changes):
     return {**columns, **{name: change(columns[name].copy()) for name, change in changes.items()}}
 
 
+@pytest.mark.long
 def test_gaps_missing_numbers_spikes_and_lift_offs_are_left_out_and_said(columns, tmp_path):
     def holes(x):
         x[2000:2010] = np.nan
@@ -271,6 +273,7 @@ def test_an_unknown_parameter_is_refused_with_those_known():
     assert all(name in str(caught.value) for name in CHOICES)
 
 
+@pytest.mark.long
 def test_without_friction_none_is_claimed(tmp_path):
     done = run(load("excite", (*SETTINGS, "plant.friction.rolling_mm=0")))
     save(done, tmp_path / "log", {"run": done.motion})

@@ -1,5 +1,6 @@
 import importlib
 import re
+import tomllib
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from controllers.catalog import catalog
 from controllers.interfaces import Law
 from twin.cli import COMMANDS
 from twin.run import run
+from twin.scenario.rig import check_rig
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -65,6 +67,15 @@ def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch)
         assert "outside" in catalog(Law)
     finally:
         catalog_module._modules.cache_clear()
+
+
+def test_the_readmes_rig_file_is_one():
+    (text,) = (
+        code for code in re.findall(r"```toml\n(.*?)```", README, re.DOTALL) if "[bus]" in code
+    )
+    rig = check_rig(tomllib.loads(text), "README.md")
+    assert rig.servos(0.002).bus.interface == "slcan"
+    assert rig.screen().port == "/dev/ttyUSB0"
 
 
 def test_every_command_the_readme_shows_exists():

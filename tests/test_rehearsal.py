@@ -1,4 +1,4 @@
-"""The rig of the hardware on emulated devices in bus time: the same loop, every byte of the wire."""
+"""The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
 
 import numpy as np
 import pytest

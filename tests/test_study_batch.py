@@ -15,7 +15,8 @@ from twin.metrics import Metrics
 from twin.plant.exact import ExactPlant
 from twin.run import run
 from twin.scenario import Scenario, load
-from twin.study.batch import common, simulate
+from twin.study.alike import common
+from twin.study.batch import simulate
 
 LAWS = (
     ("controller.kind=backstepping",),

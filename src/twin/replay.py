@@ -38,6 +38,8 @@ class Replay:
         metrics: Its indicators, as ``metrics.json`` has them.
         versions: What produced it.
         folder: Where it lies; None for a run that is not on disk.
+        events: Conditions that were detected: time in s, severity, text.
+        ledger: Of a run in real time, what ``Ledger.as_dict`` told; else empty.
     """
 
     name: str
@@ -47,6 +49,8 @@ class Replay:
     metrics: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+    events: tuple[Mapping[str, Any], ...] = ()
+    ledger: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def reference(self) -> Reference:
@@ -126,6 +130,8 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
                 metadata.get("metrics", {}),
                 metadata.get("versions", {}),
                 file.parent,
+                tuple(metadata.get("events", ())),
+                metadata.get("ledger", {}),
             )
         )
     return found

@@ -55,6 +55,7 @@ def _spectrum(panel: Axes, run: Replay, colour: str) -> None:
 def _estimate(panel: Axes, run: Replay, colour: str) -> None:
     panel.set(xlabel="time [s]", ylabel="distance [mm]", title="Error of the estimated position")
     if "true_x" not in run.rows:
+        _instead(panel, "on a real rig nobody knows where the ball truly is")
         return
     wrong = columns(run.rows, "estimated")[:, 0::4] - run.motion.ball
     panel.plot(run.motion.time, 1000 * np.hypot(*wrong.T), color=colour, lw=0.8)
@@ -78,22 +79,19 @@ def _late(panel: Axes, runs: Sequence[Replay]) -> None:
     timed = [(run, lateness(run)) for run in runs]
     found = [(run, late) for run, late in timed if late is not None]
     if not found:
-        panel.text(
-            0.5,
-            0.5,
-            "simulated time: no period can be late",
-            ha="center",
-            va="center",
-            transform=panel.transAxes,
-            color="0.4",
-        )
-        panel.set(xticks=[], yticks=[])
+        _instead(panel, "simulated time: no period can be late")
         return
     top = max(float(late.max()) for _, late in found)
     edges = np.linspace(0, max(top, 1.0), 60)
     for index, (_, late) in enumerate(found):
         panel.hist(late, edges.tolist(), histtype="step", color=COLOURS[index % len(COLOURS)])
     panel.set_yscale("log")
+
+
+def _instead(panel: Axes, words: str) -> None:
+    """Words where there is nothing to draw."""
+    panel.text(0.5, 0.5, words, ha="center", va="center", transform=panel.transAxes, color="0.4")
+    panel.set(xticks=[], yticks=[])
 
 
 def lateness(run: Replay) -> np.ndarray | None:

@@ -13,6 +13,9 @@ from twin.report.findings import Findings
 from twin.report.numbers import rows
 from twin.report.words import verdict
 
+MOST = 40
+"""Events that are listed."""
+
 
 def html(runs: Sequence[Replay]) -> str:
     """The report on one run, or on several side by side."""
@@ -33,11 +36,37 @@ def html(runs: Sequence[Replay]) -> str:
             for run in runs
         ],
         rows=rows(runs),
+        timing=[(run.name, *line) for run in runs for line in _timing(run.ledger)],
+        events=[(run.name, *line) for run in runs for line in _events(run.events)],
         overview=inline(overview(runs)),
         details=inline(details(runs)),
         differing=[(key, each) for key, each in values.items() if len(set(each)) > 1],
         settings=list(settings[0].items()),
     )
+
+
+def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """The ledger of a run in real time, one line a stage: p50, p99 and longest in us."""
+    if not ledger:
+        return []
+    stages = {
+        "lateness": ledger["lateness"],
+        **ledger["stages"],
+        "round trip": ledger["round_trip"],
+    }
+    return [
+        (name, *(f"{each[key]}" for key in ("p50_us", "p99_us", "max_us")))
+        for name, each in stages.items()
+        if each["number"]
+    ]
+
+
+def _events(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """What was detected, the first ones."""
+    lines = [(f"{e['time']:.3f}", str(e["severity"]), str(e["text"])) for e in events[:MOST]]
+    if len(events) > MOST:
+        lines.append(("", "", f"and {len(events) - MOST} more, in run.parquet"))
+    return lines
 
 
 def _flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:

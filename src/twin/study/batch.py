@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.interfaces import Law
+from controllers.interfaces import Law, Reference
 from controllers.stack import Controller
 from twin.assemble import (
     build_controller,
@@ -45,68 +45,6 @@ PAIR = 2
 DIVERGED = "diverged"
 """How a run ends whose numbers run away."""
 RAN_AWAY = "the simulation's numbers ran away"
-OWN = {
-    "title",
-    "baseline",
-    "seed",
-    "controller",
-    "reference",
-    "metrics",
-    "plant.level_deg",
-    "plant.friction.rolling_mm",
-    "plant.friction.breakaway_ratio",
-    "plant.friction.stribeck_speed",
-    "plant.friction.dwell_time",
-    "plant.friction.viscous_mm",
-    "plant.servo.bandwidth_hz",
-    "plant.start.x",
-    "plant.start.y",
-    "plant.start.x_rate",
-    "plant.start.y_rate",
-    "sensors.touch.dead_time",
-}
-"""Keys in which the rigs of a batch may differ."""
-PARTS = {
-    "plant.ball.mass",
-    "plant.ball.radius",
-    "plant.ball.inertia",
-    "plant.ball.oval_mm",
-    "plant.friction.sliding",
-    "plant.friction.spinning_mm",
-    "plant.servo.speed_limit",
-    "plant.servo.torque_limit",
-    "plant.wheels.stiffness",
-    "plant.wheels.damping_ratio",
-    "plant.spring.preload",
-    "plant.plate.offset_mm",
-}
-"""Keys in which they may differ besides if each has a mechanism of its own."""
-
-
-def common(scenario: Scenario) -> dict[str, Any]:
-    """What rigs must have in common to be the rigs of one batch."""
-    own = OWN | PARTS if scenario.plant.kind == "mujoco" else OWN
-    left = {key: value for key, value in _flat(scenario.model_dump()).items() if key not in own}
-    left = {key: value for key, value in left.items() if key.partition(".")[0] not in own}
-    friction = build_friction(scenario.plant)
-    return left | {
-        "resisted": friction is not None,
-        "free": friction is None or bool(friction.absent),
-        "constant": friction is None or friction.constant,
-        "ageing": friction is not None and friction.ageing,
-        "level": any(scenario.plant.level_deg),
-        "lag": scenario.plant.servo.bandwidth_hz > 0,
-    }
-
-
-def _flat(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            found |= _flat(value, f"{prefix}{key}.")
-        else:
-            found[prefix + key] = value
-    return found
 
 
 @dataclass(kw_only=True)
@@ -142,7 +80,7 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
     )
     fleet = Fleet(_shared([controllers[i].law for i in order], padded))
     originals = [controller.reference.original for controller in controllers]
-    paths = Paths(tuple(originals[i] for i in order))
+    paths = _Each(originals, order)
     # An observer is as good for N rigs as for one: it begins with the measurements it is given.
     whole = Controller(fleet, build_controller(first).observer, paths, first.rig.period)
     ticks = round(first.duration / first.rig.period)
@@ -166,6 +104,24 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
         motion = Motion.of(record, originals[index], at)
         found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
     return found
+
+
+class _Each(Reference):
+    """The references of N rigs, each evaluated once however many rigs follow it.
+
+    Args:
+        given: References, some perhaps one and the same or equal.
+        order: Which of them each rig follows.
+    """
+
+    def __init__(self, given: Sequence[Reference], order: Sequence[int]) -> None:
+        members = list(dict.fromkeys(given))
+        self._paths = Paths(tuple(members))
+        self._which = [members.index(given[i]) for i in order]
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
+        return self._paths(t)[..., self._which, :]
 
 
 def _diverged(plant: Plant, record: Recorder, rig: int) -> bool:

@@ -135,14 +135,20 @@ def _curves(study: Study, found: Sequence[Answer]) -> Figure:
         for k, answer in enumerate(found):
             if answer.curves:
                 _curve(panel, answer.curves[number], answer.variant if number == 0 else None, k)
-        panel.set(xlabel=parameter_label(study, curve.key), ylim=(0, None))
+        panel.set(xlabel=parameter_label(study, curve.key))
         if curve.where:
             panel.set_title(where_label(study, curve.where), fontsize=9)
-    panels[0].set_ylabel(metric_label(study))
+    panels[0].set(ylabel=metric_label(study), ylim=(_foot(found), None))
     if any(each.failed for answer in found for curve in answer.curves for each in curve.spreads):
         panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    if len(panels[0].get_legend_handles_labels()[0]) > 1:
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure
+
+
+def _foot(found: Sequence[Answer]) -> float:
+    """Where the axis of a metric begins: at 0 unless it can be negative."""
+    return min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
 
 
 def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
@@ -157,7 +163,9 @@ def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         panel.fill_between(x, low, high, color=_look(k)["color"], alpha=0.15, lw=0)
     failed = np.array([each.failed > 0 for each in curve.spreads])
     # a point none of whose runs finished has no height: it is shown at the foot
-    panel.plot(x[failed], np.nan_to_num(middle[failed]), "x", color=FAILED, ms=8, clip_on=False)
+    if failed.any():
+        foot = np.nan_to_num(middle[failed])
+        panel.plot(x[failed], foot, "x", color=FAILED, ms=8, clip_on=False, zorder=5)
     if not numeric:
         panel.set_xticks(x, [str(value) for value in curve.values])
 

@@ -19,7 +19,8 @@ from twin.loop import Ending
 from twin.metrics import Metrics
 from twin.models import model_path
 from twin.scenario import Scenario
-from twin.study.batch import common, simulate
+from twin.study.alike import common
+from twin.study.batch import simulate
 from twin.study.build import Builder
 from twin.study.design import points
 from twin.study.schema import METRICS, Study
@@ -146,7 +147,7 @@ def code() -> str:
     ]
     names = ("loop.py", "assemble.py", "fleet.py", "metrics.py")
     sources += [twin / name for name in names]
-    sources += [twin / "study" / name for name in ("batch.py", "bench.py", "work.py")]
+    sources += [twin / "study" / name for name in ("alike.py", "batch.py", "bench.py", "work.py")]
     sources += [model_path(), model_path("cams.json")]
     for path in sources:
         total.update(path.read_bytes())

@@ -117,14 +117,14 @@ class Stream:
             for name, signal in plot.items():
                 yield from self._plot(f"{self.root}/{group}/{name}", time, signal)
         yield from self._told(rows)
-        ball = motion_of(rows)[:, 0::4]
-        before = ball[:1] if self._last is None else self._last
-        turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
-        self._last, self._turn = ball[-1:], turns[-1]
         keep = self._frames(time)
         if len(keep):
             frames = {name: column[keep] for name, column in rows.items()}
-            yield from self._moving(frames, turns[keep])
+            ball = motion_of(frames)[:, 0::4]
+            before = ball[:1] if self._last is None else self._last
+            turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
+            self._last, self._turn = ball[-1:], turns[-1]
+            yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
 
     def _plot(self, entity: str, time: Array, signal: Signal) -> Iterator[Batch]:

@@ -18,7 +18,7 @@ ROWS = 32768
 """Rows the ring holds: a minute of a real-time run at 2 ms."""
 WIDTH = 96
 """Most columns of one rig."""
-FIRST = 20.0
+FIRST = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
 LAST = 5.0
 """Seconds that the process is given at the end to work through what is left."""
