@@ -59,7 +59,7 @@ def deceleration() -> np.ndarray:
 def test_at_low_frequency_the_error_is_k3_over_k1_times_the_friction_acceleration(tmp_path) -> None:
     p0, _, p2, _ = GAINS
     expected = p2 / p0 * deceleration()
-    assert errors(tmp_path, 0.2, 60.0, 28.0) == pytest.approx(expected, rel=0.03)
+    assert errors(tmp_path, 0.2, 45.0, 28.0) == pytest.approx(expected, rel=0.03)
 
 
 def test_at_the_thesis_frequency_the_error_is_the_loops_gain_for_a_turning_disturbance(

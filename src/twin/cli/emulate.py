@@ -13,7 +13,7 @@ import click
 from twin.cli.output import console
 from twin.cli.scenarios import SETTING
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.serve import VirtualRig
+from twin.emulator.serve import VirtualRig, come_forward
 from twin.record import write_whole
 from twin.scenario import load
 
@@ -45,6 +45,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
         write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))
         console.print(text, markup=False)
         console.print(f"written to {file}; use it with: ballplate run circle --rig {file}")
+        come_forward()
         threading.Thread(target=_listen, args=(rig,), daemon=True).start()
         try:
             rig.served.run()

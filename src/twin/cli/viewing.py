@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from twin.view.viewer import Opened
 
 WEB_PORT = 9090
+SUMMING = 30.0
+"""Most seconds that the summary is given for its last lines: it has the least priority."""
 Watch = Callable[[Recorder], None]
 
 OPTIONS = (
@@ -84,7 +86,7 @@ class Viewing:
 
             yield watch
             if self.watch:
-                taps[0].finish()
+                taps[0].finish(SUMMING)
             if shown is not None:
                 self._end(shown)
 

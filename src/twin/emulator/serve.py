@@ -122,11 +122,16 @@ class VirtualRig:
             return self.bench.ball()
 
 
+def come_forward() -> None:
+    """Give this process precedence where that is permitted: real devices need no processor."""
+    with suppress(OSError):
+        os.nice(-10)
+
+
 def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
     """The body of the process: serve until the pipe is closed, doing what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
-    with suppress(OSError):  # real devices need no processor
-        os.nice(-10)
+    come_forward()
     with VirtualRig(scenario, protocol) as rig:
         pipe.send(rig.tables())
         listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)

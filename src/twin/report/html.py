@@ -63,7 +63,9 @@ def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _events(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """What was detected, the first ones."""
-    lines = [(f"{e['time']:.3f}", str(e["severity"]), str(e["text"])) for e in events[:MOST]]
+    lines: list[tuple[str, ...]] = [
+        (f"{e['time']:.3f}", str(e["severity"]), str(e["text"])) for e in events[:MOST]
+    ]
     if len(events) > MOST:
         lines.append(("", "", f"and {len(events) - MOST} more, in run.parquet"))
     return lines

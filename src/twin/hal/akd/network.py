@@ -34,7 +34,7 @@ class Network(canopen.Network):  # type: ignore[misc]
     end it with a traceback.
     """
 
-    ANSWER = 0.3
+    ANSWER = 0.5
     """Longest wait for an SDO answer in s."""
 
     def __init__(self, bus: can.BusABC, now: Callable[[], float]) -> None:

@@ -1,0 +1,112 @@
+"""The command study as a user sees it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from twin.cli import main
+from twin.study.schema import read, shipped
+from twin.study.work import tasks
+
+STUDY = """
+title = "Short study"
+scenario = "hold"
+set = ["plant.kind=lagrange", "duration=0.3"]
+method = "grid"
+metrics = ["rms_error"]
+
+[parameters."plant.friction.rolling_mm"]
+values = [0.1, 0.2]
+unit = "mm"
+
+[[variants]]
+name = "AFL"
+set = ["controller.kind=afl"]
+
+[[variants]]
+name = "flung"
+set = ["plant.start.x=0.34", "plant.start.x_rate=1.4"]
+"""
+
+
+@pytest.fixture
+def study(capsys, tmp_path: Path, monkeypatch):
+    """Runs the command on a short study: exit code, output, error."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short.toml").write_text(STUDY)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            main(["study", *arguments])
+        out, err = capsys.readouterr()
+        return caught.value.code, out, err
+
+    return call
+
+
+def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
+    code, out, _ = study()
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == list(shipped())
+
+
+@pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains"])
+def test_every_shipped_study_has_runs_that_can_be_built(name) -> None:
+    about = read(name).model_copy(update={"samples": 2})
+    assert tasks(about)
+
+
+def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
+    code, out, _ = study("short.toml", "--plan", "--processes", "1")
+    assert code == 0
+    assert "4 runs, 0 of them finished" in out
+    assert "MB on disk" in out
+    assert not list((tmp_path / "runs" / "study-short" / "chunks").iterdir())
+
+
+def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
+    code, out, err = study("short.toml", "--processes", "1")
+    assert code == 0
+    assert "Short study: 4 runs" in err
+    assert "flung: 2 of 2 runs did not end well" in " ".join(out.split())
+    folder = tmp_path / "runs" / "study-short"
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<svg" in page
+    assert "src=" not in page
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"curves", "spread"}
+    table = pq.read_table(folder / "rows.parquet")
+    with (folder / "rows.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert table.num_rows == len(rows) == 4
+    assert [row["outcome"] != "finished" for row in rows] == [
+        v == "flung" for v in table["variant"].to_pylist()
+    ]
+
+
+def test_json_is_one_object_with_the_chance_to_fail_and_no_made_up_number(study) -> None:
+    code, out, _ = study("short.toml", "--processes", "1", "--json")
+    assert code == 0
+    flung = json.loads(out)["variants"]["flung"]
+    assert (flung["failed"], flung["median"]) == (2, None)
+    assert flung["chance_to_fail"][1] == pytest.approx(1.0)
+
+
+def test_a_summary_for_the_documentation_has_its_pictures_beside_it(study, tmp_path) -> None:
+    assert study("short.toml", "--processes", "1", "--doc", "pages")[0] == 0
+    text = (tmp_path / "pages" / "short.md").read_text(encoding="utf-8")
+    assert text.startswith("# Short study")
+    assert "(short-curves.svg)" in text
+    assert (tmp_path / "pages" / "short-curves.svg").is_file()
+
+
+def test_a_finished_study_answers_at_once_and_with_the_same_words(study) -> None:
+    first = study("short.toml", "--processes", "1")[1]
+    code, again, _ = study("short.toml", "--processes", "1", "--plan")
+    assert "all of them finished" in again
+    assert study("short.toml", "--processes", "1")[1] == first
+    assert code == 0
