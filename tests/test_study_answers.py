@@ -11,9 +11,10 @@ import pytest
 
 from twin.study.answers import Answer, answers, spread
 from twin.study.carry import carry
-from twin.study.report import sentences, write
+from twin.study.report import write
 from twin.study.schema import METRICS, Study
 from twin.study.store import Store
+from twin.study.words import sentences
 from twin.study.work import Row, Task, tasks
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")

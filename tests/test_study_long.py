@@ -25,7 +25,7 @@ title = "short"
 scenario = "hold"
 set = ["plant.kind=lagrange", "duration=0.3"]
 method = "grid"
-seeds = 8
+seeds = 4
 metrics = ["rms_error"]
 
 [parameters."plant.friction.rolling_mm"]

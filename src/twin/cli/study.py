@@ -19,9 +19,10 @@ from twin.cli.scenarios import JSON, check_writable
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, missing
-from twin.study.report import compared, document, sentences, write
+from twin.study.report import compared, document, write
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
+from twin.study.words import sentences
 from twin.study.work import Task, carry_out, tasks
 
 BYTES = 800

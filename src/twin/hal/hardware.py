@@ -78,7 +78,7 @@ class HardwareRig(Rig):
 
     POWER_ON = 1.0
     """Longest time in s from the request for torque to both drives following."""
-    MARGIN = 0.0003
+    MARGIN = 0.0005
     """Time in s before the end of a period at which waiting for answers ends."""
 
     def __init__(
