@@ -208,7 +208,8 @@ class Mechanism:
     @property
     def warnings(self) -> NDArray[np.integer]:
         """How many warnings the engine has counted for each rig since it was built, shape (N,)."""
-        return np.asarray(self._batch.warning.sum(axis=1))
+        # of each kind the last information, then the number
+        return np.asarray(self._batch.warning[:, :, 1].sum(axis=1))
 
     def telemetry(self) -> Array:
         """Contact forces in N, motor torques in N m, spring length in m, motor angles in rad.

@@ -63,7 +63,7 @@ def read(name: str) -> tuple[Tables, str]:
     known = shipped()
     path = known.get(name) or Path(name)
     if not path.is_file():
-        raise ScenarioError(f"scenario '{name}': not found{_nearest(name, known)}")
+        raise ScenarioError(f"scenario '{name}': not found{nearest(name, known)}")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")), path.name
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -140,7 +140,7 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
         known = choices(table)
         if choice.kind not in known:
             raise ScenarioError(
-                f"{source}: {table}.kind: no '{choice.kind}'{_nearest(choice.kind, known)}"
+                f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
             )
         validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
     return scenario
@@ -174,7 +174,7 @@ def _one_line(model: type[BaseModel], error: ValidationError) -> str:
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         *path, name = (str(part) for part in first["loc"])
-        return f"{place}: unknown key{_nearest(name, _fields(model, path))}"
+        return f"{place}: unknown key{nearest(name, _fields(model, path))}"
     if first["type"] == "missing":
         return f"{place}: missing; it has no default"
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
@@ -193,7 +193,8 @@ def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
     return list(model.model_fields)
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: which is nearest, and which are known."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{close[0]}'?" if close else ""

@@ -12,7 +12,7 @@ from scipy import stats
 
 from twin.errors import ScenarioError
 from twin.metrics import Metrics
-from twin.scenario.load import _nearest, folder
+from twin.scenario.load import folder, nearest
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
@@ -130,7 +130,7 @@ class Study(BaseModel):
     def _sensible(self) -> Study:
         unknown = [name for name in self.metrics if name not in METRICS]
         if unknown:
-            raise ValueError(f"metrics: no '{unknown[0]}'{_nearest(unknown[0], METRICS)}")
+            raise ValueError(f"metrics: no '{unknown[0]}'{nearest(unknown[0], METRICS)}")
         if not self.metrics:
             raise ValueError("metrics: name at least one")
         if not self.parameters:
@@ -161,7 +161,7 @@ def read(name: str) -> Study:
     known = shipped()
     path = known.get(name) or Path(name)
     if not path.is_file():
-        raise ScenarioError(f"study '{name}': not found{_nearest(name, known)}")
+        raise ScenarioError(f"study '{name}': not found{nearest(name, known)}")
     try:
         tables: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
         return Study.model_validate(tables)
@@ -180,7 +180,7 @@ def _one_line(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         inner: dict[str, type[BaseModel]] = {"parameters": Parameter, "variants": Variant}
         model = inner.get(str(first["loc"][0]), Study) if len(first["loc"]) > 1 else Study
-        return f"{place}: unknown key{_nearest(str(first['loc'][-1]), model.model_fields)}"
+        return f"{place}: unknown key{nearest(str(first['loc'][-1]), model.model_fields)}"
     if first["type"] == "missing":
         return f"{place}: missing; it has no default"
     text = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
