@@ -165,6 +165,7 @@ def test_the_latex_table_escapes_its_text():
     assert text.count(r"\begin") == text.count(r"\end") == 1
 
 
+@pytest.mark.long
 def test_every_format_is_written_beside_the_run(scenario, tmp_path):
     done = run(scenario())
     save(done, tmp_path, {"run": done.motion})

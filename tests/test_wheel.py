@@ -42,6 +42,7 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
     assert not [name for name in names if "test" in name or name.startswith("src/")]
 
 
+@pytest.mark.long
 def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_path):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     pins = tmp_path / "pins.txt"
