@@ -11,7 +11,7 @@ from twin.hal.ledger import Ledger
 LOOP_OVERRUN = Condition(
     "loop overrun",
     Severity.LEVEL,
-    0.05,
+    0.11,
     "the plate is levelled and held",
     "end what else computes on this machine, allow real-time priority, then recover and start",
 )
@@ -31,7 +31,8 @@ class RealTimeClock:
         period: In s.
         ledger: Where lateness is counted; a new one by default.
         spin: Time in s before a deadline that is spent spinning.
-        allowed: Late or missed periods in a row that are a fault.
+        allowed: Late or missed periods in a row that are a fault; the default is 50 ms at 2 ms,
+            just before the drives miss the heartbeat.
         now: Clock in s.
         sleep: Sleeps for a number of s.
     """
@@ -42,7 +43,7 @@ class RealTimeClock:
         ledger: Ledger | None = None,
         *,
         spin: float = 2e-4,
-        allowed: int = 10,
+        allowed: int = 25,
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
