@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from twin.assemble import build_limits
 from twin.cli.doctor import doctor
 from twin.doctor import drives
+from twin.doctor.cams import measure
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time, delay
 from twin.doctor.finding import Verdict
@@ -19,7 +20,9 @@ from twin.emulator.screen_line import FRAME
 from twin.emulator.virtual import VirtualBench
 from twin.errors import TwinError
 from twin.hal.akd.config import AkdConfig
-from twin.hal.cams import Direct
+from twin.hal.cams import CamTable, Direct
+from twin.models import model_path
+from twin.scenario import load
 from twin.scenario.rig import check_rig
 
 RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
@@ -144,3 +147,28 @@ def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
     for what in ("touch protocol", "lift-off", "object dictionary", "drive phi (node 1)"):
         assert found[what]["verdict"] == "pass", found
     assert done.return_value in {0, 1}
+
+
+@pytest.mark.long
+def test_the_cams_of_a_rig_are_measured_to_a_count_of_its_encoders():
+    quiet = ("disturbance.variance=[0,0]", "plant.friction.rolling_mm=0")
+    bench = VirtualBench(load("circle", quiet))
+    true = CamTable.from_file(model_path("cams.json"))
+    wrong = CamTable(true.grid, 1.04 * true.angles + 0.01 * true.angles[..., ::-1] ** 2)
+    with Rehearsal() as rig:
+        bench.attach(rig.drives)
+        rig.bus.moved = bench.advance
+        found = measure(rig.servos, wrong, reach=np.radians(5), lines=5)
+    assert found.before_deg > 0.15
+    plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
+    off = (found.table.motor(plate) - true.motor(plate)) / true.ratio
+    assert np.degrees(np.abs(off).max()) < 360 / 16384
+
+
+def test_a_measured_table_is_read_back_from_its_file(tmp_path):
+    true = CamTable.from_file(model_path("cams.json"))
+    file = tmp_path / "measured.json"
+    CamTable(true.grid, true.angles, {"made": "measured on a rig"}).save(file)
+    rig = check_rig({"touch": {"port": "x"}, "cams": str(file)}, "test")
+    found = verdicts(computer(load("circle"), rig))
+    assert found["cam table"].verdict is Verdict.PASS

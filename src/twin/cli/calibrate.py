@@ -9,14 +9,19 @@ import click
 from rich.table import Table
 
 from twin.calibrate import Residual, residual, sweep_cams, tap_test
+from twin.cli.doctor import rig_file
 from twin.cli.output import console, print_json, progress
+from twin.doctor.cams import measure
+from twin.hal.akd.servos import AkdServos
 from twin.hal.cams import CamTable
+from twin.hal.scheduling import real_time
 from twin.identify.identify import identify
 from twin.identify.log import read
 from twin.identify.report import interval
 from twin.identify.verdict import IDENTIFIED
 from twin.models import model_path
 from twin.record import write_whole
+from twin.scenario import load
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
@@ -32,9 +37,21 @@ def calibrate() -> None:
     "--out", type=click.Path(path_type=Path), help="Table file [cams.json beside the model]."
 )
 @click.option("--check", is_flag=True, help="Only measure the table that is there.")
+@click.option("--rig", metavar="FILE", help="On the rig of a file, or emulated; ball off, level.")
+@click.option(
+    "--reach", type=click.FloatRange(0.5, 8), default=6.0, help="With --rig: how far, deg [6]."
+)
+@click.option(
+    "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points along an axis [9]."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
-def cams(out: Path | None, *, check: bool, as_json: bool) -> None:
+def cams(
+    out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
+) -> None:
     """Sweep the mechanism, store its cam table, and measure what error is left."""
+    if rig is not None:
+        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
+        return
     path = out or model_path("cams.json")
     with progress("measuring the cams", 3) as advance:
         if check:
@@ -94,6 +111,32 @@ def level(log: Path, *, as_json: bool) -> int:
                 markup=False,
             )
     return int(any(each.word != IDENTIFIED for each in found.verdicts))
+
+
+def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
+    """Measure the cams of a rig."""
+    with (
+        rig_file(rig, load("circle")) as (file, _),
+        real_time(),
+        progress("measuring the cams", lines**2 + 1) as advance,
+    ):
+        found = measure(
+            AkdServos(file.servos(0.002)),
+            CamTable.from_file(model_path("cams.json")),
+            reach=math.radians(reach),
+            lines=lines,
+            progress=advance,
+        )
+    write_whole(path, found.table.save)
+    if as_json:
+        numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
+        print_json({"table": str(path), "points": found.points, **numbers})
+        return
+    console.print(
+        f"{found.points} points: the table of the model is off by up to {found.before_deg:.3f} "
+        f"deg, the measured one by {found.rms_deg:.3f} deg RMS"
+    )
+    console.print(f'written to {path}; name it in the rig file: cams = "{path}"')
 
 
 def _show(found: dict[str, Residual]) -> None:

@@ -41,7 +41,7 @@ def doctor(
     """Find and check everything that a rig's bring-up needs, and say what to do."""
     chosen = load(scenario, overrides)
     found: list[Finding] = []
-    with _rig(rig, chosen) as (file, ask):
+    with rig_file(rig, chosen) as (file, ask):
         for finding in examine(chosen, file, ask, move=move, reset=reset):
             found.append(finding)
             if not as_json:
@@ -62,7 +62,7 @@ def _print(finding: Finding) -> None:
 
 
 @contextmanager
-def _rig(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
+def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
     """The rig file, and who puts and lifts the ball."""
     if name != EMULATED:
         yield read_rig(Path(name)), _ask

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import degrees, radians
 
 import numpy as np
 
 from twin.doctor.finding import Finding, failed, passed, warned
+from twin.doctor.steps import exchange, turn, until
 from twin.errors import TwinError
 from twin.hal.akd.cia402 import State
 from twin.hal.akd.config import AkdConfig
@@ -31,7 +32,7 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
         yield failed(what, str(error), error.fault.condition.recovery)
         return
     yield passed(what, "opened")
-    _exchange(servos, 0.1)
+    exchange(servos, 0.1)
     trip = servos.round_trip
     if trip is not None:
         yield passed("bus round trip", f"{1e3 * trip:.2f} ms from SYNC to the last answer")
@@ -58,7 +59,7 @@ def torque(servos: AkdServos) -> Iterator[Finding]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     try:
         servos.enable()
-        _until(servos, lambda: servos.enabled, 1.0)
+        until(servos, lambda: servos.enabled, 1.0)
     except TwinError as error:
         yield failed("torque", str(error), "close STO, reset the faults (--reset)")
         return
@@ -70,7 +71,7 @@ def torque(servos: AkdServos) -> Iterator[Finding]:
     servos.heartbeat = False
     begin = servos.now()
     silence = servos.config.silence
-    _until(servos, lambda: not servos.enabled, silence + 0.2)
+    until(servos, lambda: not servos.enabled, silence + 0.2)
     took = servos.now() - begin
     if servos.enabled:
         advice = "do not run: set the heartbeat consumer (1016h) and its fault reaction"
@@ -79,13 +80,13 @@ def torque(servos: AkdServos) -> Iterator[Finding]:
         seen = f"the drives stopped by themselves {1e3 * took:.0f} ms after it ended"
         yield passed("heartbeat", f"{seen} (set: {1e3 * silence:.0f} ms)")
     servos.heartbeat = True
-    _exchange(servos, 0.05)
+    exchange(servos, 0.05)
     servos.reset_faults()
-    _exchange(servos, 0.2)
+    exchange(servos, 0.2)
     if servos.needs_restart:
         servos.start()
         servos.reset_faults()
-        _exchange(servos, 0.2)
+        exchange(servos, 0.2)
     servos.faults()
 
 
@@ -93,7 +94,7 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     try:
         servos.enable()
-        _until(servos, lambda: servos.enabled, 1.0)
+        until(servos, lambda: servos.enabled, 1.0)
     except TwinError as error:
         yield failed("motion", str(error), "reset the faults (--reset)")
         return
@@ -102,16 +103,16 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
         tilted[0, index] = TILT
-        if not _turn(servos, cams.motor(level), cams.motor(tilted)):
+        if not turn(servos, cams.motor(level), cams.motor(tilted)):
             grave = [str(f) for f in servos.faults() if f.condition.severity != "warning"]
             seen = grave[0] if grave else "the drives went off"
             yield failed(f"{axis.config.name} encoder", seen, "see the fault")
             return
         angle = float(servos.plate()[0, index])
-        _turn(servos, cams.motor(tilted), cams.motor(level))
+        turn(servos, cams.motor(tilted), cams.motor(level))
         yield _judged(axis.config.name, angle)
     servos.quick_stop()
-    _exchange(servos, 0.1)
+    exchange(servos, 0.1)
 
 
 def _judged(name: str, seen: float) -> Finding:
@@ -123,33 +124,3 @@ def _judged(name: str, seen: float) -> Finding:
         advice = f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table"
         return failed(what, text, advice)
     return passed(what, text)
-
-
-def _turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:
-    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
-    begin = servos.now()
-    while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
-        # half a cosine: from rest to rest
-        share = (1 - np.cos(np.pi * min(1.0, gone / seconds))) / 2
-        servos.command(20 * (start + share * (end - start) - servos.motor()))
-        _exchange(servos, servos.config.period)
-    servos.command(np.zeros((1, 2)))
-    _exchange(servos, 0.05)
-    return servos.enabled
-
-
-def _until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
-    end = servos.now() + limit
-    while not done() and servos.now() < end:
-        _exchange(servos, servos.config.period)
-
-
-def _exchange(servos: AkdServos, seconds: float) -> None:
-    """Exchange with the drives for a time, one period after the other."""
-    period = servos.config.period
-    for _ in range(max(1, round(seconds / period))):
-        begin = servos.now()
-        servos.receive()
-        servos.send()
-        servos.settle(period / 2)
-        servos.sleep(max(0.0, begin + period - servos.now()))

@@ -1,0 +1,40 @@
+"""Small things done with drives outside of a run: exchange, wait, turn the shafts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.hal.akd.servos import AkdServos
+
+
+def turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:
+    """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
+    begin = servos.now()
+    while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
+        # half a cosine: from rest to rest
+        share = (1 - np.cos(np.pi * min(1.0, gone / seconds))) / 2
+        servos.command(20 * (start + share * (end - start) - servos.motor()))
+        exchange(servos, servos.config.period)
+    servos.command(np.zeros((1, 2)))
+    exchange(servos, 0.05)
+    return servos.enabled
+
+
+def until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
+    """Exchange until something is done, at most for a time in s."""
+    end = servos.now() + limit
+    while not done() and servos.now() < end:
+        exchange(servos, servos.config.period)
+
+
+def exchange(servos: AkdServos, seconds: float) -> None:
+    """Exchange with the drives for a time, one period after the other."""
+    period = servos.config.period
+    for _ in range(max(1, round(seconds / period))):
+        begin = servos.now()
+        servos.receive()
+        servos.send()
+        servos.settle(period / 2)
+        servos.sleep(max(0.0, begin + period - servos.now()))
