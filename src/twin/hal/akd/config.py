@@ -128,7 +128,7 @@ class Watch:
         travel: Commanded motor travel without a single count of motion, rad, that is suspicious.
         plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
             it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
-        frozen: Time without a count, s, that must have passed as well: answers lag behind.
+        frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.
         jump: Factor of the rate limit that no encoder can pass.
         plate_rate: Fastest plate motion taken for real, rad/s.
         slack: Motion that is never a jump: motor rad, plate rad.

@@ -40,7 +40,7 @@ class Guard:
         self._was_enabled = False
         self._limited = self._lagging = 0.0
         self._travel = self._plate_travel = 0.0
-        self._set_off = self._plate_set_off = 0.0
+        self._quiet = self._plate_quiet = 0.0
         self._wish, self._wished = Wish.OFF, 0.0
         self._resetting: float | None = None
         self.stop_ignored = False
@@ -54,13 +54,13 @@ class Guard:
             if motion is None:
                 self._wrong_length("TPDO1", data, at)
             elif axis.take_motion(motion, cycle, sync):
-                self._travel = 0.0
+                self._travel = self._quiet = 0.0
         elif service == frames.TPDO2:
             sensors = frames.sensors(data, axis.plate is not None)
             if sensors is None:
                 self._wrong_length("TPDO2", data, at)
             elif axis.take_sensors(sensors, cycle, sync):
-                self._plate_travel = 0.0
+                self._plate_travel = self._plate_quiet = 0.0
         elif service == frames.HEARTBEAT:
             self._heartbeat(frames.nmt_state(data), at)
         elif service == frames.EMERGENCY:
@@ -183,13 +183,15 @@ class Guard:
         if not axis.enabled:
             self._travel = self._plate_travel = self._lagging = 0.0
             return
-        self._set_off = self._set_off if self._travel else at
-        self._travel += axis.sent * period
-        if abs(self._travel) > watch.travel and at - self._set_off > watch.frozen:
+        if not axis.motion.missed:
+            self._travel += axis.sent * period
+            self._quiet = self._quiet + period if self._travel else 0.0
+        if abs(self._travel) > watch.travel and self._quiet > watch.frozen:
             self._found(c.FROZEN, f"no count over {self._travel:.3f} rad commanded", at)
-        self._plate_set_off = self._plate_set_off if self._plate_travel else at
-        self._plate_travel += axis.rate * period if axis.plate is not None else 0.0
-        if abs(self._plate_travel) > watch.plate_travel and at - self._plate_set_off > watch.frozen:
+        if axis.plate is not None and not axis.sensors.missed:
+            self._plate_travel += axis.rate * period
+            self._plate_quiet = self._plate_quiet + period if self._plate_travel else 0.0
+        if abs(self._plate_travel) > watch.plate_travel and self._plate_quiet > watch.frozen:
             detail = f"no count over {self._plate_travel:.3f} rad of the motor"
             self._found(c.PLATE_FROZEN, detail, at)
         lagging = abs(axis.rate - axis.sent) > watch.lag
