@@ -18,13 +18,15 @@ from twin.scenario.rig import check_rig, read_rig
 
 pytestmark = pytest.mark.long
 
-DRIVES = {"silence": 0.5, "watch": {"stale": 200, "unsteady": 51, "lag_time": 1.0}}
+WATCH = {"stale": 200, "unsteady": 51, "lag_time": 1.0, "frozen": 5.0, "answer": 5.0}
+DRIVES = {"silence": 0.5, "watch": WATCH}
 GATE = {"stale": 5.0, "lost": 5.0, "rest": 60.0}
 """A busy machine must not end these runs: the virtual rig shares the process of the tests."""
 
 
 def patient(tables):
-    return {**tables, "drives": DRIVES, "touch": {**tables["touch"], "gate": GATE}}
+    touch = {**tables["touch"], "gate": GATE}
+    return {**tables, "late_periods": 10_000, "drives": DRIVES, "touch": touch}
 
 
 @pytest.fixture

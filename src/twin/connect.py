@@ -34,7 +34,7 @@ def connect(scenario: Scenario, rig: RigFile, *, reset: bool = False) -> Hardwar
     return HardwareRig(
         servos=AkdServos(rig.servos(period)),
         screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period),
+        clock=RealTimeClock(period, allowed=rig.late_periods),
         transmission=CamTable.from_file(Path(rig.cams)) if rig.cams else build_plant(scenario)[1],
         limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
         home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),

@@ -32,6 +32,8 @@ class Case:
         expected: The condition that must be reported; None if nothing may come of it.
         before: Whether it is done before the rig is switched on; a condition must refuse that.
         protocol: What the touch screen speaks.
+        resting: Whether the ball rests instead of tracking the circle.
+        stubborn: Whether a reset must be refused as long as the cause is there.
         of_screen: Whether it is seen on the screen's bytes: a dead time and a frame later.
     """
 
@@ -40,6 +42,8 @@ class Case:
     expected: Condition | None
     before: bool = False
     protocol: Protocol = Protocol.MICROTOUCH
+    resting: bool = False
+    stubborn: bool = False
     of_screen: bool = False
 
 
@@ -94,6 +98,15 @@ def _sto_before(rig: RehearsedRig) -> None:
     rig.rehearsal.drives[0].open_sto()
 
 
+def _nothing(_: RehearsedRig) -> None:
+    """Leave the rig alone."""
+
+
+def _lasting_fault(rig: RehearsedRig) -> None:
+    rig.rehearsal.drives[0].fail(235, lasting=True)
+    rig.rehearsal.drives[0].power.refuse_reset = True
+
+
 def _stall(rig: RehearsedRig) -> None:
     rig.stall = rig.period
 
@@ -128,6 +141,12 @@ LATER = {
 DRIVES = (
     *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
     _drive(drive_causes.second_node, akd.DRIVE_REBOOTED),
+    Case(
+        name="Drive phi refuses the reset of its fault",
+        act=_lasting_fault,
+        expected=akd.DRIVE_FAULT,
+        stubborn=True,
+    ),
 )
 
 SCREEN = (
@@ -164,6 +183,7 @@ SCREEN = (
     _screen("The touch axes are swapped", ScreenFault.SWAP_AXES, lumio.SWAPPED_AXES, lasting=1.0),
     _screen("The touch is frozen", ScreenFault.FREEZE, lumio.FROZEN, lasting=math.inf),
     _screen("One touch frame jumps", ScreenFault.JUMP, lumio.JUMP),
+    Case(name="The ball rests", act=_nothing, expected=None, resting=True),
     Case(
         name="The touch screen is unplugged",
         act=_no_screen,

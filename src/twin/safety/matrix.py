@@ -78,8 +78,9 @@ class Row:
         return {**asdict(self), "good": self.good}
 
 
-def scenario() -> Scenario:
+def scenario(*, resting: bool = False) -> Scenario:
     """The circle that is tracked: quickly under way, on the exact plant, with friction."""
+    circle = {"kind": "circle", "amplitude": 0.1, "omega": 1.5, "start": 1.0}
     return check(
         {
             "title": "fault matrix",
@@ -88,7 +89,7 @@ def scenario() -> Scenario:
             "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.1765}},
             "controller": {"kind": "afl"},
             "predictor": {},
-            "reference": {"kind": "circle", "amplitude": 0.1, "omega": 1.5, "start": 1.0},
+            "reference": {"kind": "hold"} if resting else circle,
         },
         "fault matrix",
     )
@@ -114,7 +115,7 @@ class _Trial:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        self.scenario = scenario()
+        self.scenario = scenario(resting=case.resting)
         bench = VirtualBench(self.scenario)
         self.rig = RehearsedRig(
             bench,
@@ -195,6 +196,9 @@ class _Trial:
     def _recovers(self) -> bool:
         """Remove the cause, put the ball back, and run again on request."""
         rig = self.rig
+        rig.ask_reset()
+        if self.case.stubborn and not self._run(AGAIN, act=False)[2]:
+            return False
         rig.rehearsal.bus.drives[:] = self.drives
         rig.rehearsal.bus.faults.clear()
         rig.rehearsal.adapter.plugged = rig.port.plugged = rig.bench.present = True
@@ -203,7 +207,6 @@ class _Trial:
         for each in self.drives:
             each.mend()
         rig.bench.restart()
-        rig.ask_reset()
         before = len(rig.journal)
         outcome, _, refused = self._run(AGAIN, act=False)
         grave = [

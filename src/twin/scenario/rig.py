@@ -62,6 +62,7 @@ class RigFile(Section):
 
     ``home_deg``: plate angles (phi, theta) at which it stands when switched on.
     ``cams``: file of its cam table; that of the model if it is not given.
+    ``late_periods``: late or missed periods in a row that level the plate.
     ``patience``: seconds that the ball is waited for.
     ``limits``: the narrower of these and the scenario's hold.
     """
@@ -69,6 +70,7 @@ class RigFile(Section):
     title: str = "rig"
     home_deg: tuple[float, float] = (0.0, 0.0)
     cams: str | None = None
+    late_periods: Annotated[int, Field(ge=1)] = 25
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
     limits: Limits = Limits()
     bus: Bus = Bus()  # type: ignore[valid-type]

@@ -56,7 +56,7 @@ PDO_WRONG_CYCLE = Condition("PDO of the wrong cycle", _WARNING, 0.01, "noted", _
 PDO_UNSTEADY = Condition("PDOs unsteady", _LEVEL, 0.15, _LEVELLED, _RESET)
 
 FROZEN = Condition("motor position frozen", _STOP, 0.1, _QUICK, _RESET)
-PLATE_FROZEN = Condition("plate encoder frozen", _STOP, 0.3, _QUICK, _RESET)
+PLATE_FROZEN = Condition("plate encoder frozen", _STOP, 0.35, _QUICK, _RESET)
 ENCODER_JUMP = Condition("encoder jump", _STOP, 0.01, _QUICK, _RESET)
 RUNAWAY = Condition("motor does not follow", _STOP, 0.1, _QUICK, _RESET)
 MODE_CHANGED = Condition("unexpected mode", _STOP, 0.01, _QUICK, _RESTART)
