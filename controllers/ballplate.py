@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -140,27 +140,25 @@ class BallPlate:
         """
         sin, cos, (x1, x2, x3, x4, x5, x6, x7, x8) = _parts(x)
         k, d, c3, g = self.c1, self.d, self.c3, self.gravity
-        sin3, cos3 = sin(x3), cos(x3)
+        sin3, cos3, sin7, cos7 = sin(x3), cos(x3), sin(x7), cos(x7)
+        sin_2x3, cos_2x3 = 2 * sin3 * cos3, 1 - 2 * sin3**2
         A = np.zeros((*x.shape, 8))
         A[..., 0, 1] = A[..., 2, 3] = A[..., 4, 5] = A[..., 6, 7] = 1
         A[..., 1, 0] = k * (x8**2 * sin3**2 + x4**2)
         A[..., 1, 2] = k * (
-            -d * x8**2 * cos(2 * x3)
-            + x1 * x8**2 * sin(2 * x3)
-            + 2 * x6 * x8 * cos3
-            + g * cos(x7) * cos3
+            x8**2 * (x1 * sin_2x3 - d * cos_2x3) + 2 * x6 * x8 * cos3 + g * cos7 * cos3
         )
         A[..., 1, 3] = 2 * k * x1 * x4
         A[..., 1, 5] = 2 * k * sin3 * x8
-        A[..., 1, 6] = -k * g * sin(x7) * sin3
-        A[..., 1, 7] = k * (-d * x8 * sin(2 * x3) + 2 * x1 * x8 * sin3**2 + 2 * x6 * sin3)
+        A[..., 1, 6] = -k * g * sin7 * sin3
+        A[..., 1, 7] = k * (-d * x8 * sin_2x3 + 2 * sin3 * (x1 * x8 * sin3 + x6))
         A[..., 5, 0] = -2 * k * x4 * x8 * cos3
         A[..., 5, 1] = -2 * k * sin3 * x8
-        A[..., 5, 2] = k * (-c3 * x4 * x8 * cos3 + 2 * x1 * x4 * x8 * sin3 - 2 * x2 * x8 * cos3)
-        A[..., 5, 3] = k * (-c3 * x8 * sin3 - 2 * x1 * x8 * cos3)
+        A[..., 5, 2] = k * x8 * (2 * x1 * x4 * sin3 - (c3 * x4 + 2 * x2) * cos3)
+        A[..., 5, 3] = -k * x8 * (c3 * sin3 + 2 * x1 * cos3)
         A[..., 5, 4] = k * x8**2
-        A[..., 5, 6] = -k * g * cos(x7)
-        A[..., 5, 7] = k * (-c3 * x4 * sin3 - 2 * x1 * x4 * cos3 - 2 * x2 * sin3 + 2 * x5 * x8)
+        A[..., 5, 6] = -k * g * cos7
+        A[..., 5, 7] = k * (2 * (x5 * x8 - x2 * sin3) - x4 * (c3 * sin3 + 2 * x1 * cos3))
         if u is not None:
             u2 = u[..., 1]
             A[..., 1, 2] += k * x5 * cos3 * u2
@@ -185,7 +183,7 @@ class BallPlate:
         return out
 
 
-def _parts(x: Array) -> tuple[Any, Any, Sequence[Any]]:
+def _parts(x: Array) -> tuple[Any, Any, Iterable[Any]]:
     """Sine, cosine and the eight states: numbers for one rig, arrays for several.
 
     Python calculates with numbers several times faster than numpy with arrays of one, but raises
@@ -195,4 +193,5 @@ def _parts(x: Array) -> tuple[Any, Any, Sequence[Any]]:
         numbers = x.ravel().tolist()
         if all(-1e9 < number < 1e9 for number in numbers):
             return math.sin, math.cos, numbers
-    return np.sin, np.cos, [x[..., i] for i in range(8)]
+    # of many rigs each state by itself in one piece, which numpy reads three times faster
+    return np.sin, np.cos, np.moveaxis(x, -1, 0).copy()

@@ -143,10 +143,12 @@ def test_a_wrong_rig_file_is_one_line(tables, message):
 @pytest.mark.long
 def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
     done = CliRunner().invoke(doctor, ["--json"], standalone_mode=False)
-    found = {each["what"]: each for each in json.loads(done.stdout)}
-    for what in ("touch protocol", "lift-off", "object dictionary", "drive phi (node 1)"):
-        assert found[what]["verdict"] == "pass", found
-    assert done.return_value in {0, 1}
+    found = json.loads(done.stdout)
+    passed = {each["what"] for each in found if each["verdict"] == "pass"}
+    assert passed >= {"touch protocol", "lift-off", "object dictionary", "drive phi (node 1)"}, (
+        found
+    )
+    assert done.return_value == 0, found
 
 
 @pytest.mark.long

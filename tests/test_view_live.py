@@ -31,9 +31,9 @@ def same(first, second):
     )
 
 
-@given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12))
+@given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12), st.none() | st.integers(1, 9))
 @settings(max_examples=50, deadline=None)
-def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size):
+def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size, most):
     ring = Ring(size, 2)
     try:
         ring.name(("n", "twice"))
@@ -43,9 +43,12 @@ def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, si
                 ring.slot()[:] = written, 2 * written
                 ring.put()
                 written += 1
-            rows = ring.take()
+            rows = ring.take(most)
+            assert most is None or len(rows) <= most
             assert np.array_equal(rows[:, 1], 2 * rows[:, 0])
             read += rows[:, 0].tolist()
+        read += ring.take()[:, 0].tolist()
+        assert ring.taken == written
         assert read == sorted(set(read))
         assert len(read) + ring.dropped == written
     finally:

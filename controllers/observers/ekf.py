@@ -87,26 +87,41 @@ class ExtendedKalman(Observer):
         if not measurement.touched.all():
             felt = measurement.touched[..., np.newaxis] | PLATE
             y, R = np.where(felt, y, x[..., OUTPUTS]), np.where(felt, R, math.inf)
+        W = np.empty((*x.shape[:-1], len(MEASURED), 8))
         for j, i in enumerate(MEASURED):
-            p = P[..., i]
+            taken = W[..., :j, :]
+            p = P[..., i, :] - (taken[..., np.newaxis, :, i] @ taken)[..., 0, :]
             root = np.sqrt(p[..., i] + R[..., j])[..., np.newaxis]
-            w = p / root
-            x = x + w * ((y[..., j, np.newaxis] - x[..., i, np.newaxis]) / root)
-            P = P - w[..., :, np.newaxis] * w[..., np.newaxis, :]
-        self.x, self.P = x, P
+            W[..., j, :] = w = p / root
+            x = x + w * ((y[..., j] - x[..., i])[..., np.newaxis] / root)
+        self.x, self.P = x, P - transpose(W) @ W
         return x
 
     def predict(self, u: Array) -> None:
         """Carry estimate and covariance one period ahead."""
         x, T = self.x, self.period
         A = T * self.model.jacobian(x, u if self.input_terms else None)
-        E = EYE + A @ (HALF + A @ (SIXTH + A / 24))
+        E = series(A)
         F = EYE + A @ E
-        G = T * E @ self.model.g(x)
-        drift = T * self.model.f(x)
-        self.x = x + (E @ drift[..., np.newaxis] + G @ u[..., np.newaxis])[..., 0]
-        P = F @ self.P @ transpose(F) + G * self._Q @ transpose(G)
-        self.P = (P + P.swapaxes(-1, -2)) / 2
+        columns = np.concatenate((self.model.f(x)[..., np.newaxis], self.model.g(x)), axis=-1)
+        columns = T * E @ columns
+        drift, G = columns[..., 0], columns[..., 1:]
+        self.x = x + drift + (G @ u[..., np.newaxis])[..., 0]
+        P = F @ self.P @ transpose(F)
+        P += G * self._Q @ transpose(G)
+        P += transpose(P)
+        P *= 0.5
+        self.P = P
+
+
+def series(A: Array) -> Array:
+    """I + A (I / 2 + A (I / 6 + A / 24)), the mean of e^(A s) over s from 0 to 1."""
+    E = A / 24
+    for factor in (6, 2, 1):
+        E += EYE / factor
+        if factor > 1:
+            E = A @ E
+    return E
 
 
 def transpose(A: Array) -> Array:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.interfaces import Reference
 from twin.loop import Outcome
 from twin.record import Recorder
 
@@ -39,15 +38,15 @@ class Motion:
     reference: Array
 
     @classmethod
-    def of(cls, record: Recorder, reference: Reference, rig: int = 0) -> Motion:
-        """The motion of one rig of a record."""
+    def of(cls, record: Recorder, wished: Array, rig: int = 0) -> Motion:
+        """The motion of one rig of a record whose ball was wished at these positions, (K, 2)."""
         state = record["state" if "state" in record.data else "estimate"][:, rig]
         return cls(
             time=record.time,
             ball=state[:, 0::4],
             plate=state[:, 2::4],
             u=record["applied"][:, rig],
-            reference=reference(record.time)[0],
+            reference=wished,
         )
 
     @property

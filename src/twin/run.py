@@ -82,7 +82,7 @@ def run(
     (outcome,) = drive(rig, controller, scenario.duration, record, progress)
     spent = time.perf_counter() - begin
     reference: Reference = controller.reference
-    motion = Motion.of(record, reference)
+    motion = Motion.of(record, reference(record.time)[0])
     metrics = measure(
         motion,
         outcome,

@@ -89,6 +89,7 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
         outcomes = drive(rig, whole, first.duration, record)
     if any(outcome.interrupted for outcome in outcomes):
         raise KeyboardInterrupt
+    wished = {path: path(record.time)[0] for path in set(originals)}
     found = []
     for index, scenario in enumerate(scenarios):
         at = order.index(index)
@@ -101,7 +102,7 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
             continue
         judged = scenario.metrics
-        motion = Motion.of(record, originals[index], at)
+        motion = Motion.of(record, wished[originals[index]], at)
         found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
     return found
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 
 _NAMES = 16384
-_COUNTERS = 5
-_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED = range(_COUNTERS)
+_COUNTERS = 6
+_WRITTEN, _DROPPED, _DONE, _NAMED, _OPENED, _TAKEN = range(_COUNTERS)
 
 
 class Ring:
@@ -72,18 +72,29 @@ class Ring:
         """Hand over the row that was filled."""
         self._counters[_WRITTEN] += 1
 
-    def take(self) -> Array:
-        """Copies of all rows since the last time that are still there, shape (K, columns)."""
+    def take(self, most: int | None = None) -> Array:
+        """Copies of the rows since the last time that are still there, shape (K, columns).
+
+        Args:
+            most: So many of them, the oldest; all by default.
+        """
         width = int(self._counters[_NAMED])
         end = int(self._counters[_WRITTEN])
         begin = max(self._read, end - self._size + 1)
+        if most is not None:
+            end = min(end, begin + most)
         rows = self._rows[np.arange(begin, end) % self._size, :width]
         # those the writer has reached meanwhile are torn
         torn = max(0, int(self._counters[_WRITTEN]) - self._size + 1 - begin)
         rows = rows[torn:]
         self._counters[_DROPPED] += end - self._read - len(rows)
-        self._read = end
+        self._read = self._counters[_TAKEN] = end
         return rows
+
+    @property
+    def taken(self) -> int:
+        """Rows the reader is through with, or has at hand."""
+        return int(self._counters[_TAKEN])
 
     @property
     def dropped(self) -> int:

@@ -20,6 +20,8 @@ from twin.view.viewer import environment
 
 EVERY = 0.08
 """Seconds between two looks for new rows."""
+MOST = 2000
+"""Rows sent at a time, so that one behind a fast run is seen to go on."""
 DROPPED = "/view/dropped_rows"
 
 
@@ -59,7 +61,7 @@ def _send_rows(
     shown = -1
     while True:
         done = ring.done or os.getppid() != parent
-        rows = ring.take()
+        rows = ring.take(MOST)
         for i, each in enumerate(streams):
             own = rows[:, 1 + i * width : 1 + (i + 1) * width]
             block = {"time": rows[:, 0], **dict(zip(columns, own.T, strict=True))}
@@ -71,10 +73,12 @@ def _send_rows(
         if len(rows) and ring.dropped != shown:
             shown = ring.dropped
             send(stream, Batch(DROPPED, rows[-1:, 0], rr.Scalars.columns(scalars=[shown])))
-        if done and not len(rows):
-            break
-        time.sleep(EVERY)
-    stream.flush()
+        if len(rows):
+            stream.flush()
+        elif done:
+            return
+        if len(rows) < MOST:
+            time.sleep(EVERY)
 
 
 def _begin(

@@ -21,7 +21,7 @@ WIDTH = 96
 FIRST = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
 LAST = 5.0
-"""Seconds that the process is given at the end to work through what is left."""
+"""Seconds without progress after which, at the end, the process is taken for dead."""
 
 Address = tuple[int, int, str]
 
@@ -99,12 +99,19 @@ class Tap:
         return self._process.exitcode not in (None, 0)
 
     def finish(self, wait: float = LAST) -> bool:
-        """Give the process some seconds to work through what is left; return whether it has."""
+        """Let the process work through what is left; return whether it has.
+
+        Args:
+            wait: Seconds without any progress after which it is left alone.
+        """
         self._ring.finish()
         until = self._started + FIRST
         while not self._ring.opened and self.alive and monotonic() < until:
             self._process.join(0.05)
-        self._process.join(wait)
+        taken = -1
+        while self.alive and self._ring.taken != taken:
+            taken = self._ring.taken
+            self._process.join(wait)
         self.dropped = self._ring.dropped
         return self._process.exitcode == 0
 
