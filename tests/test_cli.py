@@ -1,4 +1,8 @@
 import json
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -52,6 +56,26 @@ def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path
     assert code == 1
     assert "fell" in out
     assert (tmp_path / "fell" / "run.parquet").is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows kills without a signal")
+def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
+    def ended_by(number):
+        place = tmp_path / number.name
+        code = "from twin.cli import main, output; output.LINE_EVERY = 0.2; main()"
+        arguments = ["run", "hold", *QUICK[:2], "--set", "duration=3600", "--out", str(place)]
+        with subprocess.Popen(
+            [sys.executable, "-c", code, *arguments], stderr=subprocess.PIPE, text=True
+        ) as process:
+            next(line for line in process.stderr if "%" in line)  # the run goes on
+            process.send_signal(number)
+            error = process.communicate(timeout=60)[1]
+        outcome = json.loads((place / "metrics.json").read_text())
+        return process.returncode, error.count("Traceback"), outcome["outcome"]
+
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    with ThreadPoolExecutor() as pool:
+        assert list(pool.map(ended_by, signals)) == [(1, 0, "aborted")] * 3
 
 
 def test_list_shows_every_scenario_with_its_title(ballplate):

@@ -1,5 +1,7 @@
 """The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
 
+from types import MethodType
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,18 @@ def test_the_record_of_a_hardware_run_has_its_timing_and_no_truth(scenario):
     assert "state" not in record.data
     assert np.isfinite(record["timing"][1:]).all()
     assert rig.account()["ledger"]["missed"] == 0
+    assert rig.supervisor.state[0] == State.OFF
+    assert not any(each.enabled for each in rig.rehearsal.drives)
+
+
+def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    rig = rehearsed(scenario("plant.kind=lagrange"))
+    monkeypatch.setattr(rig, "_anchor", MethodType(interrupt, rig))
+    with pytest.raises(KeyboardInterrupt), rig:
+        pass
     assert rig.supervisor.state[0] == State.OFF
     assert not any(each.enabled for each in rig.rehearsal.drives)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from importlib import import_module
 from importlib.metadata import version
@@ -58,6 +59,7 @@ def ballplate() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code; a user's mistake is one line."""
+    _end_in_order()
     try:
         code = ballplate.main(arguments, prog_name="ballplate", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -70,6 +72,14 @@ def main(arguments: list[str] | None = None) -> None:
     except TwinError as error:
         code = _fail(str(error))
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _end_in_order() -> None:
+    """Let a kill or a closed terminal end a command as Ctrl-C does: plate level, record kept."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _fail(message: str, code: int = 2) -> int:

@@ -85,10 +85,11 @@ class Rig:
         self.supervisor.handle(Event.INITIALISE)
         try:
             self._power_on()
+            self._hold()
         except BaseException:
             self.supervisor.handle(Event.SWITCH_OFF)
+            self._power_off()
             raise
-        self._hold()
         return self
 
     def _power_on(self) -> None:
