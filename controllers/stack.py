@@ -23,7 +23,9 @@ class Controller:
     def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
         self.law = law
         self.observer = observer
-        self.reference = SampledReference(reference, period)
+        if not isinstance(reference, SampledReference):
+            reference = SampledReference(reference, period)
+        self.reference = reference
         self.period = period
 
     def start(self, measurement: Measurement) -> None:

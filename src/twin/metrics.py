@@ -40,12 +40,13 @@ class Motion:
     @classmethod
     def of(cls, record: Recorder, wished: Array, rig: int = 0) -> Motion:
         """The motion of one rig of a record whose ball was wished at these positions, (K, 2)."""
-        state = record["state" if "state" in record.data else "estimate"][:, rig]
+        # of many rigs a copy, as those of one lie far apart
+        state = record["state" if "state" in record.data else "estimate"][:, rig].copy()
         return cls(
             time=record.time,
             ball=state[:, 0::4],
             plate=state[:, 2::4],
-            u=record["applied"][:, rig],
+            u=record["applied"][:, rig].copy(),
             reference=wished,
         )
 

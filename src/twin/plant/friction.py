@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +76,15 @@ class Friction:
         same = self.map is None and not np.any(self.viscous)
         return bool(same and np.all(np.asarray(self.breakaway_ratio) == 1))
 
-    @property
+    @cached_property
+    def sticking(self) -> bool:
+        """Whether it takes more to break a ball away than to keep it rolling."""
+        return bool(np.any(np.asarray(self.breakaway_ratio) > 1))
+
+    @cached_property
     def ageing(self) -> bool:
         """Whether the age of the contact has to be carried along."""
-        return bool(np.any(np.asarray(self.breakaway_ratio) > 1) and np.any(self.dwell_time))
+        return bool(self.sticking and np.any(self.dwell_time))
 
     def settled(self, speed: Array) -> Array:
         """Age of a contact that has long rolled at a speed in m/s, shape (...)."""
@@ -104,7 +110,7 @@ class Friction:
             age: Age of the contact; None for the settled one.
         """
         arm = np.asarray(self.rolling, float)
-        if np.any(np.asarray(self.breakaway_ratio) > 1):
+        if self.sticking:
             surplus = self.settled(speed) if age is None else age
             arm = arm * (1 + (np.asarray(self.breakaway_ratio) - 1) * surplus)
         if self.map is not None:

@@ -185,8 +185,8 @@ class Mechanism:
         """Work out state and whereabouts of all balls from joint positions and speeds."""
         pose, rate = self._qpos.T[self._poses], self._qvel.T[self._rates]
         seen = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
-        rows = (seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1])
-        self._seen = np.stack(rows, axis=1)
+        self._seen = np.empty((8, self.rigs)).T
+        self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
         inside = np.abs(seen[:2]) <= self._half
         self._inside = inside[0] & inside[1] & (seen[2] >= self._surface)
 

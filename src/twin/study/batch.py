@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.interfaces import Law, Reference
-from controllers.stack import Controller
+from controllers.stack import Controller, SampledReference
 from twin.assemble import (
     build_controller,
     build_friction,
@@ -80,7 +80,7 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
     )
     fleet = Fleet(_shared([controllers[i].law for i in order], padded))
     originals = [controller.reference.original for controller in controllers]
-    paths = _Each(originals, order)
+    paths = _Each(originals, order, first.rig.period)
     # An observer is as good for N rigs as for one: it begins with the measurements it is given.
     whole = Controller(fleet, build_controller(first).observer, paths, first.rig.period)
     ticks = round(first.duration / first.rig.period)
@@ -107,22 +107,23 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
     return found
 
 
-class _Each(Reference):
+class _Each(SampledReference):
     """The references of N rigs, each evaluated once however many rigs follow it.
 
     Args:
         given: References, some perhaps one and the same or equal.
         order: Which of them each rig follows.
+        period: Control period in s.
     """
 
-    def __init__(self, given: Sequence[Reference], order: Sequence[int]) -> None:
+    def __init__(self, given: Sequence[Reference], order: Sequence[int], period: float) -> None:
         members = list(dict.fromkeys(given))
-        self._paths = Paths(tuple(members))
-        self._which = [members.index(given[i]) for i in order]
+        super().__init__(Paths(tuple(members)), period)
+        self._which = np.array([members.index(given[i]) for i in order])
 
     def __call__(self, t: float | Array) -> Array:
         """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
-        return self._paths(t)[..., self._which, :]
+        return super().__call__(t).take(self._which, axis=-2)
 
 
 def _diverged(plant: Plant, record: Recorder, rig: int) -> bool:

@@ -85,14 +85,17 @@ class Screens(SimulatedScreen):
         self._share = (back - self._whole)[:, None]
         # as for one rig: a dead time of whole periods needs no older sample
         self._share[self._share < 1e-9] = 0.0
+        self._even = not self._share.any()
         self._late = late.copy()
         self._latest = cast("float", late + 4 * model.spread)
         self.model = replace(model, dead_time=cast("float", late))
 
     def _look_back(self, periods: float) -> tuple[Array, Mask]:
         newer = (self._tick - self._whole) % self._length
-        older = (newer - 1) % self._length
         share, rows = self._share, self._rows
+        if self._even:
+            return self._past[newer, rows], self._felt[newer, rows]
+        older = (newer - 1) % self._length
         position = (1 - share) * self._past[newer, rows] + share * self._past[older, rows]
         return position, self._felt[newer, rows]
 
