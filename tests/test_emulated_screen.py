@@ -7,6 +7,12 @@ import pytest
 from twin.emulator.screen import EmulatedScreen
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.emulator.screen_faults import Damage, ScreenFault
+from twin.emulator.screen_line import ScreenLine
+
+
+def emulate(ball, **settings):
+    return EmulatedScreen(ScreenLine(ball, **settings))
+
 
 BALL = Spot(0.25, 0.5)
 
@@ -52,18 +58,18 @@ def test_six_contacts_take_two_reports_as_recorded():
 
 
 def test_no_ball_no_bytes():
-    with EmulatedScreen(list) as screen:
+    with emulate(list) as screen:
         assert listen(screen, 0.15) == []
 
 
 def test_a_ball_beside_the_screen_is_not_felt():
-    with EmulatedScreen(lambda: [(0.36, 0.0)]) as screen:
+    with emulate(lambda: [(0.36, 0.0)]) as screen:
         assert listen(screen, 0.15) == []
 
 
 def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
     balls = [(0.0, 0.0)]
-    with EmulatedScreen(lambda: balls, protocol=Protocol.HID_0007) as screen:
+    with emulate(lambda: balls, protocol=Protocol.HID_0007) as screen:
         handle = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY)
         listen(screen, 0.2, handle)
         balls.clear()
@@ -76,7 +82,7 @@ def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
 
 
 def test_bytes_never_come_faster_than_the_line_carries_them():
-    with EmulatedScreen(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800) as screen:
+    with emulate(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800) as screen:
         screen.inject(ScreenFault.FLOOD, 2.0)
         parts = listen(screen, 0.6)
     total = sum(len(part) for _, part in parts[1:])
@@ -92,7 +98,7 @@ def test_nothing_arrives_before_the_dead_time_is_over():
         began.append(time.monotonic())
         return [(0.0, 0.0)]
 
-    with EmulatedScreen(ball, dead_time=0.15) as screen:
+    with emulate(ball, dead_time=0.15) as screen:
         parts = listen(screen, 0.3)
     data = b"".join(part for _, part in parts)
     assert len(data) >= 5
@@ -103,7 +109,7 @@ def test_nothing_arrives_before_the_dead_time_is_over():
 
 
 def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
-    with EmulatedScreen(list) as screen:
+    with emulate(list) as screen:
         screen.unplug()
         assert not screen.path.exists()
         screen.replug()
@@ -112,7 +118,7 @@ def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
 
 
 def test_bytes_sent_while_unplugged_are_lost():
-    with EmulatedScreen(lambda: [(0.0, 0.0)]) as screen:
+    with emulate(lambda: [(0.0, 0.0)]) as screen:
         screen.unplug()
         time.sleep(0.15)
         assert screen.sent < screen.dropped

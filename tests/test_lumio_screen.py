@@ -11,10 +11,16 @@ import pytest
 from twin.emulator.screen import EmulatedScreen
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
+from twin.emulator.screen_line import ScreenLine
 from twin.hal.lumio.config import LumioConfig
 from twin.hal.lumio.presence import TouchState
 from twin.hal.lumio.screen import LumioScreen
 from twin.hal.lumio.transports import ScreenError
+
+
+def emulate(ball, **settings):
+    return EmulatedScreen(ScreenLine(ball, **settings))
+
 
 PLACE = (0.2, 0.05)
 
@@ -58,7 +64,7 @@ class Watch:
 @pytest.mark.parametrize("protocol", list(Protocol))
 @pytest.mark.parametrize("named", [True, False])
 def test_a_ball_is_seen_where_it_lies_in_every_protocol_named_or_detected(protocol, named):
-    with EmulatedScreen(lambda: [PLACE], protocol=protocol) as emulated:
+    with emulate(lambda: [PLACE], protocol=protocol) as emulated:
         name = protocol.value if named else "auto"
         with LumioScreen(config(emulated, protocol=name)) as screen:
             assert sees(screen)
@@ -70,7 +76,7 @@ def test_a_ball_is_seen_where_it_lies_in_every_protocol_named_or_detected(protoc
 
 
 def test_before_any_touch_there_is_no_ball():
-    with EmulatedScreen(list) as emulated, LumioScreen(config(emulated)) as screen:
+    with emulate(list) as emulated, LumioScreen(config(emulated)) as screen:
         touch = screen.read()
         assert (touch.age[0], touch.touched[0]) == (math.inf, False)
         assert screen.state == TouchState.LOST
@@ -79,7 +85,10 @@ def test_before_any_touch_there_is_no_ball():
 
 def test_a_ball_that_leaves_is_lost_and_one_that_returns_is_seen_again():
     balls = [PLACE]
-    with EmulatedScreen(lambda: balls) as emulated, LumioScreen(config(emulated)) as screen:
+    with (
+        emulate(lambda: balls) as emulated,
+        LumioScreen(config(emulated)) as screen,
+    ):
         watch = Watch(screen)
         assert until(lambda: screen.state == TouchState.TOUCHING)
         watch.look()
@@ -90,7 +99,10 @@ def test_a_ball_that_leaves_is_lost_and_one_that_returns_is_seen_again():
 
 
 def test_a_screen_unplugged_is_told_and_after_plugging_in_works_on_request_only():
-    with EmulatedScreen(lambda: [PLACE]) as emulated, LumioScreen(config(emulated)) as screen:
+    with (
+        emulate(lambda: [PLACE]) as emulated,
+        LumioScreen(config(emulated)) as screen,
+    ):
         watch = Watch(screen)
         assert sees(screen)
         emulated.unplug()
@@ -104,7 +116,10 @@ def test_a_screen_unplugged_is_told_and_after_plugging_in_works_on_request_only(
 
 
 def test_swapped_axes_are_believed_after_someone_asked_to_go_on():
-    with EmulatedScreen(lambda: [PLACE]) as emulated, LumioScreen(config(emulated)) as screen:
+    with (
+        emulate(lambda: [PLACE]) as emulated,
+        LumioScreen(config(emulated)) as screen,
+    ):
         assert sees(screen)
         watch = Watch(screen)
         emulated.inject(ScreenFault.SWAP_AXES, 60.0)
@@ -115,7 +130,10 @@ def test_swapped_axes_are_believed_after_someone_asked_to_go_on():
 
 
 def test_recovering_while_still_unplugged_tells_so_again():
-    with EmulatedScreen(lambda: [PLACE]) as emulated, LumioScreen(config(emulated)) as screen:
+    with (
+        emulate(lambda: [PLACE]) as emulated,
+        LumioScreen(config(emulated)) as screen,
+    ):
         watch = Watch(screen)
         emulated.unplug()
         assert watch.told("touch screen gone")
@@ -125,7 +143,10 @@ def test_recovering_while_still_unplugged_tells_so_again():
 
 
 def test_no_motion_on_a_steep_plate_is_a_frozen_touch():
-    with EmulatedScreen(lambda: [PLACE]) as emulated, LumioScreen(config(emulated)) as screen:
+    with (
+        emulate(lambda: [PLACE]) as emulated,
+        LumioScreen(config(emulated)) as screen,
+    ):
         watch = Watch(screen)
         steep = np.radians([[0.0, 4.0]])
 
@@ -159,7 +180,7 @@ def test_no_motion_on_a_steep_plate_is_a_frozen_touch():
 )
 def test_a_fault_injected_on_the_line_is_told_by_name(fault, protocol, told):
     with (
-        EmulatedScreen(lambda: [PLACE], protocol=protocol, seed=5) as emulated,
+        emulate(lambda: [PLACE], protocol=protocol, seed=5) as emulated,
         LumioScreen(config(emulated, protocol=protocol.value)) as screen,
     ):
         assert sees(screen)
@@ -175,7 +196,7 @@ def test_a_frozen_screen_under_a_rolling_ball_is_told():
         angle = 2 * (time.monotonic() - begin)
         return [(0.1 * math.cos(angle), 0.1 * math.sin(angle))]
 
-    with EmulatedScreen(ball) as emulated, LumioScreen(config(emulated)) as screen:
+    with emulate(ball) as emulated, LumioScreen(config(emulated)) as screen:
         assert sees(screen)
         time.sleep(0.2)
         watch = Watch(screen)
@@ -187,7 +208,7 @@ def test_a_frozen_screen_under_a_rolling_ball_is_told():
 @pytest.mark.parametrize("protocol", [Protocol.MICROTOUCH, Protocol.HID_0006])
 def test_split_and_merged_packets_are_understood(fault, protocol):
     with (
-        EmulatedScreen(lambda: [PLACE], protocol=protocol) as emulated,
+        emulate(lambda: [PLACE], protocol=protocol) as emulated,
         LumioScreen(config(emulated, protocol=protocol.value)) as screen,
     ):
         assert sees(screen)
@@ -221,7 +242,7 @@ def test_a_port_that_cannot_be_is_said_in_one_line(options):
 @pytest.mark.parametrize("protocol", [Protocol.MICROTOUCH, Protocol.HID_0006])
 def test_a_port_that_another_program_has_open_is_busy(protocol):
     with (
-        EmulatedScreen(list, protocol=protocol) as emulated,
+        emulate(list, protocol=protocol) as emulated,
         LumioScreen(config(emulated)),
         pytest.raises(ScreenError, match="busy"),
     ):
@@ -254,7 +275,7 @@ def test_a_configuration_that_cannot_be_is_refused_with_what_is_allowed(options,
 
 
 def test_a_stopped_screen_can_be_started_and_stopped_again():
-    with EmulatedScreen(lambda: [PLACE]) as emulated:
+    with emulate(lambda: [PLACE]) as emulated:
         screen = LumioScreen(config(emulated))
         for _ in range(2):
             screen.start()

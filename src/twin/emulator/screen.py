@@ -14,10 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
-from twin.emulator.screen_line import DEAD_TIME, FRAME, Ball, ScreenLine
-from twin.hal.lumio.calibration import Calibration
+from twin.emulator.screen_line import ScreenLine
 
 
 class EmulatedScreen:
@@ -28,44 +26,18 @@ class EmulatedScreen:
     A reader that does not read loses the newest bytes, as on a real line.
 
     Args:
-        ball: What touches the screen now, m in plate axes, empty for nothing; called in the
-            thread of the screen, once a frame.
-        protocol: What it speaks.
-        baud: Bits a second of a serial protocol, ten bits a byte.
-        frame: Seconds between frames.
-        dead_time: Seconds from looking to arrival.
-        calibration: How it is mounted: plate to screen units.
-        seed: Of everything random in the faults injected.
+        line: What is sent and when; its ball is looked at in the thread of the screen.
         now: Clock in s.
     """
 
-    def __init__(
-        self,
-        ball: Ball,
-        *,
-        protocol: Protocol = Protocol.MICROTOUCH,
-        baud: int = 9600,
-        frame: float = FRAME,
-        dead_time: float = DEAD_TIME,
-        calibration: Calibration | None = None,
-        seed: int = 0,
-        now: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.protocol = protocol
+    def __init__(self, line: ScreenLine, now: Callable[[], float] = time.monotonic) -> None:
+        self.protocol = line.protocol
         self.sent = 0
         """Bytes sent."""
         self.dropped = 0
         """Bytes lost because nobody read or nothing was plugged in."""
         self._now = now
-        self._line = ScreenLine(
-            ball,
-            protocol=protocol,
-            baud=baud,
-            frame=frame,
-            dead_time=dead_time,
-            calibration=calibration,
-            seed=seed,
-        )
+        self._line = line
         self._lock = threading.Lock()
         self._folder = tempfile.TemporaryDirectory(prefix="screen-")
         self.path = Path(self._folder.name) / "lumio"

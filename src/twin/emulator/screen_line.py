@@ -50,7 +50,7 @@ class ScreenLine:
         self.due = 0.0
         """When there is something to do next, s."""
         self._ball = ball
-        self._protocol = protocol
+        self.protocol = protocol
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
         self._baud = baud
         self._frame = frame
@@ -85,7 +85,7 @@ class ScreenLine:
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots
-        for packet in ENCODERS[self._protocol]((*spots, *lifted)):
+        for packet in ENCODERS[self.protocol]((*spots, *lifted)):
             for number, part in enumerate(self.damage.packet(now, packet)):
                 self._schedule(now + self._dead_time + number * SPLIT_GAP, part)
         if self.damage.active(ScreenFault.FLOOD, now):

@@ -20,6 +20,7 @@ from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
 from twin.emulator.screen import EmulatedScreen
 from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen_line import ScreenLine
 from twin.emulator.virtual import TICK, VirtualBench
 from twin.errors import RigError
 from twin.scenario.load import Tables
@@ -47,7 +48,9 @@ class VirtualRig:
         self.adapter = SlcanPort(self.bus)
         self.served = Served(self.bus, self.adapter, step=TICK)
         self.screen = EmulatedScreen(
-            self._ball, protocol=protocol, dead_time=self.bench.dead_time, seed=scenario.seed
+            ScreenLine(
+                self._ball, protocol=protocol, dead_time=self.bench.dead_time, seed=scenario.seed
+            )
         )
         self.bench.attach(self.drives)
         self.bus.moved = self.bench.advance
