@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -143,3 +145,45 @@ def test_a_killed_worker_costs_a_retry_and_not_the_study(folder, cluster) -> Non
     assert child.wait(240) == 0
     child.communicate()
     assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+
+
+@contextmanager
+def dask(*arguments: str):
+    """A program of a cluster, as started by hand."""
+    command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen([*command, "--no-dashboard"], **quiet) as program:
+        try:
+            yield program
+        finally:
+            program.kill()
+
+
+def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = ("scheduler", "--host", "127.0.0.1", "--port", str(port))
+    worker = ("worker", address, "--nthreads", "1", "--no-nanny")
+    with dask(*scheduler) as first, dask(*worker):
+        answers(port)
+        child = start(folder, "--scheduler", address)
+        while not kept(folder) and child.poll() is None:
+            time.sleep(0.05)
+        first.kill()
+        first.wait()
+        assert child.poll() is None, "the study was over before the scheduler was killed"
+    with dask(*scheduler), dask(*worker):
+        assert child.wait(240) == 0
+        child.communicate()
+    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
+
+
+def answers(port: int) -> None:
+    """Wait until somebody listens."""
+    for _ in range(600):
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise AssertionError("no scheduler within a minute")

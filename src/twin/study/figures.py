@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from twin.picture import COLOURS, LOOK, STYLES
 from twin.report.numbers import LABELS
+from twin.study import interaction
 from twin.study.answers import Answer, Curve, Index
 from twin.study.design import Point
 from twin.study.schema import Study
@@ -42,6 +43,13 @@ def figures(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> d
         out["spread"] = _spread(study, found)
         if len(study.parameters) > 1 and any(answer.indices for answer in found):
             out["map"] = _map(study, found, design)
+            numeric = [
+                key
+                for key in ranked(study, found)
+                if all(isinstance(point[key], int | float) for point in design)
+            ]
+            if len(numeric) > 1:
+                out["interaction"] = _interaction(study, found, design, *numeric[:2])
         for figure in out.values():
             # text is laid out when drawn: now, while these settings hold
             figure.draw_without_rendering()
@@ -191,20 +199,26 @@ def _spread(study: Study, found: Sequence[Answer]) -> Figure:
     return figure
 
 
-def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figure:
-    """Runs over the two parameters that matter most: how large the metric is, and which failed."""
-    first, second = ranked(study, found)[:2]
+def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
+    """A panel for each variant, all with the same axes."""
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(1.5 + 3.2 * columns, 0.8 + 2.7 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(found) :]:
+        panel.set_visible(False)
+    return figure, list(panels.flat[: len(found)])
+
+
+def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figure:
+    """Runs over the two parameters that matter most: how large the metric is, and which failed."""
+    first, second = ranked(study, found)[:2]
+    figure, panels = _panels(found)
     x, y = (np.array([point[key] for point in design]) for key in (first, second))
     values = np.concatenate([answer.values for answer in found])
     good = values[np.isfinite(values)]
     scale = np.quantile(good, (0.02, 0.98)) if len(good) else (0, 1)
-    for panel in panels.flat[len(found) :]:
-        panel.set_visible(False)
-    for panel, answer in zip(panels.flat, found, strict=False):
+    for panel, answer in zip(panels, found, strict=True):
         done = np.isfinite(answer.values)
         dots = panel.scatter(
             x[done], y[done], c=answer.values[done], s=14, vmin=scale[0], vmax=scale[1]
@@ -216,4 +230,20 @@ def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figu
     figure.colorbar(dots, ax=panels, label=metric_label(study))
     figure.supxlabel(parameter_label(study, first), fontsize=9)
     figure.supylabel(parameter_label(study, second), fontsize=9)
+    return figure
+
+
+def _interaction(
+    study: Study, found: Sequence[Answer], design: Sequence[Point], first: str, second: str
+) -> Figure:
+    """The metric over one parameter, for low, middle and high values of another one."""
+    figure, panels = _panels(found)
+    x, y = (np.array([point[key] for point in design], float) for key in (first, second))
+    for panel, answer in zip(panels, found, strict=True):
+        label = second if panel is panels[0] else None
+        interaction.draw(panel, interaction.lines(x, y, answer.values), label)
+        panel.set_title(answer.variant, fontsize=9)
+    figure.supxlabel(parameter_label(study, first), fontsize=9)
+    figure.supylabel(metric_label(study), fontsize=9)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure

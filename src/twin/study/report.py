@@ -26,6 +26,7 @@ HEADINGS = {
     "indices": "Which parameters matter",
     "curves": "Over each parameter",
     "map": "Over the two parameters that matter most, and where runs fail",
+    "interaction": "Whether these two interact: parallel lines if not (mean and its 95 % interval)",
 }
 NAMES = {
     "sobol": ("total index", "first-order index"),
@@ -153,10 +154,10 @@ def _indices(answer: Answer) -> list[tuple[Any, ...]]:
     for index in answer.indices:
         value = _shown(index.value) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
         verdict = "matters" if abs(index.value) >= NEGLIGIBLE else "negligible"
+        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else _shown(index.first)
         if not index.decided:
             value, first = "-", "-"
             verdict = "undecided: the interval holds zero"
-        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else _shown(index.first)
         rows.append((index.key, answer.variant, value, _shown(index.half), first, verdict))
     return rows
 
