@@ -2,6 +2,7 @@ import os
 import signal
 import socket
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -93,6 +94,32 @@ def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, 
     assert not tap.finish(wait=0.2)
     assert time.monotonic() - begin < 30
     assert same(watched, run(chosen))
+
+
+class Slow:
+    """In the place of an observing process: takes a few rows whenever it is waited for."""
+
+    exitcode = None
+
+    def __init__(self, ring):
+        self.ring = ring
+
+    def is_alive(self):
+        return self.exitcode is None
+
+    def join(self, _):
+        rows = self.ring.take(7)
+        if self.ring.done and not len(rows):
+            self.exitcode = 0
+
+
+def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario, monkeypatch):
+    with closing(Tap(print, ())) as made:  # a process that reads nothing
+        run(scenario("duration=0.2"), watch=made.watch)
+        with closing(Ring(*made._ring.address)) as ring, monkeypatch.context() as patch:
+            patch.setattr(made, "_process", Slow(ring))
+            assert made.finish()
+            assert ring.taken == 100
 
 
 def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
