@@ -203,7 +203,8 @@ def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
     """A panel for each variant, all with the same axes."""
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
-    figure = Figure(figsize=(1.5 + 3.2 * columns, 0.8 + 2.7 * rows), layout="constrained")
+    size = (max(6.0, 1.5 + 3.2 * columns), 1.2 + 2.7 * rows)
+    figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels.flat[len(found) :]:
         panel.set_visible(False)
@@ -245,5 +246,6 @@ def _interaction(
         panel.set_title(answer.variant, fontsize=9)
     figure.supxlabel(parameter_label(study, first), fontsize=9)
     figure.supylabel(metric_label(study), fontsize=9)
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    # above, since a legend below would lie on the label there
+    figure.legend(loc="outside upper center", ncols=min(3, len(found)), fontsize=8)
     return figure
