@@ -139,4 +139,4 @@ def test_a_full_disk_is_one_line_and_leaves_what_is_finished(study, tmp_path, mo
 def test_a_scheduler_where_nobody_listens_is_one_line(study) -> None:
     code, _, err = study("", "", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
-    assert "nobody answers there" in err
+    assert "no scheduler answers there" in err

@@ -179,6 +179,21 @@ def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
     assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
 
 
+def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
+        answers(port)
+        child = start(folder, "--scheduler", address)
+        assert b"64 runs" in child.stderr.readline()  # and there they stay, without a worker
+        scheduler.kill()
+    error = child.communicate(timeout=120)[1].decode()
+    assert child.returncode == 2, error
+    assert "lost, and not back within 30 s" in error
+    assert "Traceback" not in error
+
+
 def answers(port: int) -> None:
     """Wait until somebody listens."""
     for _ in range(600):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from time import monotonic, perf_counter
 
@@ -16,9 +15,9 @@ from rich.table import Table
 
 from twin.cli.output import LINE_EVERY, console, errors, print_json
 from twin.cli.scenarios import JSON, check_writable
-from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, missing
+from twin.study.cluster import Cluster
 from twin.study.report import compared, document, write
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
@@ -69,7 +68,8 @@ def study(
     store = Store(folder)
     if plan:
         return _plan(wanted, store, processes)
-    with _executor(scheduler) as executor, _progress(about.title, len(wanted)) as tell:
+    cluster = nullcontext() if scheduler is None else Cluster(scheduler)
+    with cluster as executor, _progress(about.title, len(wanted)) as tell:
         rows = carry(wanted, store, executor=executor, processes=processes, progress=tell)
     found = answers(about, wanted, rows)
     write(about, wanted, rows, found, folder)
@@ -163,26 +163,6 @@ def _time(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-@contextmanager
-def _executor(scheduler: str | None) -> Iterator[Executor | None]:
-    """The workers of a Dask scheduler, or nothing."""
-    if scheduler is None:
-        yield None
-        return
-    try:
-        from distributed import Client  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise ScenarioError(
-            "--scheduler: needs the extra cluster: pip install 'ballplate[cluster]'"
-        ) from error
-    try:
-        client = Client(scheduler, timeout=5)
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"--scheduler {scheduler}: nobody answers there") from error
-    with client:
-        yield client.get_executor(pure=False, retries=2)
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
