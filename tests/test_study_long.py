@@ -19,6 +19,7 @@ from twin.study.carry import carry
 from twin.study.schema import Study
 from twin.study.store import Store
 from twin.study.work import Row, tasks
+from twin.view.viewer import free_port
 
 pytestmark = pytest.mark.long
 
@@ -160,8 +161,7 @@ def dask(*arguments: str):
 
 
 def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     address = f"tcp://127.0.0.1:{port}"
     scheduler = ("scheduler", "--host", "127.0.0.1", "--port", str(port))
     worker = ("worker", address, "--nthreads", "1", "--no-nanny")
@@ -180,8 +180,7 @@ def test_a_lost_scheduler_costs_a_retry_and_not_the_study(folder) -> None:
 
 
 def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     address = f"tcp://127.0.0.1:{port}"
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
         answers(port)

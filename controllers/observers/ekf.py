@@ -117,10 +117,10 @@ class ExtendedKalman(Observer):
 def series(A: Array) -> Array:
     """I + A (I / 2 + A (I / 6 + A / 24)), the mean of e^(A s) over s from 0 to 1."""
     E = A / 24
-    for factor in (6, 2, 1):
-        E += EYE / factor
-        if factor > 1:
-            E = A @ E
+    for part in (SIXTH, HALF):
+        E += part
+        E = A @ E
+    E += EYE
     return E
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.doctor.steps import exchange, turn, until
+from twin.doctor.steps import enable, exchange, stopped_by, turn
 from twin.errors import RigError
 from twin.hal.akd.servos import AkdServos
 from twin.hal.cams import CamTable
@@ -102,8 +102,7 @@ def _readings(
     progress: Callable[[float], None],
 ) -> tuple[Array, Array]:
     """Motor and plate angles at every point, shape (points, 2) each."""
-    servos.enable()
-    until(servos, lambda: servos.enabled, 1.0)
+    enable(servos)
     level: Array = np.zeros((1, 2))
     servos.home(level, known.motor(level))
     here = level
@@ -112,8 +111,7 @@ def _readings(
     for goal in (*_path(reach, lines), level):
         seconds = max(0.2, 2 * float(np.abs(goal - here).max()) / RATE)
         if not turn(servos, known.motor(here), known.motor(goal), seconds):
-            grave = [str(f) for f in servos.faults() if f.condition.severity != "warning"]
-            raise RigError(f"measuring the cams was stopped: {(grave or ['drives off'])[0]}")
+            raise RigError(f"measuring the cams was stopped: {stopped_by(servos) or 'drives off'}")
         exchange(servos, SETTLE)
         read: Array = np.zeros((2, 2))
         for _ in range(READINGS):

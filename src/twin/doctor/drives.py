@@ -8,7 +8,7 @@ from math import degrees, radians
 import numpy as np
 
 from twin.doctor.finding import Finding, failed, passed, warned
-from twin.doctor.steps import exchange, turn, until
+from twin.doctor.steps import enable, exchange, stopped_by, turn, until
 from twin.errors import TwinError
 from twin.hal.akd.cia402 import State
 from twin.hal.akd.config import AkdConfig
@@ -58,8 +58,7 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
 def torque(servos: AkdServos) -> Iterator[Finding]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     try:
-        servos.enable()
-        until(servos, lambda: servos.enabled, 1.0)
+        enable(servos)
     except TwinError as error:
         yield failed("torque", str(error), "close STO, reset the faults (--reset)")
         return
@@ -93,8 +92,7 @@ def torque(servos: AkdServos) -> Iterator[Finding]:
 def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     try:
-        servos.enable()
-        until(servos, lambda: servos.enabled, 1.0)
+        enable(servos)
     except TwinError as error:
         yield failed("motion", str(error), "reset the faults (--reset)")
         return
@@ -104,8 +102,7 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
         tilted = level.copy()
         tilted[0, index] = TILT
         if not turn(servos, cams.motor(level), cams.motor(tilted)):
-            grave = [str(f) for f in servos.faults() if f.condition.severity != "warning"]
-            seen = grave[0] if grave else "the drives went off"
+            seen = stopped_by(servos) or "the drives went off"
             yield failed(f"{axis.config.name} encoder", seen, "see the fault")
             return
         angle = float(servos.plate()[0, index])

@@ -22,6 +22,17 @@ def turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float =
     return servos.enabled
 
 
+def enable(servos: AkdServos) -> None:
+    """Ask for torque, and exchange until both drives have it, at most for a second."""
+    servos.enable()
+    until(servos, lambda: servos.enabled, 1.0)
+
+
+def stopped_by(servos: AkdServos) -> str:
+    """The first fault that is more than a warning; empty if there is none."""
+    return next((str(f) for f in servos.faults() if f.condition.severity != "warning"), "")
+
+
 def until(servos: AkdServos, done: Callable[[], bool], limit: float) -> None:
     """Exchange until something is done, at most for a time in s."""
     end = servos.now() + limit
