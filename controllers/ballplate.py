@@ -84,49 +84,30 @@ class BallPlate:
 
     def f(self, x: Array) -> Array:
         """Drift of the exact model (5.9b), shape (..., 8)."""
-        sin, cos, (x1, x2, x3, x4, x5, x6, x7, x8) = _parts(x)
-        s3, c3 = sin(x3), cos(x3)
         out = np.zeros_like(x)
-        out[..., 0] = x2
-        out[..., 1] = self.c1 * (
-            -self.d * x8**2 * s3 * c3
-            + x1 * x8**2 * s3**2
-            + 2 * x6 * x8 * s3
-            + x1 * x4**2
-            + self.gravity * s3 * cos(x7)
-        )
-        out[..., 2] = x4
-        out[..., 4] = x6
-        out[..., 5] = self.c1 * (
-            -self.c3 * x4 * x8 * s3
-            - 2 * x1 * x4 * x8 * c3
-            - 2 * x2 * x8 * s3
-            + x5 * x8**2
-            - self.gravity * sin(x7)
-        )
-        out[..., 6] = x8
+        out[..., 0::2] = x[..., 1::2]
+        out[..., 3::4] = 0
+        out[..., 1], out[..., 5] = self._drift(_seen(x))
         return out
 
     def g(self, x: Array) -> Array:
         """Input map of the exact model (5.9c), shape (..., 8, 2)."""
-        sin, cos, (x1, _, x3, _, x5, *_) = _parts(x)
         out = np.zeros((*x.shape, 2))
         out[..., 1, 0] = -self.c2
-        out[..., 1, 1] = self.c1 * x5 * sin(x3)
-        out[..., 3, 0] = 1
-        out[..., 5, 1] = -self.c1 * x1 * sin(x3) + self.c2 * cos(x3)
-        out[..., 7, 1] = 1
+        out[..., 1, 1], out[..., 5, 1] = self._input(_seen(x))
+        out[..., 3, 0] = out[..., 7, 1] = 1
         return out
 
     def derivative(self, x: Array, u: Array) -> Array:
         """Rate of the state, f(x) + g(x) u of (5.9a), shape (..., 8)."""
-        sin, cos, (x1, _, x3, _, x5, *_) = _parts(x)
+        seen = _seen(x)
         u1, u2 = u[..., 0], u[..., 1]
-        out = self.f(x)
-        out[..., 1] += -self.c2 * u1 + self.c1 * x5 * sin(x3) * u2
-        out[..., 3] = u1
-        out[..., 5] += (-self.c1 * x1 * sin(x3) + self.c2 * cos(x3)) * u2
-        out[..., 7] = u2
+        (f2, f6), (g2, g6) = self._drift(seen), self._input(seen)
+        out = np.empty_like(x)
+        out[..., 0::2] = x[..., 1::2]
+        out[..., 1] = f2 - self.c2 * u1 + g2 * u2
+        out[..., 5] = f6 + g6 * u2
+        out[..., 3::4] = u
         return out
 
     def output(self, x: Array) -> Array:
@@ -138,34 +119,55 @@ class BallPlate:
 
         The thesis's (7.15a) leaves out the input terms; pass u to have them.
         """
-        sin, cos, (x1, x2, x3, x4, x5, x6, x7, x8) = _parts(x)
-        k, d, c3, g = self.c1, self.d, self.c3, self.gravity
-        sin3, cos3, sin7, cos7 = sin(x3), cos(x3), sin(x7), cos(x7)
-        sin_2x3, cos_2x3 = 2 * sin3 * cos3, 1 - 2 * sin3**2
         A = np.zeros((*x.shape, 8))
-        A[..., 0, 1] = A[..., 2, 3] = A[..., 4, 5] = A[..., 6, 7] = 1
-        A[..., 1, 0] = k * (x8**2 * sin3**2 + x4**2)
-        A[..., 1, 2] = k * (
-            x8**2 * (x1 * sin_2x3 - d * cos_2x3) + 2 * x6 * x8 * cos3 + g * cos7 * cos3
-        )
-        A[..., 1, 3] = 2 * k * x1 * x4
-        A[..., 1, 5] = 2 * k * sin3 * x8
-        A[..., 1, 6] = -k * g * sin7 * sin3
-        A[..., 1, 7] = k * (-d * x8 * sin_2x3 + 2 * sin3 * (x1 * x8 * sin3 + x6))
-        A[..., 5, 0] = -2 * k * x4 * x8 * cos3
-        A[..., 5, 1] = -2 * k * sin3 * x8
-        A[..., 5, 2] = k * x8 * (2 * x1 * x4 * sin3 - (c3 * x4 + 2 * x2) * cos3)
-        A[..., 5, 3] = -k * x8 * (c3 * sin3 + 2 * x1 * cos3)
-        A[..., 5, 4] = k * x8**2
-        A[..., 5, 6] = -k * g * cos7
-        A[..., 5, 7] = k * (2 * (x5 * x8 - x2 * sin3) - x4 * (c3 * sin3 + 2 * x1 * cos3))
-        if u is not None:
-            u2 = u[..., 1]
-            A[..., 1, 2] += k * x5 * cos3 * u2
-            A[..., 1, 4] += k * sin3 * u2
-            A[..., 5, 0] += -k * sin3 * u2
-            A[..., 5, 2] += (-k * x1 * cos3 - self.c2 * sin3) * u2
+        A[..., range(0, 8, 2), range(1, 8, 2)] = 1
+        A[..., 1::4, :] = self.ball(x, u)[..., :8]
         return A
+
+    def ball(self, x: Array, u: Array | None = None) -> Array:
+        """The two rows that are the ball's own, x'' and y'', of (A, g, f), shape (..., 2, 11).
+
+        All other rows of Jacobian, input map and drift only integrate. A is that of ``jacobian``.
+        """
+        seen = _seen(x)
+        x1, x2, x5, x6, x8 = seen.x1, seen.x2, seen.x5, seen.x6, seen.x8
+        s3, c3, wx, wy, wz = seen.s3, seen.c3, seen.wx, seen.wy, seen.wz
+        u2 = 0.0 if u is None else u[..., 1]
+        d, g7 = self.d, self.gravity * seen.c7
+        along = x1 * wz + x6
+        rows = np.zeros((2, 11, *x.shape[:-1]))
+        a, b = rows
+        a[0] = wz * wz + wy * wy
+        a[2] = 2 * wx * along - d * (wx * wx - wz * wz) + (g7 + x5 * u2) * c3
+        a[3] = 2 * x1 * wy
+        a[4] = s3 * u2
+        a[5] = 2 * wz
+        a[6] = -self.gravity * seen.s7 * s3
+        a[7] = 2 * s3 * (along - d * wx)
+        b[0] = -2 * wy * wx - a[4]
+        b[1] = -a[5]
+        b[2] = a[3] * wz - (self.c3 * wy + 2 * x2) * wx - (x1 * c3 + self.c4 * s3) * u2
+        b[3] = -self.c3 * wz - 2 * x1 * wx
+        b[4] = x8 * x8
+        b[6] = -g7
+        b[7] = 2 * (x5 * x8 - x2 * s3) - wy * (self.c3 * s3 + 2 * x1 * c3)
+        rows[:, :8] *= self.c1
+        a[8] = -self.c2
+        a[9], b[9] = self._input(seen)
+        a[10], b[10] = self._drift(seen)
+        return np.moveaxis(rows, (0, 1), (-2, -1))
+
+    def _drift(self, seen: _Seen) -> tuple[Any, Any]:
+        """Rows x'' and y'' of (5.9b)."""
+        x1, x2, x5, x6, x8, s3, _, s7, c7, wx, wy, wz = seen
+        along_x = x1 * (wz * wz + wy * wy) - self.d * wx * wz + 2 * x6 * wz + self.gravity * s3 * c7
+        along_y = x5 * x8 * x8 - wy * (self.c3 * wz + 2 * x1 * wx) - 2 * x2 * wz - self.gravity * s7
+        return self.c1 * along_x, self.c1 * along_y
+
+    def _input(self, seen: _Seen) -> tuple[Any, Any]:
+        """Column theta'' of (5.9c) in the rows x'' and y''."""
+        along_x = self.c1 * seen.x5 * seen.s3
+        return along_x, self.c2 * seen.c3 - self.c1 * seen.x1 * seen.s3
 
     def linear(self) -> Linear:
         """Linear model about the level plate and the ball on the centre, (5.35)."""
@@ -183,8 +185,29 @@ class BallPlate:
         return out
 
 
-def _parts(x: Array) -> tuple[Any, Any, Iterable[Any]]:
-    """Sine, cosine and the eight states: numbers for one rig, arrays for several.
+class _Seen(NamedTuple):
+    """What the equations of motion are made of: numbers for one rig, arrays for several.
+
+    ``s3`` to ``c7`` are sines and cosines of phi and theta, ``wx`` to ``wz`` the plate's angular
+    velocity (theta' cos phi, phi', theta' sin phi) in its own axes.
+    """
+
+    x1: Any
+    x2: Any
+    x5: Any
+    x6: Any
+    x8: Any
+    s3: Any
+    c3: Any
+    s7: Any
+    c7: Any
+    wx: Any
+    wy: Any
+    wz: Any
+
+
+def _seen(x: Array) -> _Seen:
+    """What the equations of motion are made of, from the state.
 
     Python calculates with numbers several times faster than numpy with arrays of one, but raises
     where a state has grown beyond bounds and numpy goes on with infinities; that is left to numpy.
@@ -192,6 +215,12 @@ def _parts(x: Array) -> tuple[Any, Any, Iterable[Any]]:
     if x.size == 8 and x.dtype == np.float64:
         numbers = x.ravel().tolist()
         if all(-1e9 < number < 1e9 for number in numbers):
-            return math.sin, math.cos, numbers
+            return _gathered(math.sin, math.cos, numbers)
     # of many rigs each state by itself in one piece, which numpy reads three times faster
-    return np.sin, np.cos, np.moveaxis(x, -1, 0).copy()
+    return _gathered(np.sin, np.cos, np.moveaxis(x, -1, 0).copy())
+
+
+def _gathered(sin: Any, cos: Any, states: Iterable[Any]) -> _Seen:
+    x1, x2, x3, x4, x5, x6, x7, x8 = states
+    s3, c3 = sin(x3), cos(x3)
+    return _Seen(x1, x2, x5, x6, x8, s3, c3, sin(x7), cos(x7), x8 * c3, x4, x8 * s3)

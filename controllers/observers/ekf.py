@@ -19,8 +19,6 @@ Array = NDArray[np.floating]
 
 PLATE = np.array([False, True, False, True])
 """Which measurements are the plate's: they hold without a touch, too."""
-EYE = np.eye(8)
-HALF, SIXTH = EYE / 2, EYE / 6
 
 
 @dataclass(kw_only=True)
@@ -36,11 +34,17 @@ class ExtendedKalman(Observer):
 
     The prediction, with A = d(f + g u)/dx at the estimate, is
 
-        x <- x + T E f + G u,    P <- F P F' + G Q G' / T,
-        F = e^(A T),    T E = integral of e^(A s) over a period,    G = T E g,
+        x <- x + d + G u,    P <- F P F' + G Q G' / T,
 
-    the exponential Euler step: of second order, and exact about the level plate, where the series
-    of e^(A T) ends with (A T)^3. One Jacobian serves state and covariance.
+    the exponential Euler step: of second order, and exact about the level plate. One matrix, of
+    which all rows but the ball's own only integrate, serves state and covariance:
+
+            (A  g  f)       (F  G  d)
+        exp (0  0  0) T  =  (0  I  0).
+            (0  0  0)       (0  0  1)
+
+    Of its series there are four terms for the ball's position and three for its speed; about the
+    level plate there are no more.
     Q and R are intensities as for the Kalman filter: the disturbance is held over a period with
     variance Q / T, a sample's noise has the variance R / T.
 
@@ -73,13 +77,16 @@ class ExtendedKalman(Observer):
         else:
             check_positive("spread", self.spread, 8)
             self._P = np.diag(np.square(self.spread))
-        self._Q = np.array(self.Q) / self.period
         self._R = np.array(self.R) / self.period
+        # inputs are counted in standard deviations of the disturbance: G G' is then G Q G' / T
+        self._deviation = np.sqrt(np.divide(self.Q, self.period))
+        self._scale = np.concatenate((np.ones(8), self._deviation, [1])) * self.period
+        self._once, self._rest = _plate(self.period, self._deviation)
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the covariance of the settings."""
         super().start(x)
-        self.P = np.array(np.broadcast_to(self._P, (*self.x.shape, 8)))
+        self.P = np.tile(self._P, (*self.x.shape[:-1], 1, 1))
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in a measurement; without a touch only the plate angles correct."""
@@ -87,41 +94,59 @@ class ExtendedKalman(Observer):
         if not measurement.touched.all():
             felt = measurement.touched[..., np.newaxis] | PLATE
             y, R = np.where(felt, y, x[..., OUTPUTS]), np.where(felt, R, math.inf)
-        W = np.empty((*x.shape[:-1], len(MEASURED), 8))
+        # rows of C P, and the innovation as a further column that is treated as they are
+        W = np.empty((*x.shape[:-1], len(MEASURED), 9))
+        W[..., :8] = P[..., OUTPUTS, :]
+        W[..., 8] = y - x[..., OUTPUTS]
         for j, i in enumerate(MEASURED):
-            taken = W[..., :j, :]
-            p = P[..., i, :] - (taken[..., np.newaxis, :, i] @ taken)[..., 0, :]
-            root = np.sqrt(p[..., i] + R[..., j])[..., np.newaxis]
-            W[..., j, :] = w = p / root
-            x = x + w * ((y[..., j] - x[..., i])[..., np.newaxis] / root)
-        self.x, self.P = x, P - transpose(W) @ W
-        return x
+            w = W[..., j, :]
+            if j:
+                taken = W[..., :j, :]
+                w -= (taken[..., np.newaxis, :, i] @ taken)[..., 0, :]
+            w /= np.sqrt(w[..., i] + R[..., j])[..., np.newaxis]
+        gained = transpose(W[..., :8]) @ W
+        self.x, self.P = x + gained[..., 8], P - gained[..., :8]
+        return self.x
 
     def predict(self, u: Array) -> None:
         """Carry estimate and covariance one period ahead."""
         x, T = self.x, self.period
-        A = T * self.model.jacobian(x, u if self.input_terms else None)
-        E = series(A)
-        F = EYE + A @ E
-        columns = np.concatenate((self.model.f(x)[..., np.newaxis], self.model.g(x)), axis=-1)
-        columns = T * E @ columns
-        drift, G = columns[..., 0], columns[..., 1:]
-        self.x = x + drift + (G @ u[..., np.newaxis])[..., 0]
-        P = F @ self.P @ transpose(F)
-        P += G * self._Q @ transpose(G)
+        ball = self.model.ball(x, u if self.input_terms else None) * self._scale
+        # first (A, g, f) T: the powers of its rows of the ball, and then (F, G, d)
+        step = np.empty((*x.shape, 11))
+        step[:] = self._once
+        step[..., 1::4, :] = ball
+        step[..., 0::2, 10] = T * x[..., 1::2]
+        second = ball[..., :8] @ step
+        third = second[..., :8] @ step
+        step += self._rest
+        step[..., 0::4, :] += T * (ball / 2 + second / 6 + third / 24)
+        step[..., 1::4, :] += second / 2 + third / 6
+        F, G, d = step[..., :8], step[..., 8:10], step[..., 10]
+        self.x = x + d + (G @ (u / self._deviation)[..., np.newaxis])[..., 0]
+        FP_G = np.empty((*x.shape, 10))
+        FP_G[..., :8], FP_G[..., 8:] = F @ self.P, G
+        P = FP_G @ transpose(step[..., :10])
         P += transpose(P)
         P *= 0.5
         self.P = P
 
 
-def series(A: Array) -> Array:
-    """I + A (I / 2 + A (I / 6 + A / 24)), the mean of e^(A s) over s from 0 to 1."""
-    E = A / 24
-    for part in (SIXTH, HALF):
-        E += part
-        E = A @ E
-    E += EYE
-    return E
+def _plate(T: float, deviation: Array) -> tuple[Array, Array]:
+    """What is the same every period: of (A, g, f) T, and of (F, G, d) - (A, g, f) T.
+
+    Args:
+        T: Period in s.
+        deviation: Standard deviations of the disturbance of u1, u2 in rad/s^2.
+
+    Returns:
+        Two of shape (8, 11).
+    """
+    once, rest = np.zeros((8, 11)), np.eye(8, 11)
+    once[range(0, 8, 2), range(1, 8, 2)] = T
+    once[(3, 7), (8, 9)] = T * deviation
+    rest[(2, 6), (8, 9)] = T**2 / 2 * deviation
+    return once, rest
 
 
 def transpose(A: Array) -> Array:
