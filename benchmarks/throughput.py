@@ -2,10 +2,11 @@
 
 Run with ``uv run python benchmarks/throughput.py``. Everything a study does in the loop is on:
 friction that depends on speed, servo lag, dead time, noise, supervisor, record. The baseline is a
-bare loop of ``Batch.step`` of the same model under the very same motor rates, best of several
-rounds that alternate between both. Both run on one thread and are told in processor time, so that a
-busy machine tells the same. With ``--cores`` they are also compared on all cores, ``Batch.step``
-with a thread on each, the study with a process on each, by the clock, which wants a quiet machine.
+bare loop of ``Batch.step`` of the same model under the very motor rates of the study. Both take
+turns every 25 ticks on one thread and are told in processor time, so that a machine whose speed
+varies tells the same; set-up and evaluation, once a run, are told apart. With ``--cores`` as many
+processes as there are cores do that at the same time, told by the clock, which wants a quiet
+machine.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import Any, NamedTuple
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -30,6 +31,8 @@ from twin.scenario import load
 from twin.study.batch import simulate
 
 STEPS = 2
+TURN = 25
+"""Control ticks of a turn."""
 ALL_EFFECTS = (
     "plant.friction.rolling_mm=0.18",
     "plant.friction.breakaway_ratio=1.5",
@@ -43,119 +46,120 @@ STACKS = {
 """Observer, its overrides, and the throughput in % that is aimed at."""
 
 
-def study(rigs: int, seconds: float, more: Sequence[str]) -> float:
-    """Simulate a batch of rigs; when it was through, on the clock that all processes share."""
+class Turns:
+    """Lets bare physics take turns with a study that runs in this process.
+
+    Args:
+        rigs: Rigs of the study.
+        clock: Tells seconds.
+    """
+
+    def __init__(self, rigs: int, clock: Callable[[], float]) -> None:
+        self.studied: list[float] = []
+        """Seconds of each turn of the study."""
+        self.bare: list[float] = []
+        """Seconds of ``Batch.step`` under the same motor rates."""
+        self._clock = clock
+        self._turn: list[NDArray[np.floating]] = []
+        model = mujoco.MjModel.from_xml_path(str(model_path()))
+        self._batch = Batch(model, nsim=rigs, nthread=1)
+        self._batch.reset(keyframe=0)
+        self._ctrl = self._batch.bind("ctrl")
+        self._begin = 0.0
+
+    def __enter__(self) -> Self:
+        self._advance = advance = Mechanism.advance
+
+        def take_turns(plant: Mechanism, rate: NDArray[np.floating], steps: int) -> None:
+            if len(self._turn) == TURN:
+                self._physics()
+            if not self._turn:
+                self._begin = self._clock()
+            self._turn.append(np.array(np.broadcast_to(rate, (plant.rigs, 2))))
+            advance(plant, rate, steps)
+
+        Mechanism.advance = take_turns  # type: ignore[method-assign, assignment]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        Mechanism.advance = self._advance  # type: ignore[method-assign]
+
+    def _physics(self) -> None:
+        end = self._clock()
+        self.studied.append(end - self._begin)
+        for rate in self._turn:
+            self._ctrl[:, ::-1] = rate
+            self._batch.step(nstep=STEPS)
+        self.bare.append(self._clock() - end)
+        self._turn.clear()
+
+
+Job = tuple[int, float, Sequence[str]]
+"""Rigs, simulated seconds and overrides of a study."""
+
+
+def compare(
+    rigs: int, seconds: float, more: Sequence[str], clock: Callable[[], float]
+) -> NDArray[np.floating]:
+    """Seconds of every turn but the first, of the study and of bare physics, shape (2, turns)."""
     one = load("circle", [*ALL_EFFECTS, *more, f"duration={seconds}"])
     scenarios = [one.model_copy(update={"seed": seed}) for seed in range(rigs)]
-    simulate(scenarios, [build_controller(one)] * rigs)
-    return time.monotonic()
+    with Turns(rigs, clock) as turns:
+        simulate(scenarios, [build_controller(one)] * rigs)
+    return np.array([turns.studied, turns.bare])[:, 1:]
 
 
-def closed(rigs: int, seconds: float, more: Sequence[str]) -> float:
-    """Processor seconds that a batch of rigs takes for simulated seconds, set-up left out."""
-    times = []
-    for duration in (seconds / 4, seconds):
-        begin = time.process_time()
-        study(rigs, duration, more)
-        times.append(time.process_time() - begin)
-    return (times[1] - times[0]) * 4 / 3
-
-
-def commands(seconds: float) -> list[NDArray[np.floating]]:
-    """The motor rates of one rig of such a batch."""
-    kept: list[NDArray[np.floating]] = []
-    original = Mechanism.advance
-
-    def advance(self: Mechanism, rate: NDArray[np.floating], steps: int) -> None:
-        kept.append(np.array(rate))
-        original(self, rate, steps)
-
-    Mechanism.advance = advance  # type: ignore[method-assign]
-    scenario = load("circle", [*ALL_EFFECTS, f"duration={seconds}"])
-    simulate([scenario], [build_controller(scenario)])
-    Mechanism.advance = original  # type: ignore[method-assign]
-    return kept[: round(seconds / 0.002)]
-
-
-class Spent(NamedTuple):
-    """Seconds a piece of work took, of all processors and on the wall."""
-
-    processor: float
-    wall: float
-
-
-def bare(rigs: int, motion: Sequence[NDArray[np.floating]], threads: int = 1) -> Spent:
-    """A bare loop of ``Batch.step`` under the same motor rates."""
-    model = mujoco.MjModel.from_xml_path(str(model_path()))
-    batch = Batch(model, nsim=rigs, nthread=threads)
-    batch.reset(keyframe=0)
-    ctrl = batch.bind("ctrl")
-    processor, wall = time.process_time(), time.monotonic()
-    for rate in motion:
-        ctrl[:, ::-1] = rate[0]
-        batch.step(nstep=STEPS)
-    return Spent(time.process_time() - processor, time.monotonic() - wall)
-
-
-def alongside(processes: int, rigs: int, seconds: float, more: Sequence[str]) -> float:
-    """Seconds on the wall for a batch on each of so many processes that are already up."""
-
-    def jobs(*each: Any) -> list[list[Any]]:
-        return [[argument] * processes for argument in each]
-
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-        list(pool.map(study, *jobs(16, 0.1, more)))
-        begin = time.monotonic()
-        return max(pool.map(study, *jobs(rigs, seconds, more))) - begin
-
-
-def on_all_cores(options: argparse.Namespace, motion: Sequence[NDArray[np.floating]]) -> None:
+def on_all_cores(rigs: int, seconds: float, rounds: int) -> None:
     """Print how the study compares on all cores, and what they bring it, by the clock."""
     cores = os.cpu_count() or 1
-    rigs, seconds = options.rigs, options.seconds
+
+    def together(processes: int, pool: Executor, job: Job) -> NDArray[np.floating]:
+        """Seconds of study and physics of the slowest of so many processes at the same time."""
+        running = [pool.submit(compare, *job, time.monotonic) for _ in range(processes)]
+        slowest: NDArray[np.floating] = np.max([done.result().sum(axis=1) for done in running], 0)
+        return slowest
+
     for name, (more, goal) in STACKS.items():
-        rounds = [
-            (
-                bare(rigs, motion, cores).wall,
-                alongside(cores, rigs, seconds, more),
-                alongside(1, rigs, seconds, more),
+        with ProcessPoolExecutor(cores, get_context("spawn")) as pool:
+            together(cores, pool, (16, 0.2, more))
+            job = rigs, seconds, more
+            times = np.array(
+                [(together(cores, pool, job), together(1, pool, job)) for _ in range(rounds)]
             )
-            for _ in range(options.rounds)
-        ]
-        physics, many, one = np.array(rounds).min(axis=0)
+        studied, physics = times[:, 0].sum(axis=0)
+        gains = cores * times[:, 1, 0] / times[:, 0, 0]
         print(
-            f"{rigs} rigs on each of {cores} cores, {name}, set-up included: throughput "
-            f"{100 * cores * physics / many:.0f} % of Batch.step on {cores} threads "
-            f"(goal: at least {goal} %), {cores * one / many:.2f} times that of one core "
-            f"(goal with two: at least 1.8)"
+            f"{rigs} rigs on each of {cores} cores, {name}: throughput "
+            f"{100 * physics / studied:.1f} % of Batch.step (goal: at least {goal} %), "
+            f"{np.median(gains):.2f} times that of one core, {gains.min():.2f} to "
+            f"{gains.max():.2f} in {rounds} rounds (goal with two: at least 1.8)"
         )
 
 
 def main() -> None:
     """Print throughput of both stacks, and what a second core brings."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--rigs", type=int, default=256)
     parser.add_argument("--seconds", type=float, default=1.0)
     parser.add_argument("--cores", action="store_true", help="compare on all cores, too")
+    parser.add_argument("--rounds", type=int, default=5, help="of the comparison on all cores")
     options = parser.parse_args()
-    work = options.rigs * options.seconds / 0.002
-    motion = commands(options.seconds)
     for name, (more, goal) in STACKS.items():
-        times = np.array(
-            [
-                (bare(options.rigs, motion).processor, closed(options.rigs, options.seconds, more))
-                for _ in range(options.rounds)
-            ]
-        )
-        physics, loop = times.min(axis=0)
+        begin = time.process_time()
+        studied, physics = compare(options.rigs, options.seconds, more, time.process_time)
+        once = time.process_time() - begin - (studied + physics).sum()
+        low, high = 100 * np.quantile(physics / studied, (0.25, 0.75))
+        work = options.rigs * TURN * len(studied)
         print(
-            f"{options.rigs} rigs, {name}: Batch.step alone {1e6 * physics / work:.1f} us a rig "
-            f"and tick, study {1e6 * loop / work:.1f}: throughput {100 * physics / loop:.0f} % "
-            f"(goal: at least {goal} %); a run of 25 s takes {12500 * loop / work:.2f} s"
+            f"{options.rigs} rigs, {name}: Batch.step alone {1e6 * physics.sum() / work:.1f} us "
+            f"a rig and tick, study {1e6 * studied.sum() / work:.1f}: throughput "
+            f"{100 * physics.sum() / studied.sum():.1f} %, half of all turns {low:.0f} to "
+            f"{high:.0f} % (goal: at least {goal} %); a run of 25 s takes "
+            f"{12500 * studied.sum() / work:.2f} s, all else in this run "
+            f"{1e3 * once / options.rigs:.0f} ms a rig"
         )
     if options.cores:
-        on_all_cores(options, motion)
+        on_all_cores(options.rigs, options.seconds, options.rounds)
 
 
 if __name__ == "__main__":
