@@ -214,6 +214,18 @@ def test_a_minute_of_random_servo_noise_brings_neither_warning_nor_nan():
     assert not plant.warnings.any()
 
 
+def test_numbers_that_run_away_are_told_and_leave_neither_line_nor_file(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    plant = Mechanism(rigs=2)
+    plant._qvel[1] = 1e12
+    plant.advance(np.zeros((2, 2)), 2)
+    assert plant.diverged.tolist() == [False, True]
+    assert not list(tmp_path.iterdir())
+    assert not any(capfd.readouterr())
+
+
 def ride(plate, step):
     """Worst wheel force, torques and plate accelerations of rigs led along plate angles.
 

@@ -90,6 +90,29 @@ def test_a_rig_stopped_at_its_limits_levels_the_plate_and_says_why(scenario):
     assert np.abs(done.motion.plate[-1]).max() < 1e-3
 
 
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
+    scenario, monkeypatch, tmp_path, kind
+):
+    chosen = scenario(f"plant.kind={kind}", "duration=2")
+    rig, controller = assemble(chosen)
+    plant, advance = rig.bench.plant, rig.bench.plant.advance
+
+    def run_away(rate, steps):
+        advance(rate, steps)
+        if rig.bench.time == pytest.approx(0.5):
+            (plant._x if kind == "lagrange" else plant._qvel)[:] = 1e300
+
+    monkeypatch.setattr(plant, "advance", run_away)
+    monkeypatch.setattr(twin.run, "assemble", lambda _: (rig, controller))
+    with np.errstate(all="ignore"):
+        done = run(chosen)
+    assert done.outcome.ending is Ending.DIVERGED
+    assert 0.5 < done.outcome.time < 0.8
+    save(done, tmp_path, {"run": done.motion})
+    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "diverged"
+
+
 def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp_path):
     chosen = scenario()
     rig, controller = assemble(chosen)

@@ -24,10 +24,13 @@ class Ending(StrEnum):
     LOST = "lost"
     FAULT = "fault"
     ABORTED = "aborted"
+    DIVERGED = "diverged"
 
 
 INTERRUPTED = "interrupted"
 """The reason of a run that Ctrl-C ended."""
+RAN_AWAY = "the simulation's numbers ran away"
+"""The reason of a run that diverged."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,14 @@ class Referee:
         self._note(measurement.time, fallen)
         return len(self.outcomes) == self._rigs
 
+    def examine(self, time: float) -> bool:
+        """Look whose numbers have run away, whatever came of it; return whether all have ended."""
+        for rig in np.flatnonzero(self._rig.diverged).tolist():
+            known = self.outcomes.get(rig)
+            if known is None or known.ending is not Ending.DIVERGED:
+                self.outcomes[rig] = Outcome(Ending.DIVERGED, time, RAN_AWAY)
+        return len(self.outcomes) == self._rigs
+
     def _note(self, time: float, fallen: NDArray[np.bool_]) -> None:
         supervisor = self._rig.supervisor
         stopped = (supervisor.state == State.HOLDING) | (supervisor.state == State.FAULT)
@@ -94,6 +105,7 @@ class Referee:
 
     def final(self, time: float, otherwise: Ending, reason: str = "") -> list[Outcome]:
         """One outcome a rig; those that have not ended get the ending given."""
+        self.examine(time)
         end = []
         for rig in range(self._rigs):
             stop = self._stopped[rig]
@@ -149,6 +161,8 @@ def drive(
                     break
                 if tick % 100 == 0:
                     progress(measurement.time)
+                    if referee.examine(measurement.time):
+                        break
         except KeyboardInterrupt:
             end, reason = Ending.ABORTED, INTERRUPTED
     return referee.final(recorder.end, end, reason)

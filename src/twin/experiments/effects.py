@@ -64,6 +64,11 @@ class Slow:
         """Whether the ball is on the screen, shape (N,)."""
         return self._plant.on_plate
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether the numbers have run away, shape (N,)."""
+        return self._plant.diverged
+
     def telemetry(self) -> Array:
         """The plant's."""
         return self._plant.telemetry()

@@ -183,6 +183,11 @@ class Rig:
         """Whether a ball is known to have left the plate, shape (N,); a real rig cannot know."""
         return np.zeros(len(self.supervisor.state), bool)
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether a rig's numbers have run away, shape (N,); those of a real one cannot."""
+        return np.zeros(len(self.supervisor.state), bool)
+
     channels: tuple[str, ...] = ()
     """Names of the columns of the telemetry channel ``plant``, each ending in its unit."""
 

@@ -148,6 +148,11 @@ class SimulatedRig(Rig):
         """Whether a ball has left the plate, shape (N,)."""
         return ~self.bench.on_plate
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether a rig's numbers have run away, shape (N,)."""
+        return self.bench.plant.diverged
+
     def telemetry(self) -> dict[str, Array]:
         """True state and the plant's own channels."""
         return {"state": self.bench.state, "plant": self.bench.plant.telemetry()}

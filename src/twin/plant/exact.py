@@ -89,6 +89,11 @@ class ExactPlant:
         """Whether the ball has never left the screen, shape (N,)."""
         return ~self._fallen
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether the state is no longer finite, shape (N,)."""
+        return np.asarray(~np.isfinite(self._x).all(axis=1))
+
     def telemetry(self) -> Array:
         """Nothing beyond the state, shape (N, 0)."""
         return self._x[:, :0]

@@ -44,5 +44,9 @@ class Plant(Protocol):
     def on_plate(self) -> Mask:
         """Whether the ball touches the screen's surface area (not fallen off), shape (N,)."""
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether the numbers have run away at some time since the start, shape (N,)."""
+
     def telemetry(self) -> Array:
         """Further true quantities for the record, shape (N, channels)."""

@@ -67,6 +67,7 @@ class Mechanism:
         friction: Friction | None = None,
         parts: Parts | Sequence[Parts] | None = None,
     ) -> None:
+        _keep_quiet()
         if rigs < 1:
             raise ModelError(f"rigs must be 1 or more, got {rigs}")
         if step is not None and not 0 < step <= 0.002:
@@ -211,12 +212,24 @@ class Mechanism:
         # of each kind the last information, then the number
         return np.asarray(self._batch.warning[:, :, 1].sum(axis=1))
 
+    @property
+    def diverged(self) -> Mask:
+        """Whether the engine has counted a warning: it sets such a rig back, shape (N,)."""
+        return self.warnings > 0
+
     def telemetry(self) -> Array:
         """Contact forces in N, motor torques in N m, spring length in m, motor angles in rad.
 
         Shape (N, channels). Forces and torques are those of the last physics step.
         """
         return self._sensed.take(self._told, axis=1)
+
+
+def _keep_quiet() -> None:
+    """Keep the engine from writing MUJOCO_LOG.TXT and lines on the terminal: ``warnings`` tells."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_console = config.logto_file = False
+    config.set()
 
 
 def _columns(ids: Sequence[int]) -> slice | list[int]:

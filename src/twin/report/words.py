@@ -8,6 +8,7 @@ from twin.report.findings import Findings
 ENDINGS = {
     "finished": "The run went to its end",
     "fell": "The ball fell off the plate",
+    "diverged": "The simulation failed",
     "lost": "The screen lost the ball",
     "fault": "A device failed",
     "aborted": "The run was stopped",

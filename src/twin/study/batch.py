@@ -42,9 +42,6 @@ LEAST = {"mujoco": 16, "lagrange": 2}
 """Rigs from which on a plant of each kind is calculated in the same way, however many there are."""
 PAIR = 2
 """Rigs a law from which on its matrix products are rounded in the same way."""
-DIVERGED = "diverged"
-"""How a run ends whose numbers run away."""
-RAN_AWAY = "the simulation's numbers ran away"
 
 
 @dataclass(kw_only=True)
@@ -94,9 +91,6 @@ def simulate(scenarios: Sequence[Scenario], controllers: Sequence[Controller]) -
     for index, scenario in enumerate(scenarios):
         at = order.index(index)
         outcome = outcomes[at]
-        if _diverged(plant, record, at):
-            found.append(Metrics(outcome=DIVERGED, outcome_time=outcome.time, reason=RAN_AWAY))
-            continue
         if outcome.ending is not Ending.FINISHED:
             time, reason = outcome.time, outcome.reason
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
@@ -124,13 +118,6 @@ class _Each(SampledReference):
     def __call__(self, t: float | Array) -> Array:
         """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
         return super().__call__(t).take(self._which, axis=-2)
-
-
-def _diverged(plant: Plant, record: Recorder, rig: int) -> bool:
-    """Whether a rig's numbers ran away; the engine sets such a rig back and counts a warning."""
-    if isinstance(plant, Mechanism) and np.any(plant.warnings[rig]):
-        return True
-    return not np.isfinite(record["state"][-1, rig]).all()
 
 
 def _law(scenario: Scenario) -> str:
