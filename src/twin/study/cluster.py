@@ -47,7 +47,7 @@ class Cluster(Executor):
         try:
             place = get_address_host_port(address, strict=True)
             socket.create_connection(place, ANSWER).close()
-            self._client = Client(address, timeout=PATIENCE)
+            self._client = _within(PATIENCE, lambda: Client(address, timeout=PATIENCE))
         except Exception as error:  # anything may listen there, and say anything
             raise ScenarioError(f"--scheduler {address}: no scheduler answers there") from error
         self._address = address
@@ -55,6 +55,11 @@ class Cluster(Executor):
         self._pending: set[Future[Any]] = set()
         self._over = Event()
         Thread(target=self._watch, name="scheduler", daemon=True).start()
+
+    @property
+    def workers(self) -> int:
+        """Chunks that can be under way at the same time; 1 while there is nobody."""
+        return max(1, sum(self._client.nthreads().values()))
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Have a call made by a worker."""
@@ -82,3 +87,21 @@ class Cluster(Executor):
                             f"{PATIENCE:g} s; the same command goes on from here"
                         )
                     )
+
+
+def _within(seconds: float, make: Callable[[], T]) -> T:
+    """What is made in a thread of its own: Dask waits for ever for a scheduler that says nothing.
+
+    Raises:
+        TimeoutError: If it takes longer.
+    """
+    made: Future[T] = Future()
+
+    def work() -> None:
+        try:
+            made.set_result(make())
+        except Exception as error:  # noqa: BLE001 - whatever it is, the waiting thread is told
+            made.set_exception(error)
+
+    Thread(target=work, name="connect", daemon=True).start()
+    return made.result(seconds)
