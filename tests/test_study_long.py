@@ -43,7 +43,7 @@ name = "backstepping"
 set = ["controller.kind=backstepping"]
 """
 MAIN = (
-    "import sys; from twin.study import carry; carry.CHUNK, carry.LEAST = 4, 1; "
+    "import sys; from twin.study import carry; carry.CHUNK, carry.LEAST = 8, 1; "
     "from twin.cli import main; main(sys.argv[1:])"
 )
 
@@ -190,6 +190,15 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
     error = child.communicate(timeout=120)[1].decode()
     assert child.returncode == 2, error
     assert "lost, and not back within 30 s" in error
+    assert "Traceback" not in error
+
+
+def test_a_program_that_takes_the_connection_and_says_nothing_is_no_scheduler(folder) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        child = start(folder, "--scheduler", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        error = child.communicate(timeout=120)[1].decode()
+    assert child.returncode == 2, error
+    assert "no scheduler answers there" in error
     assert "Traceback" not in error
 
 

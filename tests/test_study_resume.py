@@ -47,6 +47,18 @@ def test_results_do_not_depend_on_how_the_work_is_cut_or_ordered(tmp_path, monke
     assert carry(shuffled, Store(tmp_path / "b"), processes=1) == whole
 
 
+@pytest.mark.parametrize(
+    ("runs", "processes", "largest"),
+    [(10, 1, 10), (10, 8, 10), (100, 2, 50), (1000, 2, 64), (2000, 2, 125), (10000, 2, 256)],
+)
+def test_every_process_has_work_and_many_runs_make_large_batches(runs, processes, largest) -> None:
+    (task,) = tasks(study())[:1]
+    wanted = [task._replace(key=str(index)) for index in range(runs)]
+    chunks = missing(wanted, (), processes)
+    assert len(chunks[0]) == largest
+    assert sorted(int(task.key) for chunk in chunks for task in chunk) == list(range(runs))
+
+
 def test_any_executor_will_do_and_gives_the_same_bits(tmp_path) -> None:
     with ThreadPoolExecutor(1) as executor:
         assert carried(study(), tmp_path / "a", executor=executor) == carried(

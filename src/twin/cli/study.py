@@ -70,6 +70,8 @@ def study(
         return _plan(wanted, store, processes)
     cluster = nullcontext() if scheduler is None else Cluster(scheduler)
     with cluster as executor, _progress(about.title, len(wanted)) as tell:
+        if isinstance(executor, Cluster):
+            processes = processes or executor.workers
         rows = carry(wanted, store, executor=executor, processes=processes, progress=tell)
     found = answers(about, wanted, rows)
     write(about, wanted, rows, found, folder)

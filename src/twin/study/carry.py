@@ -12,8 +12,12 @@ from twin.pool import results
 from twin.study.store import Store
 from twin.study.work import Row, Task, carry_out
 
-CHUNK = 64
+LARGE = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
+TURNS = 8
+"""So many chunks every processor has at least where they have more than ``CHUNK`` runs."""
+CHUNK = 64
+"""Runs from which on a larger batch is hardly faster."""
 LEAST = 16
 """Fewest that are worth a batch of their own."""
 RETRIES = 3
@@ -25,14 +29,16 @@ Work = Callable[[Sequence[Task]], list[Row]]
 def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) -> list[list[Task]]:
     """The runs that are not finished, each once, in chunks of such as can share a batch.
 
-    Chunks are smaller where there are not enough runs for every process to have one.
+    Chunks are smaller where there are not enough runs for every process to have one, and larger
+    where there are very many.
     """
     left: dict[str, dict[str, Task]] = {}
     for task in tasks:
         if task.key not in done:
             left.setdefault(task.alike, {})[task.key] = task
     total = sum(map(len, left.values()))
-    most = min(CHUNK, max(LEAST, math.ceil(total / processes)))
+    share = math.ceil(total / processes)
+    most = max(LEAST, min(share, CHUNK), min(share // TURNS, LARGE))
     chunks = []
     for alike in left.values():
         # runs under one law side by side: they are calculated together
@@ -56,7 +62,7 @@ def carry(
         tasks: The runs.
         store: Where finished ones are, and are put.
         executor: Anything with the interface of ``concurrent.futures``; None for processes here.
-        processes: So many of them; None for one a processor.
+        processes: So many of them, or of its workers; None for one a processor.
         work: What carries out a chunk; a function of a module, because it goes to other processes.
         progress: Told how many runs are finished, and how many of those did not end well.
 
