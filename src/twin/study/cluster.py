@@ -59,7 +59,8 @@ class Cluster(Executor):
     @property
     def workers(self) -> int:
         """Chunks that can be under way at the same time; 1 while there is nobody."""
-        return max(1, sum(self._client.nthreads().values()))
+        threads: int = sum(self._client.nthreads().values())
+        return max(1, threads)
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Have a call made by a worker."""
