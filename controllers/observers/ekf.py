@@ -43,8 +43,8 @@ class ExtendedKalman(Observer):
         exp (0  0  0) T  =  (0  I  0).
             (0  0  0)       (0  0  1)
 
-    Of its series there are four terms for the ball's position and three for its speed; about the
-    level plate there are no more.
+    Of its series two terms are those of the estimate, all further ones those of the level plate,
+    where the series is finite.
     Q and R are intensities as for the Kalman filter: the disturbance is held over a period with
     variance Q / T, a sample's noise has the variance R / T.
 
@@ -81,7 +81,7 @@ class ExtendedKalman(Observer):
         # inputs are counted in standard deviations of the disturbance: G G' is then G Q G' / T
         self._deviation = np.sqrt(np.divide(self.Q, self.period))
         self._scale = np.concatenate((np.ones(8), self._deviation, [1])) * self.period
-        self._once, self._rest = _plate(self.period, self._deviation)
+        self._once, self._rest = self._constant()
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the covariance of the settings."""
@@ -118,10 +118,9 @@ class ExtendedKalman(Observer):
         step[..., 1::4, :] = ball
         step[..., 0::2, 10] = T * x[..., 1::2]
         second = ball[..., :8] @ step
-        third = second[..., :8] @ step
         step += self._rest
-        step[..., 0::4, :] += T * (ball / 2 + second / 6 + third / 24)
-        step[..., 1::4, :] += second / 2 + third / 6
+        step[..., 0::4, :] += T * (ball / 2 + second / 6)
+        step[..., 1::4, :] += second / 2
         F, G, d = step[..., :8], step[..., 8:10], step[..., 10]
         self.x = x + d + (G @ (u / self._deviation)[..., np.newaxis])[..., 0]
         FP_G = np.empty((*x.shape, 10))
@@ -131,22 +130,19 @@ class ExtendedKalman(Observer):
         P *= 0.5
         self.P = P
 
-
-def _plate(T: float, deviation: Array) -> tuple[Array, Array]:
-    """What is the same every period: of (A, g, f) T, and of (F, G, d) - (A, g, f) T.
-
-    Args:
-        T: Period in s.
-        deviation: Standard deviations of the disturbance of u1, u2 in rad/s^2.
-
-    Returns:
-        Two of shape (8, 11).
-    """
-    once, rest = np.zeros((8, 11)), np.eye(8, 11)
-    once[range(0, 8, 2), range(1, 8, 2)] = T
-    once[(3, 7), (8, 9)] = T * deviation
-    rest[(2, 6), (8, 9)] = T**2 / 2 * deviation
-    return once, rest
+    def _constant(self) -> tuple[Array, Array]:
+        """What is the same every period of (A, g, f) T and of (F, G, d) - (A, g, f) T, (8, 11)."""
+        T = self.period
+        once, rest = np.zeros((11, 11)), np.eye(11)
+        once[range(0, 8, 2), range(1, 8, 2)] = T
+        once[(3, 7), (8, 9)] = T * self._deviation
+        level = once.copy()
+        level[1:8:4] = self.model.ball(np.zeros(8)) * self._scale
+        square = level @ level
+        rest[2:8:4] += square[2:8:4] / 2
+        rest[1:8:4] += (square @ level)[1:8:4] / 6
+        rest[0:8:4] += (square @ square)[0:8:4] / 24
+        return once[:8], rest[:8]
 
 
 def transpose(A: Array) -> Array:
