@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ class Trace:
         reference: Wished ball position in m, shape (K, 2).
         estimate: The observer's state, shape (K, N, 8).
         ended: Why a run ended early, in words; empty if all lasted.
+        until: When the first run ended, s.
     """
 
     time: Array
@@ -34,6 +36,7 @@ class Trace:
     reference: Array
     estimate: Array
     ended: str = ""
+    until: float = math.inf
 
     def motion(self, run: int) -> Motion:
         """One run as ``twin.metrics`` wants it."""
@@ -47,15 +50,17 @@ class Trace:
         )
 
     def excerpt(self, step: float) -> Trace:
-        """The first run at every so many seconds, for a figure."""
+        """The first run at every so many seconds until it ended, for a figure."""
         every = max(1, round(step / (self.time[1] - self.time[0])))
+        rows = slice(0, np.searchsorted(self.time, self.until, "right"), every)
         return Trace(
-            time=self.time[::every],
-            state=self.state[::every, :1].copy(),
-            u=self.u[::every, :1].copy(),
-            reference=self.reference[::every].copy(),
-            estimate=self.estimate[::every, :1].copy(),
+            time=self.time[rows],
+            state=self.state[rows, :1].copy(),
+            u=self.u[rows, :1].copy(),
+            reference=self.reference[rows].copy(),
+            estimate=self.estimate[rows, :1].copy(),
             ended=self.ended,
+            until=self.until,
         )
 
 

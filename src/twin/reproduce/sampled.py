@@ -132,6 +132,7 @@ def sampled(
                 reference=wished[:, own.start],
                 estimate=record["estimate"][:, own],
                 ended=_early(outcomes[own]),
+                until=outcomes[own.start].time,
             )
         )
     return traces
