@@ -4,9 +4,9 @@ Run with ``uv run python benchmarks/throughput.py``. Everything a study does in 
 friction that depends on speed, servo lag, dead time, noise, supervisor, record. The baseline is a
 bare loop of ``Batch.step`` of the same model under the very motor rates of the study. Both take
 turns every 25 ticks on one thread and are told in processor time, so that a machine whose speed
-varies tells the same; set-up and evaluation, once a run, are told apart. With ``--cores`` as many
-processes as there are cores do that at the same time, told by the clock, which wants a quiet
-machine.
+varies tells the same; set-up and evaluation, once a run, are told apart. With ``--cores`` the same
+is told by the clock while a process on every other core carries out the same study, and rests every
+second time.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from typing import Self
 
 import mujoco
@@ -33,6 +34,7 @@ from twin.study.batch import simulate
 STEPS = 2
 TURN = 25
 """Control ticks of a turn."""
+QUARTILES = (0.25, 0.5, 0.75)
 ALL_EFFECTS = (
     "plant.friction.rolling_mm=0.18",
     "plant.friction.breakaway_ratio=1.5",
@@ -52,14 +54,15 @@ class Turns:
     Args:
         rigs: Rigs of the study.
         clock: Tells seconds.
+        over: Called when both have had a turn.
     """
 
-    def __init__(self, rigs: int, clock: Callable[[], float]) -> None:
+    def __init__(self, rigs: int, clock: Callable[[], float], over: Callable[[], None]) -> None:
         self.studied: list[float] = []
         """Seconds of each turn of the study."""
         self.bare: list[float] = []
         """Seconds of ``Batch.step`` under the same motor rates."""
-        self._clock = clock
+        self._clock, self._over = clock, over
         self._turn: list[NDArray[np.floating]] = []
         model = mujoco.MjModel.from_xml_path(str(model_path()))
         self._batch = Batch(model, nsim=rigs, nthread=1)
@@ -92,47 +95,82 @@ class Turns:
             self._batch.step(nstep=STEPS)
         self.bare.append(self._clock() - end)
         self._turn.clear()
+        self._over()
 
 
-Job = tuple[int, float, Sequence[str]]
-"""Rigs, simulated seconds and overrides of a study."""
+def study(rigs: int, seconds: float, more: Sequence[str]) -> None:
+    """A batch of rigs under one controller."""
+    one = load("circle", [*ALL_EFFECTS, *more, f"duration={seconds}"])
+    scenarios = [one.model_copy(update={"seed": seed}) for seed in range(rigs)]
+    simulate(scenarios, [build_controller(one)] * rigs)
 
 
 def compare(
-    rigs: int, seconds: float, more: Sequence[str], clock: Callable[[], float]
+    rigs: int,
+    seconds: float,
+    more: Sequence[str],
+    clock: Callable[[], float],
+    over: Callable[[], None] = lambda: None,
 ) -> NDArray[np.floating]:
     """Seconds of every turn but the first, of the study and of bare physics, shape (2, turns)."""
-    one = load("circle", [*ALL_EFFECTS, *more, f"duration={seconds}"])
-    scenarios = [one.model_copy(update={"seed": seed}) for seed in range(rigs)]
-    with Turns(rigs, clock) as turns:
-        simulate(scenarios, [build_controller(one)] * rigs)
+    with Turns(rigs, clock, over) as turns:
+        study(rigs, seconds, more)
     return np.array([turns.studied, turns.bare])[:, 1:]
 
 
-def on_all_cores(rigs: int, seconds: float, rounds: int) -> None:
+def accompany(rigs: int, seconds: float, more: Sequence[str], work: Event, ready: Event) -> None:
+    """Carry out a study, but only while there is to be work."""
+    advance = Mechanism.advance
+
+    def wait_for_work(plant: Mechanism, rate: NDArray[np.floating], steps: int) -> None:
+        ready.set()
+        work.wait()
+        advance(plant, rate, steps)
+
+    Mechanism.advance = wait_for_work  # type: ignore[method-assign, assignment]
+    # long enough that nobody is setting up another one while it should rest
+    study(rigs, 10 * seconds, more)
+
+
+@contextmanager
+def company(rigs: int, seconds: float, more: Sequence[str]) -> Iterator[Event]:
+    """Processes on all other cores that study while the event is set."""
+    spawn = get_context("spawn")
+    work = spawn.Event()
+    ready = [spawn.Event() for _ in range((os.cpu_count() or 1) - 1)]
+    others = [
+        spawn.Process(target=accompany, args=(rigs, seconds, more, work, each), daemon=True)
+        for each in ready
+    ]
+    for other in others:
+        other.start()
+    for each in ready:
+        each.wait()
+    try:
+        yield work
+    finally:
+        for other in others:
+            other.terminate()
+
+
+def on_all_cores(rigs: int, seconds: float) -> None:
     """Print how the study compares on all cores, and what they bring it, by the clock."""
     cores = os.cpu_count() or 1
-
-    def together(processes: int, pool: Executor, job: Job) -> NDArray[np.floating]:
-        """Seconds of study and physics of the slowest of so many processes at the same time."""
-        running = [pool.submit(compare, *job, time.monotonic) for _ in range(processes)]
-        slowest: NDArray[np.floating] = np.max([done.result().sum(axis=1) for done in running], 0)
-        return slowest
-
     for name, (more, goal) in STACKS.items():
-        with ProcessPoolExecutor(cores, get_context("spawn")) as pool:
-            together(cores, pool, (16, 0.2, more))
-            job = rigs, seconds, more
-            times = np.array(
-                [(together(cores, pool, job), together(1, pool, job)) for _ in range(rounds)]
-            )
-        studied, physics = times[:, 0].sum(axis=0)
-        gains = cores * times[:, 1, 0] / times[:, 0, 0]
+        with company(rigs, seconds, more) as work:
+
+            def take_turns(work: Event = work) -> None:
+                (work.clear if work.is_set() else work.set)()
+
+            studied, physics = compare(rigs, seconds, more, time.monotonic, take_turns)
+        # the first turn, which is left out, was alone
+        together, alone = slice(0, None, 2), slice(1, None, 2)
+        low, share, high = 100 * np.quantile((physics / studied)[together], QUARTILES)
+        gain = cores * np.median(studied[alone]) / np.median(studied[together])
         print(
-            f"{rigs} rigs on each of {cores} cores, {name}: throughput "
-            f"{100 * physics / studied:.1f} % of Batch.step (goal: at least {goal} %), "
-            f"{np.median(gains):.2f} times that of one core, {gains.min():.2f} to "
-            f"{gains.max():.2f} in {rounds} rounds (goal with two: at least 1.8)"
+            f"{rigs} rigs on each of {cores} cores, {name}: throughput {share:.1f} %, half of all "
+            f"turns {low:.0f} to {high:.0f} % (goal: at least {goal} %), {gain:.2f} times that of "
+            f"one core (goal with two: at least 1.8)"
         )
 
 
@@ -140,26 +178,24 @@ def main() -> None:
     """Print throughput of both stacks, and what a second core brings."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rigs", type=int, default=256)
-    parser.add_argument("--seconds", type=float, default=1.0)
+    parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--cores", action="store_true", help="compare on all cores, too")
-    parser.add_argument("--rounds", type=int, default=5, help="of the comparison on all cores")
     options = parser.parse_args()
     for name, (more, goal) in STACKS.items():
         begin = time.process_time()
         studied, physics = compare(options.rigs, options.seconds, more, time.process_time)
         once = time.process_time() - begin - (studied + physics).sum()
-        low, high = 100 * np.quantile(physics / studied, (0.25, 0.75))
-        work = options.rigs * TURN * len(studied)
+        low, share, high = 100 * np.quantile(physics / studied, QUARTILES)
+        work = options.rigs * TURN
         print(
-            f"{options.rigs} rigs, {name}: Batch.step alone {1e6 * physics.sum() / work:.1f} us "
-            f"a rig and tick, study {1e6 * studied.sum() / work:.1f}: throughput "
-            f"{100 * physics.sum() / studied.sum():.1f} %, half of all turns {low:.0f} to "
-            f"{high:.0f} % (goal: at least {goal} %); a run of 25 s takes "
-            f"{12500 * studied.sum() / work:.2f} s, all else in this run "
-            f"{1e3 * once / options.rigs:.0f} ms a rig"
+            f"{options.rigs} rigs, {name}: Batch.step alone {1e6 * np.median(physics) / work:.1f} "
+            f"us a rig and tick, study {1e6 * np.median(studied) / work:.1f}: throughput "
+            f"{share:.1f} %, half of all turns {low:.0f} to {high:.0f} % (goal: at least {goal} "
+            f"%); a run of 25 s takes {12500 * np.median(studied) / work:.2f} s, all else in this "
+            f"run {1e3 * once / options.rigs:.0f} ms a rig"
         )
     if options.cores:
-        on_all_cores(options.rigs, options.seconds, options.rounds)
+        on_all_cores(options.rigs, options.seconds)
 
 
 if __name__ == "__main__":

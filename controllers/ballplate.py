@@ -86,7 +86,6 @@ class BallPlate:
         """Drift of the exact model (5.9b), shape (..., 8)."""
         out = np.zeros_like(x)
         out[..., 0::2] = x[..., 1::2]
-        out[..., 3::4] = 0
         out[..., 1], out[..., 5] = self._drift(_seen(x))
         return out
 
