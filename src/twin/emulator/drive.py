@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 
 from twin.emulator.can_frame import Frame
+from twin.emulator.drive_heartbeat import Heartbeats
 from twin.emulator.drive_motion import Motor
 from twin.emulator.drive_objects import Store
 from twin.emulator.drive_pdo import Pdos
@@ -65,10 +66,10 @@ class EmulatedDrive:
         self.power = PowerStage()
         self.motor = Motor(settings)
         self.pdos = Pdos(self.store, self._written)
+        self.heartbeats = Heartbeats(self.store)
         self.nmt = PRE_OPERATIONAL
         self._out: list[Frame] = [self._own(0x700, b"\0")]
-        self._beat = self._target = 0.0
-        self._silence: float | None = None
+        self._target = 0.0
         store = self.store
         store.set(0x1018, 4, settings.serial)
         store.set(0x608F, 1, settings.motor_counts)
@@ -186,7 +187,7 @@ class EmulatedDrive:
             )
             self._out += [] if reply is None else [self._own(0x580, reply)]
         elif service & ~0x7F == 0x700:
-            self._heard(service & 0x7F)
+            self.heartbeats.heard(service & 0x7F)
         elif self.nmt == OPERATIONAL:
             code = self.pdos.receive(frame)
             if code is not None:
@@ -196,16 +197,14 @@ class EmulatedDrive:
     def step(self, dt: float) -> list[Frame]:
         """Let dt seconds pass; what it sends meanwhile."""
         self._failed(self.power.inputs())
-        self._watch(dt)
+        if self.heartbeats.missed(dt):
+            self._failed(self.power.fail(MASTER_SILENT, braked=True))
         self._move(dt)
         if abs(self.motor.rate) < _STILL:
             self.power.still()
         if self.nmt == OPERATIONAL:
             self._out += self.pdos.events(dt)
-        period = self.store.get(0x1017) / 1e3
-        self._beat += dt
-        if period and self._beat >= period:
-            self._beat %= period
+        if self.heartbeats.due(dt):
             self._out.append(self._own(0x700, bytes((self.nmt,))))
         return self._sent()
 
@@ -229,7 +228,7 @@ class EmulatedDrive:
 
     def _written(self, index: int, sub: int) -> None:
         if index == 0x1017:
-            self._beat = 0.0
+            self.heartbeats.restart()
         if not self.remote:
             return
         if index == 0x60FF:
@@ -237,22 +236,6 @@ class EmulatedDrive:
         elif index == 0x6040:
             self.power.option = self.store.get(0x605A)
             self._failed(self.power.control(self.store.get(0x6040)))
-
-    def _heard(self, node: int) -> None:
-        """Monitoring begins with the first heartbeat of the node to be watched."""
-        watched = self.store.get(0x1016, 1)
-        if watched & 0xFFFF and watched >> 16 & 0x7F == node:
-            self._silence = 0.0
-
-    def _watch(self, dt: float) -> None:
-        patience = (self.store.get(0x1016, 1) & 0xFFFF) / 1e3
-        if self._silence is None or not patience:
-            self._silence = None
-            return
-        self._silence += dt
-        if self._silence > patience:
-            self._silence = None
-            self._failed(self.power.fail(MASTER_SILENT, braked=True))
 
     def _failed(self, numbers: list[int]) -> None:
         for number in numbers:
