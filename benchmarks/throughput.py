@@ -166,11 +166,12 @@ def on_all_cores(rigs: int, seconds: float) -> None:
         # the first turn, which is left out, was alone
         together, alone = slice(0, None, 2), slice(1, None, 2)
         low, share, high = 100 * np.quantile((physics / studied)[together], QUARTILES)
-        gain = cores * np.median(studied[alone]) / np.median(studied[together])
+        times = np.stack((studied, physics))
+        gain = cores * np.median(times[:, alone], axis=1) / np.median(times[:, together], axis=1)
         print(
             f"{rigs} rigs on each of {cores} cores, {name}: throughput {share:.1f} %, half of all "
-            f"turns {low:.0f} to {high:.0f} % (goal: at least {goal} %), {gain:.2f} times that of "
-            f"one core (goal with two: at least 1.8)"
+            f"turns {low:.0f} to {high:.0f} % (goal: at least {goal} %), {gain[0]:.2f} times that "
+            f"of one core (goal with two: at least 1.8), Batch.step {gain[1]:.2f} times"
         )
 
 
