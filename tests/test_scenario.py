@@ -30,6 +30,7 @@ def test_the_four_first_scenarios_are_shipped():
     [
         (["durration=3"], ["durration", "unknown", "'duration'"]),
         (["sensors.touch.dead_tme=1"], ["sensors.touch.dead_tme", "'dead_time'"]),
+        (["predictor.dely=0.04"], ["predictor.dely", "did you mean 'delay'"]),
         (["controller.rhoo=1"], ["controller.rhoo", "'rho'", "kappa"]),
         (["controller.kind=lqrr"], ["controller.kind", "'lqrr'", "'lqr'"]),
         (["reference.kind=spiral"], ["reference.kind", "'spiral'", "circle"]),

@@ -8,7 +8,7 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -186,11 +186,17 @@ def _one_line(model: type[BaseModel], error: ValidationError) -> str:
 def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
     for name in path:
         field = model.model_fields.get(name)
-        inner = field.annotation if field is not None else None
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+        annotation = field.annotation if field is not None else None
+        # a table that may be left out is a union of its model and None
+        inner = next(filter(_is_table, get_args(annotation) or (annotation,)), None)
+        if inner is None:
             break
         model = inner
     return list(model.model_fields)
+
+
+def _is_table(annotation: object) -> TypeGuard[type[BaseModel]]:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
