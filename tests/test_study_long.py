@@ -9,12 +9,15 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
 from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
+from twin.errors import ScenarioError
+from twin.study import cluster as clusters
 from twin.study.carry import carry
 from twin.study.schema import Study
 from twin.study.store import Store
@@ -72,8 +75,6 @@ def kept(folder: Path) -> list[Row]:
 
 
 def undisturbed(folder: Path) -> dict[str, Row]:
-    import tomllib
-
     about = Study.model_validate(tomllib.loads(STUDY))
     return carry(tasks(about), Store(folder / "quiet"), processes=1)
 
@@ -191,6 +192,24 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
     assert child.returncode == 2, error
     assert "lost, and not back within 30 s" in error
     assert "Traceback" not in error
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
+    folder, monkeypatch
+) -> None:
+    monkeypatch.setattr(clusters, "PATIENCE", 3.0)
+    wanted = tasks(Study.model_validate(tomllib.loads(STUDY)))
+    port = free_port()
+    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
+        answers(port)
+        with clusters.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
+            scheduler.kill()
+            scheduler.wait()
+            assert cluster.workers == 1  # known, not asked
+            for _ in ("before it is given up", "after"):
+                with pytest.raises(ScenarioError, match="lost, and not back within 3 s"):
+                    carry(wanted, Store(folder / "out"), executor=cluster)
 
 
 def test_a_program_that_takes_the_connection_and_says_nothing_is_no_scheduler(folder) -> None:

@@ -29,9 +29,15 @@ class Cluster(Executor):
     Args:
         address: Of the scheduler, as in tcp://HOST:8786.
 
+    Attributes:
+        workers: Chunks that can be under way at the same time, as the scheduler said at first; 1
+            if there was nobody.
+
     Raises:
         ScenarioError: If nobody answers there, or the extra is not installed.
     """
+
+    workers: int
 
     def __init__(self, address: str) -> None:
         try:
@@ -48,23 +54,28 @@ class Cluster(Executor):
             place = get_address_host_port(address, strict=True)
             socket.create_connection(place, ANSWER).close()
             self._client = _within(PATIENCE, lambda: Client(address, timeout=PATIENCE))
+            threads = _within(PATIENCE, self._client.nthreads)
         except Exception as error:  # anything may listen there, and say anything
             raise ScenarioError(f"--scheduler {address}: no scheduler answers there") from error
+        self.workers = max(1, sum(threads.values()))
         self._address = address
         self._executor = self._client.get_executor(pure=False, retries=2)
         self._pending: set[Future[Any]] = set()
         self._over = Event()
         Thread(target=self._watch, name="scheduler", daemon=True).start()
 
-    @property
-    def workers(self) -> int:
-        """Chunks that can be under way at the same time; 1 while there is nobody."""
-        threads: int = sum(self._client.nthreads().values())
-        return max(1, threads)
-
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Have a call made by a worker."""
-        future: Future[T] = self._executor.submit(fn, *args, **kwargs)
+        """Have a call made by a worker.
+
+        Raises:
+            ScenarioError: If the scheduler was given up before.
+        """
+        try:
+            future: Future[T] = self._executor.submit(fn, *args, **kwargs)
+        except Exception as error:
+            if self._given_up:
+                raise self._lost() from error
+            raise
         self._pending.add(future)
         future.add_done_callback(self._pending.discard)
         return future
@@ -78,16 +89,20 @@ class Cluster(Executor):
     def _watch(self) -> None:
         """Fail what is under way once the client has given the scheduler up."""
         while not self._over.wait(1.0):
-            if self._client.status not in {"closing", "closed"}:
-                continue
-            for future in list(self._pending):
-                with suppress(InvalidStateError):
-                    future.set_exception(
-                        ScenarioError(
-                            f"--scheduler {self._address}: lost, and not back within "
-                            f"{PATIENCE:g} s; the same command goes on from here"
-                        )
-                    )
+            if self._given_up:
+                for future in list(self._pending):
+                    with suppress(InvalidStateError):
+                        future.set_exception(self._lost())
+
+    @property
+    def _given_up(self) -> bool:
+        return self._client.status in {"closing", "closed"}
+
+    def _lost(self) -> ScenarioError:
+        return ScenarioError(
+            f"--scheduler {self._address}: lost, and not back within {PATIENCE:g} s; "
+            "the same command goes on from here"
+        )
 
 
 def _within(seconds: float, make: Callable[[], T]) -> T:
