@@ -66,13 +66,12 @@ def study(
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     check_writable(folder)
     store = Store(folder)
-    if plan:
-        return _plan(wanted, store, processes)
-    cluster = nullcontext() if scheduler is None else Cluster(scheduler)
-    with cluster as executor, _progress(about.title, len(wanted)) as tell:
-        if isinstance(executor, Cluster):
-            processes = processes or executor.workers
-        rows = carry(wanted, store, executor=executor, processes=processes, progress=tell)
+    with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
+        processes = processes or (cluster.workers if cluster else os.cpu_count() or 1)
+        if plan:
+            return _plan(wanted, store, processes)
+        with _progress(about.title, len(wanted)) as tell:
+            rows = carry(wanted, store, executor=cluster, processes=processes, progress=tell)
     found = answers(about, wanted, rows)
     write(about, wanted, rows, found, folder)
     if doc is not None:
@@ -96,9 +95,8 @@ def _list(*, as_json: bool) -> int:
     return 0
 
 
-def _plan(wanted: list[Task], store: Store, processes: int | None) -> int:
-    count = processes or os.cpu_count() or 1
-    chunks = missing(wanted, store.rows, count)
+def _plan(wanted: list[Task], store: Store, processes: int) -> int:
+    chunks = missing(wanted, store.rows, processes)
     left = sum(map(len, chunks))
     if not left:
         console.print(f"{len(wanted)} runs, all of them finished")
@@ -106,8 +104,8 @@ def _plan(wanted: list[Task], store: Store, processes: int | None) -> int:
     each = _seconds(chunks[0])
     console.print(
         f"{len(wanted)} runs, {len(wanted) - left} of them finished; {left} left in {len(chunks)} "
-        f"batches take about {_time(left * each / count)} on {count} processors ({each:.2f} s a "
-        f"run, measured now on one) and {left * BYTES / 1e6:.2f} MB on disk"
+        f"batches take about {_time(left * each / processes)} on {processes} processors "
+        f"({each:.2f} s a run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
     )
     return 0
 
