@@ -59,6 +59,7 @@ def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows kills without a signal")
 def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
     def ended_by(number):

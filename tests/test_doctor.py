@@ -141,6 +141,7 @@ def test_a_wrong_rig_file_is_one_line(tables, message):
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
     done = CliRunner().invoke(doctor, ["--json"], standalone_mode=False)
     found = json.loads(done.stdout)

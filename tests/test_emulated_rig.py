@@ -16,7 +16,7 @@ from twin.emulator.serve import VirtualRig, emulated
 from twin.record import read_run
 from twin.scenario.rig import check_rig, read_rig
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.real_time]
 
 WATCH = {"stale": 200, "unsteady": 51, "lag_time": 1.0, "frozen": 5.0, "answer": 5.0}
 DRIVES = {"silence": 0.5, "watch": WATCH}

@@ -46,8 +46,8 @@ name = "backstepping"
 set = ["controller.kind=backstepping"]
 """
 MAIN = (
-    "import sys; from twin.study import carry; carry.CHUNK, carry.LEAST = 8, 1; "
-    "from twin.cli import main; main(sys.argv[1:])"
+    "import sys; from twin.study import carry, cluster; carry.CHUNK, carry.LEAST = 8, 1; "
+    "cluster.PATIENCE = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
 )
 
 
@@ -57,10 +57,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def start(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", MAIN, "study", "short.toml", "--out", "out", *arguments]
+def start(
+    folder: Path, *arguments: str, patience: float = clusters.PATIENCE
+) -> subprocess.Popen[bytes]:
+    study = ["study", "short.toml", "--out", "out", *arguments]
     return subprocess.Popen(
-        command,
+        [sys.executable, "-c", MAIN, str(patience), *study],
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -185,12 +187,12 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
     address = f"tcp://127.0.0.1:{port}"
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
         answers(port)
-        child = start(folder, "--scheduler", address)
+        child = start(folder, "--scheduler", address, patience=4)
         assert b"64 runs" in child.stderr.readline()  # and there they stay, without a worker
         scheduler.kill()
     error = child.communicate(timeout=120)[1].decode()
     assert child.returncode == 2, error
-    assert "lost, and not back within 30 s" in error
+    assert "lost, and not back within 4 s" in error
     assert "Traceback" not in error
 
 
@@ -214,7 +216,8 @@ def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
 
 def test_a_program_that_takes_the_connection_and_says_nothing_is_no_scheduler(folder) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        child = start(folder, "--scheduler", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        child = start(folder, "--scheduler", address, patience=4)
         error = child.communicate(timeout=120)[1].decode()
     assert child.returncode == 2, error
     assert "no scheduler answers there" in error

@@ -210,6 +210,7 @@ def test_two_ways_to_watch_are_refused(quick):
 
 
 @pytest.mark.long
+@pytest.mark.real_time
 def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     from twin.replay import open_run
     from twin.run import save
