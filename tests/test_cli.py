@@ -117,6 +117,8 @@ def test_compare_takes_several_scenarios(ballplate):
         (("rn",), "No such command"),
         (("run", "circle", "--frobnicate"), "--frobnicate"),
         (("compare", "hold", "--vary", "duration"), "KEY="),
+        (("safety", "--doc", "."), "File '.' is a directory"),
+        (("reproduce", "8.1", "--doc", "/proc/no/x.md"), "--doc /proc/no: cannot be written"),
     ],
 )
 def test_a_wrong_request_is_one_line_and_exit_code_two(ballplate, tmp_path, arguments, words):

@@ -61,6 +61,13 @@ def study(capsys, tmp_path: Path, monkeypatch):
         ('"grid"', '"sobol"', "sobol needs a distribution"),
         ("duration=0.1", "duration", "override 'duration': write key=value"),
         ("title", "titel", "titel"),
+        ('"grid"', '"sobol"\nsamples = 12', "sobol needs a power of 2, such as 8 or 16, got 12"),
+        (KEY, "plant.friction.roling_mm", "study short.toml: hold.toml: plant.friction.roling_mm"),
+        (
+            VALUES,
+            VALUES + '\n[[variants]]\nname = "a"\n[[variants]]\nname = "a"',
+            "variants: two of them are called 'a'",
+        ),
         ('title = "short"', "title = ", "not a TOML file"),
     ],
 )
@@ -90,11 +97,20 @@ def test_a_relative_parameter_without_a_number_to_scale_is_refused(study) -> Non
     assert "plant.spring.preload: no number to take a part of" in err
 
 
-def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(study, tmp_path) -> None:
+@pytest.mark.parametrize("option", ["--out", "--doc"])
+def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(
+    study, tmp_path, option
+) -> None:
     (tmp_path / "taken").write_text("a file")
-    code, _, err = study("", "", "--out", "taken")
+    code, _, err = study("", "", option, "taken")
     assert code == 2
-    assert "taken: cannot be written" in err
+    assert err.strip() == f"ballplate: {option} taken: cannot be written: File exists"
+
+
+def test_samples_given_by_option_are_checked_like_those_of_the_file(study) -> None:
+    code, _, err = study('"grid"', '"sobol"\nsamples = 16', "--samples", "100")
+    assert code == 2
+    assert "short.toml: samples: sobol needs a power of 2, such as 64 or 128, got 100" in err
 
 
 def test_a_damaged_chunk_is_named_and_told_to_be_deleted(study, tmp_path) -> None:

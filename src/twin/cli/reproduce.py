@@ -51,7 +51,7 @@ def reproduce(
             raise ScenarioError("--fit belongs to chapter 9, and --keep to --fit: reproduce 9")
         return measured.fit(keep=keep, as_json=as_json)
     if doc is not None:
-        check_writable(doc.parent)
+        check_writable(doc.parent, "--doc")
         if of_9 and (of_8 or len(of_9) < len(measured_tables())):
             raise ScenarioError("--doc of chapter 9 needs all its tables and no others: 9")
         if of_9:

@@ -8,18 +8,24 @@ import click
 from rich.table import Table
 
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON
+from twin.cli.scenarios import JSON, check_writable
 from twin.safety.cases import CASES
 from twin.safety.doc import write_doc
 from twin.safety.matrix import Row, run_all
 
 
 @click.command()
-@click.option("--doc", type=click.Path(path_type=Path), help="Write the safety case as Markdown.")
+@click.option(
+    "--doc",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the safety case as Markdown.",
+)
 @click.option("--processes", type=click.IntRange(min=1), default=2, help="Processors to use [2].")
 @JSON
 def safety(doc: Path | None, processes: int, *, as_json: bool) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
+    if doc is not None:
+        check_writable(doc.parent, "--doc")
     with progress("fault matrix", len(CASES)) as advance:
         rows = run_all(processes, advance)
     if doc is not None:

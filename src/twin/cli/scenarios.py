@@ -166,8 +166,12 @@ def exit_code(done: Run) -> int:
     return 0 if done.outcome.ending is Ending.FINISHED else 1
 
 
-def check_writable(folder: Path) -> None:
+def check_writable(folder: Path, option: str = "--out") -> None:
     """Find out before the work whether the results can be kept.
+
+    Args:
+        folder: Where they go; made if it does not exist.
+        option: What named it.
 
     Raises:
         ScenarioError: If the folder cannot be made or written.
@@ -178,7 +182,7 @@ def check_writable(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}") from error
+        raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
 
 
 def _run(

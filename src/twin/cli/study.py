@@ -15,6 +15,7 @@ from rich.table import Table
 
 from twin.cli.output import LINE_EVERY, console, errors, print_json
 from twin.cli.scenarios import JSON, check_writable
+from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, missing
 from twin.study.cluster import Cluster
@@ -59,12 +60,15 @@ def study(
     """
     if study is None:
         return _list(as_json=as_json)
-    about = read(study)
-    update = {"samples": samples, "seeds": seeds}
-    about = about.model_copy(update={k: v for k, v in update.items() if v is not None})
-    wanted = tasks(about)
+    about = read(study, samples=samples, seeds=seeds)
+    try:
+        wanted = tasks(about)
+    except ScenarioError as error:  # it names the scenario
+        raise ScenarioError(f"study {study}: {error}") from error
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     check_writable(folder)
+    if doc is not None:
+        check_writable(doc, "--doc")
     store = Store(folder)
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
         processes = processes or (cluster.workers if cluster else os.cpu_count() or 1)

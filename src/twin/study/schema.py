@@ -135,6 +135,16 @@ class Study(BaseModel):
             raise ValueError("metrics: name at least one")
         if not self.parameters:
             raise ValueError("parameters: name at least one")
+        names = [variant.name for variant in self.variants]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"variants: two of them are called '{twice}'")
+        if self.method == "sobol" and self.samples.bit_count() > 1:
+            power = 1 << self.samples.bit_length()
+            raise ValueError(
+                f"samples: sobol needs a power of 2, such as {power // 2} or {power}, "
+                f"got {self.samples}"
+            )
         if self.method in {"sobol", "morris"}:
             for key, parameter in self.parameters.items():
                 if parameter.values is not None:
@@ -152,8 +162,12 @@ def shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted((folder() / "studies").glob("*.toml"))}
 
 
-def read(name: str) -> Study:
+def read(name: str, **given: Any) -> Study:
     """The study of a shipped name or a TOML file.
+
+    Args:
+        name: Its name or file.
+        given: Keys in place of the study's own; None for those that are not.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -164,6 +178,7 @@ def read(name: str) -> Study:
         raise ScenarioError(f"study '{name}': not found{nearest(name, known)}")
     try:
         tables: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables |= {key: value for key, value in given.items() if value is not None}
         return Study.model_validate(tables)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path.name}: not a TOML file: {error}") from error
