@@ -80,6 +80,14 @@ def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
         assert list(pool.map(ended_by, signals)) == [(1, 0, "aborted")] * 3
 
 
+def test_a_rig_unlike_the_clean_model_is_compared_with_it_all_the_same(ballplate, tmp_path):
+    unlike = ("--set", "plant.spring.preload=60.0", "--set", "rig.cams=ratio")
+    code, out, err = ballplate("run", "circle", *QUICK[2:], *unlike)
+    assert code == 0, err
+    assert "clean model" in out
+    assert (tmp_path / "runs" / "circle" / "run.parquet").is_file()
+
+
 def test_list_shows_every_scenario_with_its_title(ballplate):
     code, out, _ = ballplate("list")
     assert code == 0

@@ -13,10 +13,11 @@ from controllers.analysis import designs, findings
 from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row, neglected_rows
 from controllers.ballplate import BallPlate
 from twin.assemble import build_controller
+from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON, SETTING, clean
 from twin.run import run as run_scenario
 from twin.scenario import Scenario, load
+from twin.scenario.clean import clean
 
 Row = dict[str, Any]
 
@@ -58,10 +59,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Row:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
-    motion = clean(scenario)
-    # Ideal sensors stay so: the observer 'ideal' needs the state they hand over.
-    sensors = motion.sensors.model_copy(update={"ideal": scenario.sensors.ideal})
-    record = run_scenario(motion.model_copy(update={"sensors": sensors})).record
+    record = run_scenario(clean(scenario)).record
     x, u = record["state"][:, 0], record["applied"][:, 0]
     steady = record.time >= scenario.metrics.start - 1e-9
     return {

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from twin.calibrate import Residual, residual, sweep_cams, tap_test
 from twin.cli.doctor import rig_file
+from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
 from twin.doctor.cams import measure
 from twin.hal.akd.servos import AkdServos
@@ -44,7 +45,7 @@ def calibrate() -> None:
 @click.option(
     "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points along an axis [9]."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+@JSON
 def cams(
     out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
 ) -> None:
@@ -87,7 +88,7 @@ def cams(
 
 @calibrate.command()
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+@JSON
 def level(log: Path, *, as_json: bool) -> int:
     """Find from a recorded run how far the base stands off level, and what to do about it.
 

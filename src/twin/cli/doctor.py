@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json
 from twin.cli.rigs import EMULATED
-from twin.cli.scenarios import JSON, SETTING
 from twin.doctor.examine import examine
 from twin.doctor.finding import Ask, Finding, Verdict
 from twin.emulator.serve import emulated

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
+from twin.cli.options import SETTING
 from twin.cli.output import console
-from twin.cli.scenarios import SETTING
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import VirtualRig, come_forward
 from twin.record import write_whole

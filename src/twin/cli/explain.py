@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli.options import JSON, SETTING, check_writable
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON, SETTING, check_writable
 from twin.explain.divide import Case, Explanation, plan, summary
 from twin.explain.divide import explain as explain_scenario
 from twin.explain.effects import EFFECTS, present, with_typical

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON, check_writable
 from twin.identify.identify import SHARE, Identification
 from twin.identify.identify import identify as identify_log
 from twin.identify.log import read

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from twin.cli import experiments as measured
+from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON, check_writable
 from twin.errors import ScenarioError
 from twin.experiments.tables import tables as measured_tables
 from twin.reproduce.compare import Cell, Findings, Verdict, compare

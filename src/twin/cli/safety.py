@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
-from twin.cli.scenarios import JSON, check_writable
 from twin.safety.cases import CASES
 from twin.safety.doc import write_doc
 from twin.safety.matrix import Row, run_all

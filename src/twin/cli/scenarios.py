@@ -12,6 +12,7 @@ import click
 
 from controllers.analysis import instability, slow_observer
 from twin.assemble import build_controller
+from twin.cli.options import JSON, PLANT, SETTING, check_writable
 from twin.cli.output import console, print_json, print_metrics, progress, warn
 from twin.cli.rigs import RESET, RIG, tell
 from twin.cli.rigs import chosen as on_rig
@@ -25,18 +26,10 @@ from twin.record import Recorder
 from twin.run import Run, save
 from twin.run import run as run_scenario
 from twin.scenario import Scenario, load, shipped
+from twin.scenario.clean import clean
 
-SETTING = click.option(
-    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."
-)
-PLANT = click.option(
-    "--plant",
-    type=click.Choice(["mujoco", "lagrange"]),
-    help="The mechanism, or the exact equations.",
-)
 PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
 """What the plants are called in tables and pictures."""
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 
 
 @click.command("list")
@@ -92,8 +85,8 @@ def run(
         print_metrics({label: each.summary() for label, each in runs.items()})
         if len(runs) > 1:
             console.print(
-                "clean model: the same controller on the frictionless exact equations, without "
-                "dead time, noise or mechanism"
+                "clean model: the same controller on the frictionless exact equations it was "
+                "designed on, without dead time, noise or mechanism"
             )
         console.print(f"written to {folder}/: picture.png, metrics.json, run.parquet")
     viewing.keep(folder)
@@ -147,42 +140,9 @@ def compare(
     return max(exit_code(done) for done in runs.values())
 
 
-def clean(scenario: Scenario) -> Scenario:
-    """The scenario as its controller's designer saw it: exact equations, ideal sensors."""
-    tables = scenario.model_dump(exclude_defaults=True)
-    tables["plant"] = {**tables.get("plant", {}), "kind": "lagrange", "friction": {"rolling_mm": 0}}
-    tables["sensors"] = {
-        "ideal": scenario.sensors.ideal,
-        "touch": {"dead_time": 0.0, "grid": 0, "variance": (0.0, 0.0)},
-        "encoders": {"counts": 0, "variance": (0.0, 0.0)},
-    }
-    tables["disturbance"] = {"variance": (0.0, 0.0)}
-    tables.pop("predictor", None)
-    return Scenario.model_validate(tables, strict=False)
-
-
 def exit_code(done: Run) -> int:
     """0 for a finished run, else 1."""
     return 0 if done.outcome.ending is Ending.FINISHED else 1
-
-
-def check_writable(folder: Path, option: str = "--out") -> None:
-    """Find out before the work whether the results can be kept.
-
-    Args:
-        folder: Where they go; made if it does not exist.
-        option: What named it.
-
-    Raises:
-        ScenarioError: If the folder cannot be made or written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
 
 
 def _run(

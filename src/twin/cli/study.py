@@ -13,8 +13,8 @@ import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
+from twin.cli.options import JSON, check_writable
 from twin.cli.output import LINE_EVERY, console, errors, print_json
-from twin.cli.scenarios import JSON, check_writable
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, missing
