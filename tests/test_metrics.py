@@ -97,3 +97,10 @@ def test_maxima_are_of_magnitude_in_degrees_and_per_axis():
 def test_a_run_that_ended_at_once_still_has_its_outcome():
     found = measure(motion(np.zeros((0, 2)), np.zeros((0, 2))), Outcome(Ending.FELL, 0.0, "gone"))
     assert (found.outcome, found.reason, found.rms_error) == ("fell", "gone", None)
+
+
+def test_an_indicator_that_is_no_number_is_told_as_none():
+    ball = np.full((10, 2), np.nan)
+    found = measure(motion(ball, np.zeros((10, 2))), DONE).as_dict()
+    assert found["rms_error"] is None
+    assert found["phi_max_deg"] == 0

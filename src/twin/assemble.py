@@ -237,10 +237,14 @@ def build_reference(scenario: Scenario) -> Reference:
     Raises:
         ScenarioError: If it leaves the area or refuses its settings.
     """
-    reference: Reference = _build("reference", scenario.reference)
     area = np.asarray(scenario.rig.limits.area)
     times = np.linspace(0, scenario.duration, 2001)
-    farthest = np.abs(reference(times)[0]).max(axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        reference: Reference = _build("reference", scenario.reference)
+        motion = reference(times)
+    if not np.isfinite(motion).all():
+        raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
+    farthest = np.abs(motion[0]).max(axis=0)
     if (farthest > area + 1e-9).any():
         raise ScenarioError(
             f"reference: reaches |x|, |y| = {farthest[0]:.3f}, {farthest[1]:.3f} m; "

@@ -6,6 +6,7 @@ Its "average tracking error" is a root mean square (rms_error here), not the mea
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -95,8 +96,11 @@ class Metrics:
     u_rms: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """All indicators by name."""
-        return asdict(self)
+        """All indicators by name; None for one that is no finite number."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
 
 
 def measure(

@@ -181,7 +181,7 @@ class Plant(Section):
     """
 
     kind: Literal["mujoco", "lagrange"] = "mujoco"
-    step: Positive = 0.001
+    step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     level_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     ball: Ball = Ball()
     friction: Friction = Friction()

@@ -8,7 +8,7 @@ import typing
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator, model_validator
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference
@@ -47,6 +47,9 @@ __all__ = [
     "settings_model",
 ]
 
+MOST_PERIODS = 10_000_000
+"""Longest run in control periods, 5.6 h of 2 ms: its record is kept in some GB of memory."""
+
 Error = Annotated[float, Field(ge=-20, le=20)]
 
 
@@ -84,9 +87,16 @@ class Touch(Section):
     dead_time: Annotated[float, Field(ge=0, le=1)] = 0.042
     dead_time_spread: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     rotation_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
-    frame_rate: NotNegative = 0.0
+    frame_rate: Annotated[float, Field(ge=0, le=10_000)] = 0.0
     grid: Annotated[int, Field(ge=0)] = 4096
     variance: Pair = (7.2538e-7, 1.7721e-7)
+
+    @field_validator("frame_rate")
+    @classmethod
+    def _frames_come(cls, value: float) -> float:
+        if 0 < value < 1:
+            raise ValueError("0 or 1 to 10000")
+        return value
 
 
 class Encoders(Section):
@@ -141,7 +151,7 @@ class Predictor(Section):
     """The Smith predictor and the dead time in s that it assumes."""
 
     kind: Literal["smith"] = "smith"
-    delay: NotNegative = 0.042
+    delay: Annotated[float, Field(ge=0, le=1)] = 0.042
 
 
 class Scenario(Section):
@@ -168,6 +178,16 @@ class Scenario(Section):
         if steps < 1 or abs(steps * step - period) > 1e-9 * period:
             raise ValueError(
                 f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _possible_duration(self) -> Scenario:
+        period = self.rig.period
+        if not 1 <= round(self.duration / period) <= MOST_PERIODS:
+            raise ValueError(
+                f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
+                f"rig.period = {period:g} s, got {self.duration:g}"
             )
         return self
 
