@@ -126,7 +126,7 @@ def test_compare_takes_several_scenarios(ballplate):
         (("run", "circle", "--frobnicate"), "--frobnicate"),
         (("compare", "hold", "--vary", "duration"), "KEY="),
         (("run", "circle", "--set", "reference.omega=1e-300"), "no finite number"),
-        (("run", "circle", "--set", "reference.amplitude=0.2"), "rig.limits.area allows 0.25, 0.15 m"),
+        (("run", "circle", "--set", "reference.amplitude=0.2"), "rig.limits.area allows 0.25"),
         (("safety", "--doc", "."), "File '.' is a directory"),
         (("reproduce", "8.1", "--doc", "/proc/no/x.md"), "--doc /proc/no: cannot be written"),
     ],
