@@ -13,6 +13,7 @@ from twin.hal.akd import conditions as c
 from twin.hal.akd.config import AkdConfig, AxisConfig, BusConfig, Watch
 from twin.hal.akd.dictionary import dictionary
 from twin.hal.akd.errors import DriveError
+from twin.hal.akd.network import Network
 from twin.hal.akd.servos import AkdServos
 
 
@@ -176,6 +177,16 @@ def test_a_drive_that_is_not_there_is_named_with_those_that_are(rig):
     assert "nodes 1" in text
 
 
+def test_an_answer_counts_though_the_computer_was_away_while_it_came(rig):
+    def away_in_between():
+        rig.adapter.sleep(0.6)
+        return rig.adapter.now()
+
+    with Network(rig.adapter, 0.5, away_in_between) as network:
+        network.send_message(0x601, bytes.fromhex("4000100000000000"))
+    assert network.answers == {1: 1}
+
+
 def test_two_drives_with_one_id_are_noticed(rig):
     rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2, serial=9)))
     assert "2 devices" in refused(rig, c.DUPLICATE_ID)
@@ -253,13 +264,14 @@ def test_a_missing_eds_is_refused_in_one_line(tmp_path):
         assert "No such file" in refused(rig, c.WRONG_SETTING)
 
 
+@pytest.mark.real_time
 def test_the_same_works_over_python_can_in_real_time():
     drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
     bus = EmulatedBus(drives)
     with VirtualPort(bus, "bring-up") as port, Served(bus, port) as served:
         # Patient, because the machine that runs the tests may be busy.
         channel = BusConfig(interface="virtual", channel="bring-up")
-        config = AkdConfig(bus=channel, silence=0.5, watch=Watch(stale=50, unsteady=51))
+        config = AkdConfig(bus=channel, silence=0.5, answer=5.0, watch=Watch(stale=50, unsteady=51))
         servos = AkdServos(config)
         servos.start()
         servos.enable()

@@ -42,7 +42,9 @@ def config(port, **changes):
 
 def servos_on(port):
     # Patient, because the machine that runs the tests may be busy.
-    return AkdServos(AkdConfig(bus=config(port), silence=0.5, watch=Watch(stale=50, unsteady=51)))
+    return AkdServos(
+        AkdConfig(bus=config(port), silence=0.5, answer=5.0, watch=Watch(stale=50, unsteady=51))
+    )
 
 
 def run(servos, seconds, found=None):
@@ -107,7 +109,7 @@ def test_the_adapter_takes_any_bytes(data):
 
 
 @given(st.lists(st.binary(max_size=40), max_size=6))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_host_takes_any_bytes_of_an_adapter(chunks):
     with SlcanPort(EmulatedBus([])) as port:
         host = open_bus(config(port))
@@ -138,6 +140,7 @@ def test_frames_behind_acknowledgements_are_all_drained(port):
     host.shutdown()
 
 
+@pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
     with Served(bus, port) as served:
         servos = servos_on(port)
@@ -154,6 +157,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     ("cause", "condition"),
     [
@@ -178,6 +182,7 @@ def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
         assert condition in seen, [each.name for each in seen]
 
 
+@pytest.mark.real_time
 def test_after_replugging_a_new_start_goes_on(bus, port):
     with Served(bus, port) as served:
         servos = servos_on(port)
@@ -200,6 +205,7 @@ def test_after_replugging_a_new_start_goes_on(bus, port):
         servos.stop()
 
 
+@pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
     with Served(bus, port):
@@ -268,6 +274,7 @@ def test_a_delayed_frame_comes_later_and_once(bus):
     assert [frame.cob_id for frame in bus.to_host()] == [0x581]
 
 
+@pytest.mark.real_time
 def test_nothing_is_left_open_when_no_drive_answers(port):
     opened = []
 

@@ -67,7 +67,7 @@ def bring_up(
     Raises:
         DriveError: If a drive is absent, is not what it should be, or refuses a setting.
     """
-    network = Network(bus, now)
+    network = Network(bus, config.answer, now)
     for axis in config.axes:
         _command(network, frames.PRE_OPERATIONAL, axis)
     network.pump(_SETTLE)

@@ -171,6 +171,7 @@ class AkdConfig:
         host: The host's own node, whose heartbeat the drives watch.
         heartbeat: Period of every heartbeat in s.
         silence: Silence after which either side acts, in s.
+        answer: Time an SDO answer may take before the cycle runs, s.
         rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s.
         ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate is told
             (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
@@ -187,6 +188,7 @@ class AkdConfig:
     host: int = 127
     heartbeat: float = 0.02
     silence: float = 0.06
+    answer: float = 0.5
     rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
     ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
     eds: Path | None = None
@@ -203,6 +205,8 @@ class AkdConfig:
             raise ScenarioError(f"period {self.period} s must be a whole number of ms")
         if not 0.001 <= self.heartbeat < self.silence <= 65.535:
             raise ScenarioError("heartbeat must be at least 1 ms and below silence (65.535 s)")
+        if not 0 < self.answer <= 60:
+            raise ScenarioError(f"answer {self.answer} s must be above 0, at most 60")
         if not (self.rate_limit > 0 and self.ramp > 0):
             raise ScenarioError("rate_limit and ramp must be positive")
 

@@ -34,11 +34,10 @@ class Network(canopen.Network):  # type: ignore[misc]
     end it with a traceback.
     """
 
-    ANSWER = 0.5
-    """Longest wait for an SDO answer in s."""
-
-    def __init__(self, bus: can.BusABC, now: Callable[[], float]) -> None:
+    def __init__(self, bus: can.BusABC, answer: float, now: Callable[[], float]) -> None:
         super().__init__(bus)
+        self.answer = answer
+        """Longest wait for an SDO answer in s."""
         self.now = now
         """Monotonic time in s."""
         self.heard: set[int] = set()
@@ -55,18 +54,22 @@ class Network(canopen.Network):  # type: ignore[misc]
         if can_id & ~frames.NODE == frames.REQUEST:
             node = can_id & frames.NODE
             before = self.answers.get(node, 0)
-            self.pump(self.ANSWER, lambda: self.answers.get(node, 0) > before)
+            self.pump(self.answer, lambda: self.answers.get(node, 0) > before)
 
     def pump(self, seconds: float, done: Callable[[], bool] = lambda: False) -> bool:
-        """Read the bus until something is done, at most for a time; whether it was done."""
+        """Read the bus until something is done, at most for a time; whether it was done.
+
+        What arrived in time counts even if the computer was busy elsewhere until after it; a bus
+        that does not become quiet is read for twice the time.
+        """
         deadline = self.now() + seconds
         while not done():
             left = deadline - self.now()
-            if left <= 0:
-                return False
-            message = self.bus.recv(min(left, 0.02))
+            message = self.bus.recv(min(max(left, 0.0), 0.02))
             if message is not None:
                 self._take(message)
+            if left <= 0 and (message is None or left < -seconds):
+                return False
         return True
 
     def _take(self, message: can.Message) -> None:
