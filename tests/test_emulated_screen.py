@@ -9,6 +9,8 @@ from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.emulator.screen_faults import Damage, ScreenFault
 from twin.emulator.screen_line import ScreenLine
 
+pytestmark = pytest.mark.real_time
+
 
 def emulate(ball, **settings):
     return EmulatedScreen(ScreenLine(ball, **settings))

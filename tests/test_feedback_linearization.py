@@ -35,7 +35,7 @@ def fourth_derivative(x, u):
     return flat_outputs(x + 1e-30j * rate)[3].imag / 1e-30
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(x=states, t=times)
 def test_the_error_follows_the_chosen_linear_equation_on_the_flat_model(x, t):
     law = AFL(poles=(-1, -2 + 3j, -2 - 3j, -5))
@@ -46,7 +46,7 @@ def test_the_error_follows_the_chosen_linear_equation_on_the_flat_model(x, t):
     np.testing.assert_allclose(e[4] + 10 * e[3] + 42 * e[2] + 98 * e[1] + 65 * e[0], 0, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(x=states, t=times, q=arrays(float, 2, elements=st.floats(-1, 1)))
 def test_the_integral_of_the_error_enters_the_equation_with_its_gain(x, t, q):
     p0, p1, p2, p3, p_I = 200.0, 132.0, 51.0, 12.0, 4.0
@@ -57,7 +57,7 @@ def test_the_integral_of_the_error_enters_the_equation_with_its_gain(x, t, q):
     np.testing.assert_allclose(left, 0, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(x=states, t=times)
 def test_the_memory_gathers_the_error_of_the_ball(x, t):
     rate = AFLIntegral().memory_rate(t, x, PATH, np.zeros(2))

@@ -15,7 +15,7 @@ def turned(phi, theta):
     return Rotation.from_euler("XY", [theta, phi])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(ANGLES, ANGLES)
 def test_the_rate_of_a_ball_fixed_in_the_world_is_that_of_its_turning_coordinates(plate, rate):
     ball, h = np.array([0.1, -0.05, 0.14]), 1e-6

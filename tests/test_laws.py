@@ -27,7 +27,7 @@ class Swapped(Reference):
 
 
 @every_law
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), t=st.floats(0, 20))
 def test_many_rigs_at_once_get_what_each_gets_alone(law, data, t):
     x = data.draw(arrays(float, (2, 3, 8), elements=number))
@@ -50,7 +50,7 @@ class Each(Reference):
 
 
 @every_law
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), t=st.floats(0, 20))
 def test_rigs_may_follow_each_their_own_reference(law, data, t):
     x = data.draw(arrays(float, (2, 8), elements=number))
@@ -63,7 +63,7 @@ def test_rigs_may_follow_each_their_own_reference(law, data, t):
 
 
 @every_law
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), t=st.floats(0, 20))
 def test_exchanging_the_axes_exchanges_the_inputs_and_their_sign(law, data, t):
     x = data.draw(arrays(float, 8, elements=number))

@@ -59,7 +59,7 @@ def test_poles_may_coincide_in_pairs():
     np.testing.assert_allclose(continuous(step[:4, :4]), (-12, -12, -9, -9), rtol=1e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-60, -0.5), min_size=4, max_size=4, unique_by=lambda p: round(p, 1)))
 def test_any_four_poles_are_placed(poles):
     observer = Luenberger(poles=tuple(poles))

@@ -17,6 +17,8 @@ from twin.hal.lumio.presence import TouchState
 from twin.hal.lumio.screen import LumioScreen
 from twin.hal.lumio.transports import ScreenError
 
+pytestmark = pytest.mark.real_time
+
 
 def emulate(ball, **settings):
     return EmulatedScreen(ScreenLine(ball, **settings))

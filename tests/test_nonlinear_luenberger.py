@@ -46,7 +46,7 @@ def errors(observer, wrong, ticks):
     return np.array(found)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.sampled_from([2, 4]).flatmap(
         lambda n: st.lists(

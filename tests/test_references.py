@@ -57,7 +57,7 @@ def joints(reference):
     return ()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(reference=smooth, k=st.integers(0, 3))
 def test_each_derivative_integrates_to_the_one_below(reference, k):
     ends = [0.0, *(t for t in joints(reference) if 0 < t < 20), 20.0]
@@ -70,7 +70,7 @@ def test_each_derivative_integrates_to_the_one_below(reference, k):
         np.testing.assert_allclose(r[k, 1:] - r[k, 0], gained, rtol=0, atol=1e-6 * scale + 1e-12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(reference=st.one_of(circles, figures, transitions, paths()))
 def test_position_and_four_derivatives_are_continuous_where_formulas_meet(reference):
     for joint in joints(reference):
@@ -112,7 +112,7 @@ def test_sine_and_cosine_make_the_circle_of_appendix_d(reference):
     np.testing.assert_allclose(reference(t), np.stack((x, y), axis=-1), atol=1e-15)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(reference=circles)
 def test_the_circle_starts_along_a_polynomial_of_degree_nine(reference):
     _, T = joints(reference)
@@ -122,7 +122,7 @@ def test_the_circle_starts_along_a_polynomial_of_degree_nine(reference):
     np.testing.assert_allclose(tenth, 0, atol=2**10 * 1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(reference=st.one_of(circles, figures, transitions, paths()))
 def test_the_ball_waits_at_rest_before_it_sets_off(reference):
     t = joints(reference)[0]
@@ -131,7 +131,7 @@ def test_the_ball_waits_at_rest_before_it_sets_off(reference):
     assert not r[1:].any()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     amplitude=st.tuples(length, length),
     omega=st.tuples(omega, omega),
@@ -163,7 +163,7 @@ def test_a_negative_frequency_goes_round_the_other_way():
     np.testing.assert_allclose(back[0, late], forth[0, late] * (-1, 1), atol=1e-15)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(reference=transitions)
 def test_a_transition_runs_straight_from_rest_to_rest(reference):
     start, end = np.array(reference.start), np.array(reference.end)
@@ -176,7 +176,7 @@ def test_a_transition_runs_straight_from_rest_to_rest(reference):
     assert (np.diff(way @ (end - start)) >= -1e-12).all()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(reference=paths())
 def test_a_path_passes_through_its_points_in_order(reference):
     t = np.linspace(0, 1 + 2 * reference.duration, 20001)
@@ -189,7 +189,7 @@ def test_a_path_passes_through_its_points_in_order(reference):
         seen += int(near[0])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(reference=paths())
 def test_a_path_ends_at_rest_or_repeats_itself(reference):
     t = 1.0 + reference.duration * np.array((0.3, 1.0, 1.7))

@@ -25,7 +25,7 @@ def polynomial(matrix):
     return np.poly(np.linalg.eigvals(matrix))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(x=four_poles, y=four_poles)
 def test_placement_puts_the_poles_of_each_axis_where_they_are_wished(x, y):
     K = PolePlacement(poles=(*x, *y)).K
@@ -35,7 +35,7 @@ def test_placement_puts_the_poles_of_each_axis_where_they_are_wished(x, y):
         np.testing.assert_allclose(polynomial(closed[axis, axis]), wished, rtol=1e-7, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(poles=four_poles)
 def test_the_gains_solve_the_equations_of_the_thesis(poles):
     ball = BallPlate()
@@ -61,7 +61,7 @@ def test_a_pole_may_be_written_as_text():
     np.testing.assert_array_equal(text.K, PolePlacement(poles=(-2 + 1j, -2 - 1j, -3, -4)).K)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(Q=st.tuples(*[weight] * 8), R=st.tuples(weight, weight))
 def test_the_lqr_gain_is_the_best_answer_to_its_own_cost(Q, R):
     K = LQR(Q=Q, R=R).K
@@ -74,14 +74,14 @@ def test_the_lqr_gain_is_the_best_answer_to_its_own_cost(Q, R):
     np.testing.assert_allclose(riccati, 0, atol=1e-6 * np.abs(P).max() * np.abs(A).max())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(rho=weight, kappa=st.floats(0.0, 10.0))
 def test_rho_and_kappa_are_the_weights_of_the_thesis(rho, kappa):
     Q = (rho, rho * kappa) * 4
     np.testing.assert_allclose(LQR(rho=rho, kappa=kappa).K, LQR(Q=Q).K, rtol=1e-12, atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(rho=weight, kappa=st.floats(0.01, 10.0))
 def test_the_gain_on_the_position_is_the_root_of_rho(rho, kappa):
     # The last coefficient of the return difference identity, s -> 0.

@@ -26,7 +26,7 @@ def measured(ball, plate=(0.0, 0.0)):
     return np.array([[ball[0], plate[0], ball[1], plate[1]]])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(WISHES, st.integers(1, 40))
 def test_whatever_is_wished_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
     supervisor = running()
@@ -83,7 +83,7 @@ def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
     assert supervisor.state[0] == State.RUNNING
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
 def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):
     supervisor = Supervisor(LIMITS, PERIOD, 1)

@@ -33,7 +33,7 @@ def same(first, second):
 
 
 @given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12), st.none() | st.integers(1, 9))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size, most):
     ring = Ring(size, 2)
     try:
