@@ -6,7 +6,7 @@ import copy
 import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, get_args
 
@@ -44,14 +44,24 @@ def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    tables, source = read(name)
-    file = override(tables, overrides).get("parameters")
-    if file is not None:
-        tables = _laid_over(tables, _parameters(file, source))
-        source = f"{source} with {file}"
-    merged = override(tables, overrides)
+    return check(*resolved(*read(name), [setting(text) for text in overrides]))
+
+
+def resolved(
+    tables: Mapping[str, Any], source: str, settings: Collection[tuple[str, Any]]
+) -> tuple[Tables, str]:
+    """A scenario's tables with its parameter file and, over that, settings; and their source.
+
+    Raises:
+        ScenarioError: If the file cannot be read, or a key leads through a value.
+    """
+    merged = put(tables, settings)
+    file = merged.pop("parameters", None)
+    if file is None:
+        return merged, source
+    merged = put(_laid_over(tables, _parameters(file, source)), settings)
     merged.pop("parameters", None)
-    return check(merged, source)
+    return merged, f"{source} with {file}"
 
 
 def read(name: str) -> tuple[Tables, str]:
@@ -104,27 +114,45 @@ def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
 def override(tables: Mapping[str, Any], overrides: Iterable[str]) -> Tables:
     """The tables with each ``dotted.key=value`` put in; values are TOML, or else plain text.
 
-    Naming another ``kind`` of controller, observer or reference drops the settings of the old.
-
     Raises:
         ScenarioError: If an override is not of the form ``key=value``.
     """
+    return put(tables, map(setting, overrides))
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Key and value of an override.
+
+    Raises:
+        ScenarioError: If it is not of the form ``key=value``.
+    """
+    key, equals, value = text.partition("=")
+    key = key.strip()
+    if not equals or not all(key.split(".")):
+        raise ScenarioError(f"override '{text}': write key=value, as in duration=10")
+    return key, _toml_value(value.strip())
+
+
+def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
+    """The tables with the values of dotted keys put in.
+
+    Naming another ``kind`` of controller, observer or reference drops the settings of the old.
+
+    Raises:
+        ScenarioError: If a key leads through a value.
+    """
     result = copy.deepcopy(dict(tables))
-    for text in sorted(overrides, key=lambda item: not item.partition("=")[0].endswith(".kind")):
-        key, equals, value = text.partition("=")
-        names = key.strip().split(".")
-        if not equals or not all(names):
-            raise ScenarioError(f"override '{text}': write key=value, as in duration=10")
+    for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
+        names = key.split(".")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
                 path = ".".join(names[: depth + 1])
-                raise ScenarioError(f"override '{text}': {path} is a value, not a table")
-        new = _toml_value(value.strip())
+                raise ScenarioError(f"override '{key}': {path} is a value, not a table")
         if names[-1] == "kind" and names[0] in KINDS and table.get("kind") != new:
             table.clear()
-        table[names[-1]] = new
+        table[names[-1]] = copy.deepcopy(new)
     return result
 
 

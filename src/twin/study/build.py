@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from twin.errors import ScenarioError
-from twin.scenario import Scenario, load
-from twin.scenario.load import check, override, validated
+from twin.scenario import Scenario
+from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS
 from twin.study.design import Point
@@ -24,8 +25,8 @@ class Builder:
     """
 
     def __init__(self, name: str) -> None:
-        self._name = name
         self._tables, self._source = read_tables(name)
+        self._setting = cache(setting)
         self._checked: set[str] = set()
         self._bases: dict[tuple[str, ...], dict[str, Any]] = {}
 
@@ -53,8 +54,7 @@ class Builder:
             name = key if at is None else path
             whole = given[name] if name in given else self._now(fixed, name)
             given[name] = self._changed(key, whole, at, value, relative=key in relative)
-        overrides = (*fixed, *(f"{key}={json.dumps(value)}" for key, value in given.items()))
-        return self._built(overrides)
+        return self._built([*map(self._setting, fixed), *given.items()])
 
     def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
         """What a key becomes: a number, or a list with one of its numbers changed."""
@@ -71,7 +71,9 @@ class Builder:
         """What the scenario says of a key, by itself or by default."""
         base = tuple(text for text in fixed if not text.startswith("seed="))
         if base not in self._bases:
-            self._bases[base] = json.loads(self._built(base).model_dump_json())
+            self._bases[base] = json.loads(
+                self._built([*map(self._setting, base)]).model_dump_json()
+            )
         table: Any = self._bases[base]
         for name in key.split("."):
             table = table.get(name, _MISSING) if isinstance(table, Mapping) else _MISSING
@@ -79,13 +81,11 @@ class Builder:
             raise ScenarioError(f"{self._source}: {key}: not given by the scenario and no default")
         return table
 
-    def _built(self, overrides: Sequence[str]) -> Scenario:
-        merged = override(self._tables, overrides)
-        if "parameters" in merged:
-            return load(self._name, overrides)
+    def _built(self, settings: Collection[tuple[str, Any]]) -> Scenario:
+        merged, source = resolved(self._tables, self._source, settings)
         choices = json.dumps([merged.get(table) for table in KINDS], default=str)
         if choices in self._checked:
-            return validated(Scenario, merged, self._source)
-        scenario = check(merged, self._source)
+            return validated(Scenario, merged, source)
+        scenario = check(merged, source)
         self._checked.add(choices)
         return scenario
