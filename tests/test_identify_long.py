@@ -72,7 +72,7 @@ def trials(batch):
 
 @pytest.fixture(scope="module")
 def found():
-    return [trial for _, done in results(trials, dict(enumerate(range(4))), 2) for trial in done]
+    return [trial for _, done in results(trials, enumerate(range(4)), 2) for trial in done]
 
 
 @pytest.mark.parametrize(

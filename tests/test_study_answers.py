@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.study.answers import Answer, answers, spread
+from twin.page import inline
+from twin.study.answers import Answer, Index, answers, spread
 from twin.study.carry import carry
+from twin.study.design import points
+from twin.study.figures import figures
 from twin.study.report import write
 from twin.study.schema import METRICS, Study
 from twin.study.store import Store
 from twin.study.words import sentences
-from twin.study.work import Row, Task, tasks
+from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
 Function = Callable[[float, float, float], float]
@@ -30,21 +33,21 @@ def study(method: str, samples: int, low: float = -np.pi, high: float = np.pi, *
 def answered(about: Study, function: Function, folder: Path) -> Answer:
     """The answer of the whole pipeline, with a function in the place of the twin."""
 
-    def work(some: Sequence[Task]) -> list[Row]:
-        return [row(task, function) for task in some]
+    def do(jobs: Sequence[Job]) -> list[Row]:
+        return [row(job, function) for job in jobs]
 
-    wanted = tasks(about)
-    rows = carry(wanted, Store(folder), processes=1, work=work)
-    (found,) = answers(about, wanted, rows)
-    write(about, wanted, rows, [found], folder)
+    work = Work(about)
+    rows = carry(work, Store(folder), processes=1, do=do)
+    (found,) = answers(work, rows)
+    write(work, rows, [found], folder)
     return found
 
 
-def row(task: Task, function: Function) -> Row:
-    start = json.loads(task.scenario)["plant"]["start"]
+def row(job: Job, function: Function) -> Row:
+    start = json.loads(job.scenario)["plant"]["start"]
     value = function(start["x_rate"], start["y_rate"], start["spin"])
     good = np.isfinite(value)
-    outcome = {"key": task.key, "outcome": "finished" if good else "fell", "reason": ""}
+    outcome = {"key": job.key, "outcome": "finished" if good else "fell", "reason": ""}
     return {**dict.fromkeys(METRICS), "tracking_error_percent": value if good else None, **outcome}
 
 
@@ -125,18 +128,28 @@ def test_blocks_of_a_sobol_design_with_a_failed_run_are_left_out_whole(tmp_path)
 
 def test_every_variant_meets_the_same_points_and_seeds() -> None:
     variants = [{"name": "one"}, {"name": "two", "set": ["plant.friction.rolling_mm=0.3"]}]
-    wanted = tasks(study("lhs", 4, seeds=2, variants=variants))
-    met = {
-        name: [
-            (t.point, t.seed, json.loads(t.scenario)["plant"]["start"])
-            for t in wanted
-            if t.variant == name
-        ]
-        for name in ("one", "two")
-    }
+    work = Work(study("lhs", 4, seeds=2, variants=variants))
+    met = {}
+    for name in ("one", "two"):
+        own = [task for task in work.tasks if task.variant == name]
+        starts = [json.loads(job.scenario)["plant"]["start"] for job in work.jobs(own)]
+        met[name] = [(t.point, t.seed, s) for t, s in zip(own, starts, strict=True)]
     assert met["one"] == met["two"]
-    assert len({task.key for task in wanted}) == 16
+    assert work.different == len(work.tasks) == 16
 
 
 def test_the_same_study_has_the_same_runs_every_time() -> None:
-    assert tasks(study("sobol", 8)) == tasks(study("sobol", 8))
+    one, again = Work(study("sobol", 8)), Work(study("sobol", 8))
+    assert one.tasks == again.tasks
+    assert one.jobs(one.tasks) == again.jobs(again.tasks)
+
+
+def test_the_map_of_many_runs_is_no_larger_than_that_of_some() -> None:
+    sizes = []
+    for samples in (6_000, 24_000):
+        about = study("montecarlo", samples)
+        values = np.random.default_rng(1).uniform(size=samples)
+        indices = tuple(Index(key, 0.5, 0.1, np.nan, decided=True) for key in KEYS)
+        found = [Answer("one", spread(values), indices, values=values)]
+        sizes.append(len(inline(figures(about, found, points(about))["map"])))
+    assert sizes[1] < 1.2 * sizes[0] < 1e6

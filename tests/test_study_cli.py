@@ -13,7 +13,7 @@ import pytest
 
 from twin.cli import main
 from twin.study.schema import read, shipped
-from twin.study.work import tasks
+from twin.study.work import Work
 
 command = import_module("twin.cli.study")  # the package's name is that of its click command
 STUDY = """
@@ -61,7 +61,7 @@ def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
 @pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains"])
 def test_every_shipped_study_has_runs_that_can_be_built(name) -> None:
     about = read(name).model_copy(update={"samples": 2})
-    assert tasks(about)
+    assert Work(about).tasks
 
 
 def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:

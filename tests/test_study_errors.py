@@ -53,6 +53,7 @@ def study(capsys, tmp_path: Path, monkeypatch):
         (VALUES, "loguniform = [0.0, 0.2]", "loguniform: must begin above 0"),
         (VALUES, "normal = [0.1, 0.0, 0.05, 0.2]", "the standard deviation must be above 0"),
         (VALUES, 'values = ["rough"]', 'rolling_mm: must be a valid number, got "rough"'),
+        (VALUES, 'values = [0.1, "0.2"]', "values: must be all numbers or all texts"),
         (VALUES, "values = [0.1]\nrelativ = true", "relativ"),
         (VALUES, "values = [1e400]", "rolling_mm"),
         ('["rms_error"]', '["rms_eror"]', "no 'rms_eror'; did you mean 'rms_error'?"),

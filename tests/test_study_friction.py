@@ -12,7 +12,7 @@ from twin.study.answers import answers
 from twin.study.carry import carry
 from twin.study.schema import Study
 from twin.study.store import Store
-from twin.study.work import tasks
+from twin.study.work import Work
 
 GAINS = (180.0, 162.0, 66.0, 13.0)
 ARMS = (0.05, 0.18, 0.4)
@@ -45,8 +45,8 @@ def errors(folder: Path, omega: float, duration: float, start: float) -> np.ndar
             "parameters": {"plant.friction.rolling_mm": {"values": list(ARMS)}},
         }
     )
-    wanted = tasks(about)
-    (found,) = answers(about, wanted, carry(wanted, Store(folder), processes=1))
+    work = Work(about)
+    (found,) = answers(work, carry(work, Store(folder), processes=1))
     return 0.15 * np.array([each.median for each in found.curves[0].spreads]) / 100
 
 

@@ -21,7 +21,7 @@ from twin.study import cluster as clusters
 from twin.study.carry import carry
 from twin.study.schema import Study
 from twin.study.store import Store
-from twin.study.work import Row, tasks
+from twin.study.work import Row, Work
 from twin.view.viewer import free_port
 
 pytestmark = pytest.mark.long
@@ -78,7 +78,8 @@ def kept(folder: Path) -> list[Row]:
 
 def undisturbed(folder: Path) -> dict[str, Row]:
     about = Study.model_validate(tomllib.loads(STUDY))
-    return carry(tasks(about), Store(folder / "quiet"), processes=1)
+    rows = carry(Work(about), Store(folder / "quiet"), processes=1)
+    return {row["key"]: row for row in rows.to_pylist()}
 
 
 @pytest.mark.parametrize("processes", ["1", "2"])
@@ -201,7 +202,7 @@ def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     folder, monkeypatch
 ) -> None:
     monkeypatch.setattr(clusters, "PATIENCE", 3.0)
-    wanted = tasks(Study.model_validate(tomllib.loads(STUDY)))
+    work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
         answers(port)
@@ -211,7 +212,7 @@ def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
             assert cluster.workers == 1  # known, not asked
             for _ in ("before it is given up", "after"):
                 with pytest.raises(ScenarioError, match="lost, and not back within 3 s"):
-                    carry(wanted, Store(folder / "out"), executor=cluster)
+                    carry(work, Store(folder / "out"), executor=cluster)
 
 
 def test_a_program_that_takes_the_connection_and_says_nothing_is_no_scheduler(folder) -> None:

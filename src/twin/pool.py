@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
@@ -16,30 +16,33 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+AHEAD = 2
+"""Jobs handed out for each process, so that none waits for its next one."""
+
+
 def results(
-    work: Callable[[Job], Result], jobs: Mapping[Name, Job], processes: int
+    work: Callable[[Job], Result], jobs: Iterable[tuple[Name, Job]], processes: int
 ) -> Iterator[tuple[Name, Result]]:
     """Name and result of every job, as they come.
 
     Args:
         work: What to do with a job; a function of a module, because it goes to other processes.
-        jobs: Name to what is worked on, the longest first.
+        jobs: Name and what is worked on, the longest first; taken as processes become free.
         processes: How many work side by side; 1 for this process alone.
 
     Raises:
         TwinError: If a job raises it, or a process is killed.
     """
     if processes == 1:
-        for name, job in jobs.items():
+        for name, job in jobs:
             yield name, work(job)
         return
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes, context, initializer=_leave_interrupts)
     try:
-        waiting = {pool.submit(work, job): name for name, job in jobs.items()}
-        for future in as_completed(waiting):
-            yield waiting[future], future.result()
+        for name, future in handed_out(pool, work, jobs, AHEAD * processes):
+            yield name, future.result()
         pool.shutdown()
     except BrokenProcessPool as error:
         raise TwinError("a process of this command was killed; is there enough memory?") from error
@@ -48,6 +51,34 @@ def results(
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+
+
+def handed_out(
+    executor: Executor,
+    work: Callable[[Job], Result],
+    jobs: Iterable[tuple[Name, Job]],
+    most: int,
+) -> Iterator[tuple[Name, Future[Result]]]:
+    """Every job's name and finished future, as they come; never more of them at a time.
+
+    Args:
+        executor: Who works.
+        work: What to do with a job.
+        jobs: Name and what is worked on; the next one is taken when it can be handed out.
+        most: Jobs under way at a time.
+    """
+    waiting: dict[Future[Result], Name] = {}
+
+    def finished() -> Iterator[tuple[Name, Future[Result]]]:
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            yield waiting.pop(future), future
+
+    for name, job in jobs:
+        waiting[executor.submit(work, job)] = name
+        while len(waiting) >= most:
+            yield from finished()
+    while waiting:
+        yield from finished()
 
 
 def _leave_interrupts() -> None:

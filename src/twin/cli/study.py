@@ -17,16 +17,16 @@ from twin.cli.options import JSON, check_writable
 from twin.cli.output import LINE_EVERY, console, errors, print_json
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
-from twin.study.carry import carry, missing
+from twin.study.carry import carry, remaining
 from twin.study.cluster import Cluster
 from twin.study.report import compared, document, write
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.words import sentences
-from twin.study.work import Task, carry_out, tasks
+from twin.study.work import Job, Work, carry_out
 
 BYTES = 800
-"""Measured size of a run on disk: its row in a chunk, and in rows.parquet and rows.csv."""
+"""Size of a run on disk, rather more: its row in a chunk, and in rows.parquet and rows.csv."""
 PILOT = (0.1, 0.5)
 """Simulated seconds of the two short batches from which the time of a study is told."""
 
@@ -62,7 +62,8 @@ def study(
         return _list(as_json=as_json)
     about = read(study, samples=samples, seeds=seeds)
     try:
-        wanted = tasks(about)
+        with errors.status(f"{about.title}: checking every run ..."):
+            work = Work(about)
     except ScenarioError as error:  # it names the scenario
         raise ScenarioError(f"study {study}: {error}") from error
     folder = out or Path("runs") / f"study-{Path(study).stem}"
@@ -73,13 +74,13 @@ def study(
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
         processes = processes or (cluster.workers if cluster else os.cpu_count() or 1)
         if plan:
-            return _plan(wanted, store, processes)
-        with _progress(about.title, len(wanted)) as tell:
-            rows = carry(wanted, store, executor=cluster, processes=processes, progress=tell)
-    found = answers(about, wanted, rows)
-    write(about, wanted, rows, found, folder)
+            return _plan(work, store, processes)
+        with _progress(about.title, work.different) as tell:
+            rows = carry(work, store, executor=cluster, processes=processes, progress=tell)
+    found = answers(work, rows)
+    write(work, rows, found, folder)
     if doc is not None:
-        document(about, wanted, found, doc / f"{Path(study).stem}.md")
+        document(work, found, doc / f"{Path(study).stem}.md")
     if as_json:
         print_json(_numbers(about, found))
     else:
@@ -99,37 +100,38 @@ def _list(*, as_json: bool) -> int:
     return 0
 
 
-def _plan(wanted: list[Task], store: Store, processes: int) -> int:
-    chunks = missing(wanted, store.rows, processes)
-    left = sum(map(len, chunks))
-    if not left:
-        console.print(f"{len(wanted)} runs, all of them finished")
+def _plan(work: Work, store: Store, processes: int) -> int:
+    known, chunks = remaining(work.tasks, store, processes)
+    total = work.different
+    if not chunks:
+        console.print(f"{total} runs, all of them finished")
         return 0
-    each = _seconds(chunks[0])
+    left = total - known.num_rows
+    each = _seconds(work.jobs(chunks[0]))
     console.print(
-        f"{len(wanted)} runs, {len(wanted) - left} of them finished; {left} left in {len(chunks)} "
+        f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
         f"batches take about {_time(left * each / processes)} on {processes} processors "
         f"({each:.2f} s a run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
     )
     return 0
 
 
-def _seconds(chunk: list[Task]) -> float:
+def _seconds(chunk: list[Job]) -> float:
     """What a run of a chunk takes, from two short ones: setting up, and the rest by its length."""
     times = []
     for duration in PILOT:
         begin = perf_counter()
-        carry_out([_short(task, duration) for task in chunk])
+        carry_out([_short(job, duration) for job in chunk])
         times.append(perf_counter() - begin)
     rate = (times[1] - times[0]) / (PILOT[1] - PILOT[0])
     whole = float(json.loads(chunk[0].scenario)["duration"])
     return (times[0] + rate * (whole - PILOT[0])) / len(chunk)
 
 
-def _short(task: Task, duration: float) -> Task:
-    scenario = json.loads(task.scenario)
+def _short(job: Job, duration: float) -> Job:
+    scenario = json.loads(job.scenario)
     scenario |= {"duration": duration, "metrics": {"start": 0.0}}
-    return task._replace(scenario=json.dumps(scenario))
+    return job._replace(scenario=json.dumps(scenario))
 
 
 @contextmanager

@@ -113,7 +113,7 @@ def explain(
     wanted = plan(scenario)
     different = {variant.model_dump_json(): variant for variant in wanted.values()}
     found: dict[str, Case] = {}
-    for name, case in results(attempt, different, processes):
+    for name, case in results(attempt, different.items(), processes):
         found[name] = case
         progress(len(found))
     cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}

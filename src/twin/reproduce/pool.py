@@ -32,7 +32,7 @@ def findings(
         few = total < WORTH_PROCESSES
         processes = 1 if few else min(os.cpu_count() or 1, MOST_PROCESSES, len(jobs))
     done = 0.0
-    for index, found in results(_tried, dict(enumerate(jobs)), processes):
+    for index, found in results(_tried, enumerate(jobs), processes):
         done += jobs[index].cost
         progress(done)
         yield from found

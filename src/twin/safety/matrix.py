@@ -102,12 +102,11 @@ def run_case(index: int) -> Row:
 
 def run_all(processes: int, progress: Callable[[float], None]) -> list[Row]:
     """Carry out every case."""
-    jobs = {index: index for index in range(len(CASES))}
     rows: dict[int, Row] = {}
-    for index, row in results(run_case, jobs, processes):
+    for index, row in results(run_case, enumerate(range(len(CASES))), processes):
         rows[index] = row
         progress(len(rows))
-    return [rows[index] for index in jobs]
+    return [rows[index] for index in range(len(CASES))]
 
 
 class _Trial:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 from SALib.analyze import morris, sobol
 from scipy import stats
 
-from twin.study.design import LEVELS, SEED, Point, points, problem, quantiles
+from twin.study.design import LEVELS, SEED, Design, Point, problem, quantiles
 from twin.study.schema import Study
-from twin.study.work import Row, Task
+from twin.study.work import Work
 
 Array = NDArray[np.floating]
 
@@ -104,26 +105,35 @@ class Answer:
     values: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def answers(study: Study, tasks: Sequence[Task], rows: dict[str, Row]) -> list[Answer]:
-    """One answer a variant, about the study's first metric."""
-    metric = study.metrics[0]
+def answers(work: Work, rows: pa.Table) -> list[Answer]:
+    """One answer a variant, about the study's first metric.
+
+    Args:
+        work: The runs.
+        rows: What came of each.
+    """
+    study, design = work.study, work.design
+    every = _finished(rows, study.metrics[0])
     found = []
     for variant in study.compared:
-        own = [task for task in tasks if task.variant == variant.name]
-        values = np.array([_value(rows[task.key], metric) for task in own])
+        places = [place for place, task in enumerate(work.tasks) if task.variant == variant.name]
+        at, values = np.array([work.tasks[place].point for place in places]), every[places]
         notes: list[str] = []
         indices: tuple[Index, ...] = ()
         if study.method in {"sobol", "morris", "lhs", "montecarlo"}:
-            indices = _indices(study, own, values, notes)
-        curves = _curves(study, own, values) if study.method in {"grid", "oat"} else ()
+            # a mean over the seeds of each point, NaN where a run failed
+            mean = np.bincount(at, values) / np.bincount(at)
+            indices = _indices(study, design, mean, notes)
+        curves = _curves(study, design[at], values) if study.method in {"grid", "oat"} else ()
         whole = spread(values)
         found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
     return found
 
 
-def _value(row: Row, metric: str) -> float:
-    value = row[metric] if row["outcome"] == "finished" else None
-    return np.nan if value is None else float(value)
+def _finished(rows: pa.Table, metric: str) -> Array:
+    """A metric of every run, NaN where it did not end well."""
+    good = np.array(pc.equal(rows["outcome"], "finished"), bool)
+    return np.where(good, np.array(rows[metric], float), np.nan)
 
 
 def spread(values: Array) -> Spread:
@@ -137,18 +147,10 @@ def spread(values: Array) -> Spread:
     return Spread(middle, low, high, len(values), failed, (float(chance.low), float(chance.high)))
 
 
-def _by_point(own: Sequence[Task], values: Array) -> Array:
-    """Mean over the seeds of each point; NaN where a run failed."""
-    at = np.array([task.point for task in own])
-    return np.bincount(at, values) / np.bincount(at)
-
-
-def _indices(
-    study: Study, own: Sequence[Task], values: Array, notes: list[str]
-) -> tuple[Index, ...]:
-    keys, mean = list(study.parameters), _by_point(own, values)
+def _indices(study: Study, design: Design, mean: Array, notes: list[str]) -> tuple[Index, ...]:
+    keys = list(study.parameters)
     if study.method in {"lhs", "montecarlo"}:
-        return _ranks(study, mean)
+        return _ranks(design, mean)
     block = len(keys) + (2 if study.method == "sobol" else 1)
     whole = np.asarray(np.isfinite(mean).reshape(-1, block).all(axis=1))
     if not whole.all():
@@ -174,21 +176,19 @@ def _indices(
             float(half),
             float(first),
             bool(value - half > 0),
-            _slope([point[key] for point in points(study)], mean),
+            _slope(design.columns[key], mean),
         )
         for key, (value, half, first) in zip(keys, triples, strict=True)
     )
 
 
-def _ranks(study: Study, mean: Array) -> tuple[Index, ...]:
+def _ranks(design: Design, mean: Array) -> tuple[Index, ...]:
     found = []
-    design, good = points(study), np.isfinite(mean)
-    for key in study.parameters:
-        settings = [point[key] for point in design]
-        if good.sum() < 5 or not all(isinstance(value, float) for value in settings):
+    good = np.isfinite(mean)
+    for key, settings in design.columns.items():
+        if good.sum() < 5 or not design.numeric(key):
             continue
-        x = np.array(settings, float)[good]
-        rank = float(stats.spearmanr(x, mean[good]).statistic)
+        rank = float(stats.spearmanr(settings[good], mean[good]).statistic)
         # Fisher's transformation, with the variance of a rank correlation (Fieller et al. 1957)
         reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))
         width = 1.96 * np.sqrt(1.06 / (good.sum() - 3))
@@ -199,19 +199,17 @@ def _ranks(study: Study, mean: Array) -> tuple[Index, ...]:
     return tuple(found)
 
 
-def _slope(settings: Sequence[float | str], mean: Array) -> float:
+def _slope(settings: Array, mean: Array) -> float:
     """Slope of the straight line through a metric; NaN if its 95 % interval holds zero."""
     good = np.isfinite(mean)
-    line: Any = stats.linregress(np.array(settings, float)[good], mean[good])
+    line: Any = stats.linregress(settings[good], mean[good])
     sure = abs(line.slope) > stats.t.ppf(0.975, good.sum() - 2) * line.stderr
     return float(line.slope) if sure else np.nan
 
 
-def _curves(study: Study, own: Sequence[Task], values: Array) -> tuple[Curve, ...]:
+def _curves(study: Study, at: Design, values: Array) -> tuple[Curve, ...]:
     """Of a grid: over its first parameter, one curve for each setting of the others."""
-    design = points(study)
     keys = list(study.parameters)
-    at = [design[task.point] for task in own]
     if study.method == "oat":
         return tuple(_curve(study, key, {}, at, values) for key in keys)
     others = [
@@ -222,12 +220,12 @@ def _curves(study: Study, own: Sequence[Task], values: Array) -> tuple[Curve, ..
     )
 
 
-def _curve(study: Study, key: str, where: Point, at: Sequence[Point], values: Array) -> Curve:
+def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> Curve:
     steps = study.parameters[key].steps(study.samples)
     spreads, means = [], []
     for value in steps:
         wanted = {key: value, **where}
-        there = np.array([point | wanted == point and key in point for point in at])
+        there = np.logical_and.reduce([at.columns[name] == each for name, each in wanted.items()])
         spreads.append(spread(values[there]))
         good = values[there][np.isfinite(values[there])]
         means.append(good.mean() if len(good) else np.nan)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor
+
+import pyarrow as pa
 
 from twin.errors import TwinError
-from twin.pool import results
+from twin.pool import AHEAD, handed_out, results
 from twin.study.store import Store
-from twin.study.work import Row, Task, carry_out
+from twin.study.work import Job, Row, Task, Work, carry_out
 
 LARGE = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
@@ -23,7 +25,7 @@ LEAST = 16
 RETRIES = 3
 """So often a chunk is tried whose worker was lost."""
 
-Work = Callable[[Sequence[Task]], list[Row]]
+Do = Callable[[Sequence[Job]], list[Row]]
 
 
 def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) -> list[list[Task]]:
@@ -48,63 +50,71 @@ def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) ->
 
 
 def carry(
-    tasks: Sequence[Task],
+    work: Work,
     store: Store,
     *,
     executor: Executor | None = None,
     processes: int | None = None,
-    work: Work = carry_out,
+    do: Do = carry_out,
     progress: Callable[[int, int], None] = lambda *_: None,
-) -> dict[str, Row]:
-    """Finish all runs and return their rows by key.
+) -> pa.Table:
+    """Finish all runs and return their rows, in the order of the tasks.
 
     Args:
-        tasks: The runs.
+        work: The runs.
         store: Where finished ones are, and are put.
         executor: Anything with the interface of ``concurrent.futures``; None for processes here.
         processes: So many of them, or of its workers; None for one a processor.
-        work: What carries out a chunk; a function of a module, because it goes to other processes.
+        do: What carries out a chunk; a function of a module, because it goes to other processes.
         progress: Told how many runs are finished, and how many of those did not end well.
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
-    done = store.rows
-    wanted = {task.key for task in tasks}
     count = processes or os.cpu_count() or 1
-    chunks = missing(tasks, done, count)
-    finished = len(wanted & done.keys())
-    failed = sum(done[key]["outcome"] != "finished" for key in wanted & done.keys())
+    known, chunks = remaining(work.tasks, store, count)
+    finished = known.num_rows
+    failed = finished - known["outcome"].to_pylist().count("finished")
     progress(finished, failed)
-    found = _here(chunks, work, count) if executor is None else _elsewhere(chunks, work, executor)
+    found: Iterator[list[Row]]
+    if executor is None:
+        jobs = enumerate(map(work.jobs, chunks))
+        found = (rows for _, rows in results(do, jobs, min(count, max(1, len(chunks)))))
+    else:
+        found = _elsewhere(work, chunks, do, executor, AHEAD * count)
     for rows in found:
         store.add(rows)
         finished += len(rows)
         failed += sum(row["outcome"] != "finished" for row in rows)
         progress(finished, failed)
-    return {key: done[key] for key in wanted}
+    return store.rows([task.key for task in work.tasks])
 
 
-def _here(chunks: Sequence[list[Task]], work: Work, processes: int) -> Iterator[list[Row]]:
-    jobs = dict(enumerate(chunks))
-    return (rows for _, rows in results(work, jobs, min(processes, max(1, len(jobs)))))
+def remaining(
+    tasks: Sequence[Task], store: Store, processes: int
+) -> tuple[pa.Table, list[list[Task]]]:
+    """The rows of the runs that are finished, each once, and the chunks that are left."""
+    known = store.rows(list({task.key for task in tasks}))
+    return known, missing(tasks, set(known["key"].to_pylist()), processes)
 
 
-def _elsewhere(chunks: Sequence[list[Task]], work: Work, executor: Executor) -> Iterator[list[Row]]:
+def _elsewhere(
+    work: Work, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
     for _ in range(RETRIES):
-        waiting = {executor.submit(work, chunk): chunk for chunk in left}
-        left = []
-        for future in as_completed(waiting):
+        lost = []
+        for number, future in handed_out(executor, do, enumerate(map(work.jobs, left)), most):
             try:
                 rows = future.result()
             except TwinError:
                 raise
             except Exception as error:  # noqa: BLE001 - every kind of cluster loses work in its own way
                 why = f"{type(error).__name__}: {error}".splitlines()[0]
-                left.append(waiting[future])
+                lost.append(left[number])
             else:
                 yield rows
-        if not left:
+        if not lost:
             return
+        left = lost
     raise TwinError(f"{len(left)} chunks of runs were lost {RETRIES} times; the last one: {why}")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from SALib.sample import latin, morris, sobol
 
-from twin.study.schema import Study
+from twin.study.schema import Study, column
 
 Array = NDArray[np.floating]
 Point = dict[str, float | str]
@@ -41,17 +42,42 @@ def quantiles(study: Study) -> Array:
     return np.asarray(found)
 
 
-def points(study: Study) -> list[Point]:
+class Design(Sequence[Point]):
+    """The points of a study, kept by columns.
+
+    Args:
+        columns: Values by key, shape (points,) each; None where a point leaves a key as it is.
+    """
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self.columns = dict(columns)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __getitem__(self, index: Any) -> Any:
+        """One point; of a list of places or a slice, a design of those."""
+        if isinstance(index, int):
+            values = ((key, each.item(index)) for key, each in self.columns.items())
+            return {key: value for key, value in values if value is not None}
+        return Design({key: each[index] for key, each in self.columns.items()})
+
+    def numeric(self, key: str) -> bool:
+        """Whether a parameter is a number at every point."""
+        return self.columns[key].dtype.kind == "f"
+
+
+def points(study: Study) -> Design:
     """The points of a study, in the order its analysis needs."""
-    keys = list(study.parameters)
+    about = study.parameters
     if study.method == "grid":
-        steps = [study.parameters[key].steps(study.samples) for key in keys]
-        return [dict(zip(keys, values, strict=True)) for values in itertools.product(*steps)]
+        steps = [about[key].steps(study.samples) for key in about]
+        values = zip(*itertools.product(*steps), strict=True)
+        return Design({key: column(each) for key, each in zip(about, values, strict=True)})
     if study.method == "oat":
-        return [
-            {key: value} for key in keys for value in study.parameters[key].steps(study.samples)
-        ]
-    return [
-        {key: study.parameters[key].at(float(q)) for key, q in zip(keys, row, strict=True)}
-        for row in quantiles(study)
-    ]
+        each = [(key, value) for key in about for value in about[key].steps(study.samples)]
+        return Design(
+            {key: column([value if name == key else None for name, value in each]) for key in about}
+        )
+    rows = quantiles(study)
+    return Design({key: about[key].at(rows[:, k]) for k, key in enumerate(about)})

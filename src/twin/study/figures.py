@@ -14,7 +14,7 @@ from twin.picture import COLOURS, LOOK, STYLES
 from twin.report.numbers import LABELS
 from twin.study import interaction
 from twin.study.answers import Answer, Curve, Index
-from twin.study.design import Point
+from twin.study.design import Design, Point
 from twin.study.schema import Study
 
 INDEX = {
@@ -24,9 +24,11 @@ INDEX = {
     "montecarlo": "rank correlation",
 }
 FAILED = "#B00000"
+MANY = 5000
+"""Runs from which a cloud of dots is kept as a bitmap, not dot by dot."""
 
 
-def figures(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> dict[str, Figure]:
+def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, Figure]:
     """Name to picture: indices, curves, spread, and where runs fail.
 
     Args:
@@ -43,11 +45,7 @@ def figures(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> d
         out["spread"] = _spread(study, found)
         if len(study.parameters) > 1 and any(answer.indices for answer in found):
             out["map"] = _map(study, found, design)
-            numeric = [
-                key
-                for key in ranked(study, found)
-                if all(isinstance(point[key], int | float) for point in design)
-            ]
+            numeric = [key for key in ranked(study, found) if design.numeric(key)]
             if len(numeric) > 1:
                 out["interaction"] = _interaction(study, found, design, *numeric[:2])
         for figure in out.values():
@@ -211,20 +209,27 @@ def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
     return figure, list(panels.flat[: len(found)])
 
 
-def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figure:
+def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
     """Runs over the two parameters that matter most: how large the metric is, and which failed."""
     first, second = ranked(study, found)[:2]
     figure, panels = _panels(found)
-    x, y = (np.array([point[key] for point in design]) for key in (first, second))
+    x, y = (design.columns[key] for key in (first, second))
     values = np.concatenate([answer.values for answer in found])
     good = values[np.isfinite(values)]
     scale = np.quantile(good, (0.02, 0.98)) if len(good) else (0, 1)
+    many = len(values) > MANY
     for panel, answer in zip(panels, found, strict=True):
         done = np.isfinite(answer.values)
         dots = panel.scatter(
-            x[done], y[done], c=answer.values[done], s=14, vmin=scale[0], vmax=scale[1]
+            x[done],
+            y[done],
+            c=answer.values[done],
+            s=14,
+            vmin=scale[0],
+            vmax=scale[1],
+            rasterized=many,
         )
-        panel.plot(x[~done], y[~done], "x", color=FAILED, ms=7, mew=2)
+        panel.plot(x[~done], y[~done], "x", color=FAILED, ms=7, mew=2, rasterized=many)
         lost = int((~done).sum())
         failed = f"{lost} of {len(done)} failed (x)" if lost else "none failed"
         panel.set_title(f"{answer.variant}: {failed}", fontsize=9)
@@ -235,11 +240,11 @@ def _map(study: Study, found: Sequence[Answer], design: Sequence[Point]) -> Figu
 
 
 def _interaction(
-    study: Study, found: Sequence[Answer], design: Sequence[Point], first: str, second: str
+    study: Study, found: Sequence[Answer], design: Design, first: str, second: str
 ) -> Figure:
     """The metric over one parameter, for low, middle and high values of another one."""
     figure, panels = _panels(found)
-    x, y = (np.array([point[key] for point in design], float) for key in (first, second))
+    x, y = design.columns[first], design.columns[second]
     for panel, answer in zip(panels, found, strict=True):
         label = second if panel is panels[0] else None
         interaction.draw(panel, interaction.lines(x, y, answer.values), label)

@@ -15,11 +15,9 @@ from markupsafe import Markup
 from twin.page import inline, render
 from twin.record import write_whole
 from twin.study.answers import Answer
-from twin.study.design import points
 from twin.study.figures import figures, metric_label
-from twin.study.schema import Study
 from twin.study.words import NEGLIGIBLE, needed, sentences
-from twin.study.work import Row, Task
+from twin.study.work import Work
 
 HEADINGS = {
     "spread": "How large it is, and how often runs fail",
@@ -36,18 +34,16 @@ NAMES = {
 }
 
 
-def write(
-    study: Study, tasks: Sequence[Task], rows: dict[str, Row], found: Sequence[Answer], folder: Path
-) -> None:
+def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> None:
     """Write report.html, figures/*.svg, rows.parquet and rows.csv.
 
     Raises:
         RecordError: If a file cannot be written.
     """
-    drawn = _drawn(study, tasks, found)
+    study, drawn = work.study, _drawn(work, found)
     for name, picture in drawn.items():
         _write(folder / "figures" / f"{name}.svg", picture)
-    table = data(study, tasks, rows)
+    table = data(work, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
     two = NAMES.get(study.method, ("", ""))
@@ -64,21 +60,22 @@ def write(
         index_name=two[0],
         second_name=two[1],
         needed=needed(study, found),
-        endings=endings(tasks, rows),
-        about=_about(study, tasks),
+        endings=endings(work, rows),
+        about=_about(work),
     )
     _write(folder / "report.html", page)
 
 
-def document(study: Study, tasks: Sequence[Task], found: Sequence[Answer], path: Path) -> None:
+def document(work: Work, found: Sequence[Answer], path: Path) -> None:
     """Write the answer as Markdown, and its pictures beside it.
 
     Raises:
         RecordError: If a file cannot be written.
     """
-    lines = [f"# {study.title}", "", _about(study, tasks), ""]
+    study = work.study
+    lines = [f"# {study.title}", "", _about(work), ""]
     lines += [f"- {sentence}" for sentence in sentences(study, found)]
-    for name, picture in _drawn(study, tasks, found).items():
+    for name, picture in _drawn(work, found).items():
         file = f"{path.stem}-{name}.svg"
         _write(path.with_name(file), picture)
         lines += ["", f"![{HEADINGS[name]}]({file})"]
@@ -88,27 +85,29 @@ def document(study: Study, tasks: Sequence[Task], found: Sequence[Answer], path:
     _write(path, "\n".join(lines) + "\n")
 
 
-def _drawn(study: Study, tasks: Sequence[Task], found: Sequence[Answer]) -> dict[str, Markup]:
-    every = points(study)
-    design = [every[task.point] for task in tasks if task.variant == tasks[0].variant]
-    return {name: inline(figure) for name, figure in figures(study, found, design).items()}
+def _drawn(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
+    # every variant has the same points in the same order
+    at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
+    drawn = figures(work.study, found, work.design[at])
+    return {name: inline(figure) for name, figure in drawn.items()}
 
 
-def _about(study: Study, tasks: Sequence[Task]) -> str:
+def _about(work: Work) -> str:
+    study = work.study
     return (
         f"Scenario {study.scenario} ({', '.join(study.set) or 'as it is'}), method {study.method}: "
-        f"{len(points(study))} points, {study.seeds} seeds, {len(study.compared)} variants, "
-        f"{len(tasks)} runs. Every variant had the same points and the same noise."
+        f"{len(work.design)} points, {study.seeds} seeds, {len(study.compared)} variants, "
+        f"{len(work.tasks)} runs. Every variant had the same points and the same noise."
     )
 
 
-def endings(tasks: Sequence[Task], rows: dict[str, Row]) -> list[str]:
+def endings(work: Work, rows: pa.Table) -> list[str]:
     """How the runs that failed ended, and for an example why."""
-    failed = [(task.variant, rows[task.key]) for task in tasks]
     counted: dict[tuple[str, str], list[str]] = {}
-    for variant, row in failed:
-        if row["outcome"] != "finished":
-            counted.setdefault((variant, row["outcome"]), []).append(row["reason"])
+    columns = (rows["outcome"].to_pylist(), rows["reason"].to_pylist())
+    for task, outcome, reason in zip(work.tasks, *columns, strict=True):
+        if outcome != "finished":
+            counted.setdefault((task.variant, outcome), []).append(reason)
     return [
         f"{variant}: {len(reasons)} {outcome}, as '{reasons[0]}'"
         for (variant, outcome), reasons in counted.items()
@@ -119,21 +118,18 @@ def _write(path: Path, text: str) -> None:
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
-def data(study: Study, tasks: Sequence[Task], rows: dict[str, Row]) -> pa.Table:
+def data(work: Work, rows: pa.Table) -> pa.Table:
     """One row a run: variant, point, seed, parameters, outcome, metrics."""
-    design = points(study)
-    return pa.Table.from_pylist(
-        [
-            {
-                "variant": task.variant,
-                "point": task.point,
-                "seed": task.seed,
-                **{key: design[task.point].get(key) for key in study.parameters},
-                **{name: value for name, value in rows[task.key].items() if name != "key"},
-            }
-            for task in tasks
-        ]
-    )
+    tasks = work.tasks
+    at = [task.point for task in tasks]
+    columns: dict[str, Any] = {
+        "variant": [task.variant for task in tasks],
+        "point": at,
+        "seed": [task.seed for task in tasks],
+        **work.design[at].columns,
+        **{name: rows[name] for name in rows.column_names if name != "key"},
+    }
+    return pa.table(columns)
 
 
 def compared(answer: Answer) -> tuple[str, ...]:

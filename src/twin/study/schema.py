@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy import stats
 
 from twin.errors import ScenarioError
 from twin.metrics import Metrics
 from twin.scenario.load import folder, nearest
+
+Array = NDArray[np.floating]
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
@@ -48,7 +52,10 @@ class Parameter(BaseModel):
         if self.values is not None:
             if not self.values:
                 raise ValueError("values: must not be empty")
-            if self.relative and not all(isinstance(value, float) for value in self.values):
+            texts = [isinstance(value, str) for value in self.values]
+            if any(texts) and not all(texts):
+                raise ValueError("values: must be all numbers or all texts")
+            if self.relative and any(texts):
                 raise ValueError("values: must be numbers if they are relative")
             return self
         low, high = self.ends
@@ -69,24 +76,30 @@ class Parameter(BaseModel):
         assert ends is not None
         return ends
 
-    def at(self, quantile: float) -> float | str:
-        """The value at a quantile between 0 and 1."""
+    def at(self, quantiles: Array) -> NDArray[Any]:
+        """The values at quantiles between 0 and 1: numbers, or objects if they are texts."""
         if self.values is not None:
-            return self.values[min(int(quantile * len(self.values)), len(self.values) - 1)]
+            count = len(self.values)
+            return column([self.values[min(int(q * count), count - 1)] for q in quantiles])
         low, high = self.ends
         if self.normal is not None:
             mean, deviation = self.normal[:2]
             cut = stats.truncnorm((low - mean) / deviation, (high - mean) / deviation)
-            return float(mean + deviation * cut.ppf(quantile))
+            return np.asarray(mean + deviation * cut.ppf(quantiles))
         if self.loguniform is not None:
-            return float(low * (high / low) ** quantile)
-        return float(low + (high - low) * quantile)
+            # numpy's power differs in its last bit from one processor to another
+            return column([low * (high / low) ** q for q in quantiles.tolist()])
+        return low + (high - low) * quantiles
 
     def steps(self, count: int) -> tuple[float | str, ...]:
         """Its values, or so many quantiles of its distribution from end to end."""
-        if self.values is not None:
-            return self.values
-        return tuple(self.at(float(q)) for q in np.linspace(0, 1, count))
+        return self.values or tuple(self.at(np.linspace(0, 1, count)).tolist())
+
+
+def column(values: Sequence[float | str | None]) -> NDArray[Any]:
+    """An array of numbers, or of objects if there is anything else among them."""
+    numbers = all(isinstance(value, float) for value in values)
+    return np.array(values, float if numbers else object)
 
 
 class Variant(BaseModel):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from twin.errors import RecordError
@@ -43,20 +44,23 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RecordError(f"{folder}: cannot be written: {error.strerror}") from error
-        self.rows: dict[str, Row] = {}
-        """Every finished run by its key."""
-        for path in sorted(self.folder.glob("[!.]*.parquet")):
-            self.rows |= {row["key"]: row for row in _read(path)}
+        self._chunks = [_read(path) for path in sorted(self.folder.glob("[!.]*.parquet"))]
 
     def add(self, rows: Sequence[Row]) -> None:
         """Keep a chunk of finished runs."""
         name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
         table = pa.Table.from_pylist(list(rows), SCHEMA)
         write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
-        self.rows |= {row["key"]: row for row in rows}
+        self._chunks.append(table)
+
+    def rows(self, keys: Sequence[str]) -> pa.Table:
+        """The runs with these keys, in their order; those that are not finished are left out."""
+        kept = pa.concat_tables([SCHEMA.empty_table(), *self._chunks])
+        places = pc.index_in(pa.array(keys, pa.string()), kept["key"].combine_chunks())
+        return kept.take(places.drop_null())
 
 
-def _read(path: Path) -> list[Row]:
+def _read(path: Path) -> pa.Table:
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
@@ -66,5 +70,4 @@ def _read(path: Path) -> list[Row]:
         raise RecordError(
             f"{path}: a chunk of another version of this program; choose another --out"
         )
-    rows: list[Row] = table.to_pylist()
-    return rows
+    return table

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -29,11 +28,10 @@ Row = dict[str, Any]
 
 
 class Task(NamedTuple):
-    """One run.
+    """One run: which it is.
 
     Attributes:
         key: What tells it from every other run: settings, seed and code.
-        scenario: What to run, as JSON.
         alike: What it has in common with the runs that it can share a batch with.
         variant: Name of what is compared.
         point: Which point of the design.
@@ -41,56 +39,105 @@ class Task(NamedTuple):
     """
 
     key: str
-    scenario: str
     alike: str
     variant: str
     point: int
     seed: int
 
 
-def tasks(study: Study) -> list[Task]:
+class Job(NamedTuple):
+    """One run as it is handed out.
+
+    Attributes:
+        key: As its task's.
+        alike: As its task's.
+        scenario: What to run, as JSON.
+    """
+
+    key: str
+    alike: str
+    scenario: str
+
+
+class Work:
     """All runs of a study; every variant has the same points and seeds.
+
+    Scenarios are not kept but made again when they are handed out: a study may have millions.
+
+    Args:
+        study: What is asked.
+
+    Attributes:
+        design: Its points.
+        tasks: The runs, in the order of the design.
 
     Raises:
         ScenarioError: If a parameter is no key of the scenario, or a value is out of range.
     """
-    build = Builder(study.scenario)
-    found = []
-    relative = {key for key, parameter in study.parameters.items() if parameter.relative}
-    for index, point in enumerate(points(study)):
-        for seed in range(study.seeds):
-            for variant in study.compared:
-                fixed = (*study.set, *variant.set, f"seed={seed}")
-                scenario = build(fixed, point, relative)
-                # what a run is called changes nothing
-                text = scenario.model_copy(update={"title": ""}).model_dump_json()
-                alike = digest(json.dumps(common(scenario), sort_keys=True, default=str))
-                found.append(Task(digest(code() + text), text, alike, variant.name, index, seed))
-    return found
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.design = points(study)
+        self._build = Builder(study.scenario)
+        self._relative = {key for key, item in study.parameters.items() if item.relative}
+        self._fixed = {each.name: (*study.set, *each.set) for each in study.compared}
+        self._kinds: dict[str, str] = {}
+        self.tasks = [
+            self._task(name, index, seed)
+            for index in range(len(self.design))
+            for seed in range(study.seeds)
+            for name in self._fixed
+        ]
+
+    @property
+    def different(self) -> int:
+        """How many runs there are: two tasks may be the same run."""
+        return len({task.key for task in self.tasks})
+
+    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+        """Runs as they are handed out."""
+        found = []
+        for task in tasks:
+            scenario = self._scenario(task.variant, task.point, task.seed)
+            found.append(Job(task.key, task.alike, scenario.model_dump_json()))
+        return found
+
+    def _task(self, variant: str, point: int, seed: int) -> Task:
+        scenario = self._scenario(variant, point, seed)
+        alike = digest(json.dumps(common(scenario), sort_keys=True, default=str))
+        # one string for all that are alike
+        alike = self._kinds.setdefault(alike, alike)
+        return Task(digest(code() + scenario.model_dump_json()), alike, variant, point, seed)
+
+    def _scenario(self, variant: str, point: int, seed: int) -> Scenario:
+        fixed = (*self._fixed[variant], f"seed={seed}")
+        scenario = self._build(fixed, self.design[point], self._relative)
+        # what a run is called changes nothing
+        return scenario.model_copy(update={"title": ""})
 
 
-def carry_out(some: Sequence[Task]) -> list[Row]:
-    """Run some tasks, all those that can share a batch together; one row each, in their order.
+def carry_out(jobs: Sequence[Job]) -> list[Row]:
+    """Carry out some runs, all those that can share a batch together; one row each, in their order.
 
     A run that cannot be carried out, or whose numbers run away, is an outcome, too.
     """
     rows: dict[str, Row] = {}
-    ready: dict[str, list[tuple[Task, Scenario, Controller]]] = {}
+    ready: dict[str, list[tuple[str, Scenario, Controller]]] = {}
     build = cache(_controller)
-    for task in some:
-        scenario = Scenario.model_validate_json(task.scenario)
+    for job in jobs:
+        scenario = Scenario.model_validate_json(job.scenario)
         try:
-            item = (task, scenario, build(_controlled(scenario)))
+            item = (job.key, scenario, build(_controlled(scenario)))
         except TwinError as error:
-            rows[task.key] = _refused(task, error)
+            rows[job.key] = _refused(job.key, error)
             continue
-        ready.setdefault(task.alike, []).append(item)
+        ready.setdefault(job.alike, []).append(item)
     for batch in ready.values():
         rows |= {row["key"]: row for row in _together(batch)}
-    return [rows[task.key] for task in some]
+    return [rows[job.key] for job in jobs]
 
 
-def _together(batch: Sequence[tuple[Task, Scenario, Controller]]) -> Iterator[Row]:
+def _together(batch: Sequence[tuple[str, Scenario, Controller]]) -> Iterator[Row]:
     try:
         found = simulate([item[1] for item in batch], [item[2] for item in batch])
     except TwinError as error:
@@ -100,24 +147,20 @@ def _together(batch: Sequence[tuple[Task, Scenario, Controller]]) -> Iterator[Ro
         for item in batch:
             yield from _together([item])
         return
-    for (task, _, _), metrics in zip(batch, found, strict=True):
-        yield _row(task, metrics)
+    for (key, _, _), metrics in zip(batch, found, strict=True):
+        yield _row(key, metrics)
 
 
-def _row(task: Task, metrics: Metrics) -> Row:
+def _row(key: str, metrics: Metrics) -> Row:
     summary = metrics.as_dict()
-    row: Row = {"key": task.key, "outcome": str(metrics.outcome), "reason": metrics.reason}
+    row: Row = {"key": key, "outcome": str(metrics.outcome), "reason": metrics.reason}
     good = metrics.outcome == Ending.FINISHED
-    return row | {name: _number(summary[name]) if good else None for name in METRICS}
+    return row | {name: summary[name] if good else None for name in METRICS}
 
 
-def _refused(task: Task, error: TwinError) -> Row:
-    row: Row = {"key": task.key, "outcome": "refused", "reason": str(error)}
+def _refused(key: str, error: TwinError) -> Row:
+    row: Row = {"key": key, "outcome": "refused", "reason": str(error)}
     return row | dict.fromkeys(METRICS)
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def _controlled(scenario: Scenario) -> str:
