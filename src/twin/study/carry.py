@@ -22,6 +22,8 @@ CHUNK = 64
 """Runs from which on a larger batch is hardly faster."""
 LEAST = 16
 """Fewest that are worth a batch of their own."""
+MOST = 256
+"""Chunks that are under way on other machines even if few workers are known: more may join."""
 RETRIES = 3
 """So often a chunk is tried whose worker was lost."""
 
@@ -81,7 +83,7 @@ def carry(
         jobs = enumerate(map(work.jobs, chunks))
         found = (rows for _, rows in results(do, jobs, min(count, max(1, len(chunks)))))
     else:
-        found = _elsewhere(work, chunks, do, executor, AHEAD * count)
+        found = _elsewhere(work, chunks, do, executor, max(AHEAD * count, MOST))
     for rows in found:
         store.add(rows)
         finished += len(rows)
