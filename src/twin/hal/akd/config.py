@@ -188,7 +188,7 @@ class AkdConfig:
     host: int = 127
     heartbeat: float = 0.02
     silence: float = 0.06
-    answer: float = 0.5
+    answer: float = 2.0
     rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
     ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
     eds: Path | None = None
