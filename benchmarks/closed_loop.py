@@ -19,12 +19,12 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from twin.assemble import assemble
-from twin.hal.simulated import Bench
-from twin.loop import drive
-from twin.models import model_path
-from twin.record import Recorder
+from twin.paths import model_path
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
 from twin.scenario import load
+from twin.sim.rig import Bench
 
 PERIOD, STEPS = 0.002, 2
 

@@ -14,12 +14,12 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from multiprocessing.connection import Connection
 
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.realtime import RealTimeClock
+from twin.devices.scheduling import real_time
+from twin.devices.timing import Ledger
 from twin.emulator.screen import EmulatedScreen
-from twin.hal.ledger import Ledger
-from twin.hal.lumio.config import LumioConfig
-from twin.hal.lumio.screen import LumioScreen
-from twin.hal.realtime import RealTimeClock
-from twin.hal.scheduling import real_time
 
 PERIOD = 0.002
 

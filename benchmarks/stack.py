@@ -20,7 +20,7 @@ from controllers.interfaces import Law, Measurement, Observer
 from controllers.references import Circle
 from controllers.smith import Smith
 from controllers.stack import SampledReference
-from twin.plant.mechanism import Mechanism
+from twin.sim.plant.mechanism import Mechanism
 
 PERIOD = 0.002
 RIGS = (1, 256)

@@ -25,10 +25,10 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from twin.assemble import build_controller
-from twin.models import model_path
-from twin.plant.mechanism import Mechanism
+from twin.paths import model_path
+from twin.run.assemble import build_controller
 from twin.scenario import load
+from twin.sim.plant.mechanism import Mechanism
 from twin.study.batch import simulate
 
 STEPS = 2

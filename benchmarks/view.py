@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from twin.assemble import assemble
 from twin.errors import ViewError
-from twin.loop import drive
-from twin.record import Recorder
-from twin.replay import open_run
-from twin.run import run, save
+from twin.run.assemble import assemble
+from twin.run.execute import run, save
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.run.replay import open_run
 from twin.scenario import load
 from twin.view import live, viewer
 from twin.view.recording import write

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 MEASURED = (0, 2, 4, 6)
 """Where the measurement y = (x, phi, y, theta) of (5.3) stands in the state (5.5)."""

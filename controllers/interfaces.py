@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
+__all__ = ["Array", "Law", "Mask", "Measurement", "Observer", "Reference"]
 
 
 @dataclass(frozen=True, slots=True)

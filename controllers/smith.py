@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Measurement, Observer
-
-Array = NDArray[np.floating]
 
 BALL = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""

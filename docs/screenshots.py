@@ -6,8 +6,8 @@ Needs a Vulkan driver, which may be a software one (Debian: mesa-vulkan-drivers)
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from twin.replay import open_runs
-from twin.run import run, save
+from twin.run.execute import run, save
+from twin.run.replay import open_runs
 from twin.scenario import load
 from twin.view.layout import LAYOUTS
 from twin.view.recording import write

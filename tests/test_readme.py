@@ -11,7 +11,7 @@ from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Law
 from twin.cli import COMMANDS
-from twin.run import run
+from twin.run.execute import run
 from twin.scenario.rig import check_rig
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")

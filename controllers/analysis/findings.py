@@ -6,12 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.analysis import normal_form, structure
+from controllers.arrays import Array
 from controllers.ballplate import MEASURED, BallPlate
-
-Array = NDArray[np.floating]
 
 
 class Finding(NamedTuple):

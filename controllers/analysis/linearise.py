@@ -9,13 +9,11 @@ from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Law, Measurement, Observer
 from controllers.references.point import Hold
 from controllers.smith import Smith
-
-Array = NDArray[np.floating]
 
 BALL = [0, 4]
 STEP = 1e-4

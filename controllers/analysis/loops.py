@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy.linalg import schur
 
 from controllers.analysis.linearise import System, linear_controller, linear_law, whole_periods
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Law, Observer
 from controllers.observers.ideal import Ideal
 from controllers.observers.sampling import sample
 from controllers.poles import listed
 
-Array = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 
 INPUTS = ("u1", "u2")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-
-Array = NDArray[np.floating]
 
 ACCELERATION = [1, 5]
 """Where the rate of the state has the ball's acceleration."""

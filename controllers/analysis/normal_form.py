@@ -6,12 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.analysis.taylor import flow
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-
-Array = NDArray[np.floating]
 
 BALL = [0, 4]
 """The outputs (6.15): ball position x, y in the state."""

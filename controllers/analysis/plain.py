@@ -7,17 +7,16 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.analysis.designs import assess, designs
 from controllers.analysis.loops import sampled_loop, unstable
 from controllers.analysis.margins import Margins, margins
 from controllers.analysis.neglected import size, terms
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Law, Observer
 from controllers.observers import Luenberger
 
-Array = NDArray[np.floating]
 Row = dict[str, Any]
 
 DEAD_TIME = 0.042

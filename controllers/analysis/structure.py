@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.analysis.taylor import flow
+from controllers.arrays import Array
 from controllers.ballplate import MEASURED, BallPlate
-
-Array = NDArray[np.floating]
 
 TILT, TURN = math.radians(10), math.radians(35)
 OPERATING = np.array((0.25, 0.25, TILT, TURN, 0.15, 0.25, TILT, TURN))

@@ -16,11 +16,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-
-Array = NDArray[np.floating]
 
 
 class Series:

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import MEASURED
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import OUTPUTS
 from controllers.observers.kalman import DISTURBANCE, NOISE, Kalman, check_positive
 from controllers.observers.sampling import check_period
-
-Array = NDArray[np.floating]
 
 PLATE = np.array([False, True, False, True])
 """Which measurements are the plate's: they hold without a touch, too."""

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Measurement, Observer
-
-Array = NDArray[np.floating]
 
 RATES = slice(3, None, 4)
 """The plate rates phi', theta' in the state (5.5)."""

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controllers.arrays import Array
 from controllers.interfaces import Measurement
-
-Array = NDArray[np.floating]
 
 OUTPUTS = slice(0, None, 2)
 """h(x) = (x, phi, y, theta) of (5.7) as a slice of the state: unlike a list of indices, a view."""

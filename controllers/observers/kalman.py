@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
+from controllers.arrays import Array
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import innovation
 from controllers.observers.sampling import sample
 from controllers.poles import listed
-
-Array = NDArray[np.floating]
 
 DISTURBANCE = (1.0816e-4, 2.8090e-5)
 """Q of Table B.1: disturbance of u1, u2."""

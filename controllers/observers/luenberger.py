@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import place_poles
 
+from controllers.arrays import Array
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import OUTPUTS, innovation
 from controllers.observers.sampling import sample
 from controllers.poles import Pole, listed, stable_poles
-
-Array = NDArray[np.floating]
 
 
 @dataclass(kw_only=True)

@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import innovation
 from controllers.observers.luenberger import axis_poles
 from controllers.observers.sampling import sample
 from controllers.poles import Pole, stable_poles
-
-Array = NDArray[np.floating]
 
 SIGN = np.array([1.0, -1.0])
 """x'' = k1 sin(phi), but y'' = -k1 sin(theta)."""

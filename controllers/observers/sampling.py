@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 
 def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:

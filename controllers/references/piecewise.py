@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from math import factorial, perm
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 TERMS = 10
 """Coefficients of a polynomial of degree nine: five conditions at either end fix it."""

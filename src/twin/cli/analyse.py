@@ -12,10 +12,10 @@ from rich.table import Table
 from controllers.analysis import designs, findings
 from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row, neglected_rows
 from controllers.ballplate import BallPlate
-from twin.assemble import build_controller
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.run import run as run_scenario
+from twin.run.assemble import build_controller
+from twin.run.execute import run as run_scenario
 from twin.scenario import Scenario, load
 from twin.scenario.clean import clean
 

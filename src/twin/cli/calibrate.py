@@ -8,21 +8,21 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.calibrate import Residual, residual, sweep_cams, tap_test
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
+from twin.devices.akd.servos import AkdServos
+from twin.devices.scheduling import real_time
 from twin.doctor.cams import measure
-from twin.hal.akd.servos import AkdServos
 from twin.hal.cams import CamTable
-from twin.hal.scheduling import real_time
 from twin.identify.identify import identify
 from twin.identify.log import read
 from twin.identify.report import interval
 from twin.identify.verdict import IDENTIFIED
-from twin.models import model_path
-from twin.record import write_whole
+from twin.paths import model_path
+from twin.run.record import write_whole
 from twin.scenario import load
+from twin.sim.calibration import Residual, residual, sweep_cams, tap_test
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""

@@ -10,13 +10,13 @@ from pathlib import Path
 from rich.table import Table
 
 from twin.cli.output import console, print_json, progress
-from twin.experiments import fit as fitting
-from twin.experiments.goals import goals
-from twin.experiments.hypotheses import effects
-from twin.experiments.judge import UNITS
-from twin.experiments.predict import Row, rows
-from twin.experiments.report import write_doc
 from twin.report.numbers import shown
+from twin.thesis.experiments import fit as fitting
+from twin.thesis.experiments.goals import goals
+from twin.thesis.experiments.hypotheses import effects
+from twin.thesis.experiments.judge import UNITS
+from twin.thesis.experiments.predict import Row, rows
+from twin.thesis.experiments.report import write_doc
 
 
 def predict(tables: Sequence[str]) -> list[Row]:

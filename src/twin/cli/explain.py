@@ -14,7 +14,7 @@ from twin.explain.divide import Case, Explanation, plan, summary
 from twin.explain.divide import explain as explain_scenario
 from twin.explain.effects import EFFECTS, present, with_typical
 from twin.explain.picture import draw
-from twin.record import write_json
+from twin.run.record import write_json
 from twin.scenario import load
 
 PROCESSES = min(2, os.cpu_count() or 1)

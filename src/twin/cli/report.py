@@ -9,11 +9,11 @@ import click
 
 from twin.cli.output import console
 from twin.errors import RecordError
-from twin.record import write_whole
-from twin.replay import Replay, open_runs
 from twin.report.figures import Format, details, encoded, overview
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
+from twin.run.record import write_whole
+from twin.run.replay import Replay, open_runs
 
 Runs = list[Replay]
 

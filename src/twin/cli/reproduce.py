@@ -10,14 +10,14 @@ from twin.cli import experiments as measured
 from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
-from twin.experiments.tables import tables as measured_tables
-from twin.reproduce.compare import Cell, Findings, Verdict, compare
-from twin.reproduce.doc import write_doc
-from twin.reproduce.pool import findings
-from twin.reproduce.report import grid, sentence
-from twin.reproduce.tables import Table, chosen
-from twin.reproduce.tables import tables as simulated_tables
-from twin.reproduce.work import plan
+from twin.thesis.experiments.tables import tables as measured_tables
+from twin.thesis.reproduce.compare import Cell, Findings, Verdict, compare
+from twin.thesis.reproduce.doc import write_doc
+from twin.thesis.reproduce.pool import findings
+from twin.thesis.reproduce.report import grid, sentence
+from twin.thesis.reproduce.tables import Table, chosen
+from twin.thesis.reproduce.tables import tables as simulated_tables
+from twin.thesis.reproduce.work import plan
 
 
 @click.command()

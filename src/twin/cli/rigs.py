@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from twin.cli.output import errors
+from twin.devices.rig import HardwareRig
 from twin.errors import ScenarioError
-from twin.hal.hardware import HardwareRig
 from twin.scenario import Scenario
 
 RIG = click.option(
@@ -36,7 +36,7 @@ def chosen(rig: str | None, scenario: Scenario, *, reset: bool) -> Iterator[Hard
             raise ScenarioError("--reset: a simulated rig has no faults to reset; it needs --rig")
         yield None
         return
-    from twin.connect import connect  # noqa: PLC0415  loaded when asked for
+    from twin.run.connect import connect  # noqa: PLC0415  loaded when asked for
     from twin.scenario.rig import check_rig, read_rig  # noqa: PLC0415
 
     if scenario.sensors.ideal:

@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 from controllers.analysis import instability, slow_observer
-from twin.assemble import build_controller
 from twin.cli.options import JSON, PLANT, SETTING, check_writable
 from twin.cli.output import console, print_json, print_metrics, progress, warn
 from twin.cli.rigs import RESET, RIG, tell
@@ -19,12 +18,13 @@ from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
 from twin.errors import ScenarioError
 from twin.hal.rig import Rig
-from twin.loop import Ending
-from twin.metrics import Motion
-from twin.picture import draw
-from twin.record import Recorder
-from twin.run import Run, save
-from twin.run import run as run_scenario
+from twin.run.assemble import build_controller
+from twin.run.execute import Run, save
+from twin.run.execute import run as run_scenario
+from twin.run.loop import Ending
+from twin.run.metrics import Motion
+from twin.run.picture import draw
+from twin.run.record import Recorder
 from twin.scenario import Scenario, load, shipped
 from twin.scenario.clean import clean
 

@@ -9,7 +9,7 @@ import click
 
 from twin.cli.output import console
 from twin.errors import TwinError, ViewError
-from twin.replay import Replay, open_runs
+from twin.run.replay import Replay, open_runs
 from twin.view import viewer
 from twin.view.layout import LAYOUTS, Layout
 from twin.view.live import address, reach

@@ -12,7 +12,7 @@ import click
 
 from twin.cli.output import warn
 from twin.errors import ScenarioError, TwinError, ViewError
-from twin.record import Recorder
+from twin.run.record import Recorder
 from twin.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Viewing:
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
         if self._rrd is not None:
-            from twin.replay import open_run  # noqa: PLC0415  loaded when asked for
+            from twin.run.replay import open_run  # noqa: PLC0415  loaded when asked for
             from twin.view.recording import write  # noqa: PLC0415
 
             try:

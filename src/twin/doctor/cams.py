@@ -9,14 +9,12 @@ from math import degrees
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
+from twin.devices.akd.servos import AkdServos
 from twin.doctor.steps import enable, exchange, stopped_by, turn
 from twin.errors import RigError
-from twin.hal.akd.servos import AkdServos
 from twin.hal.cams import CamTable
-
-Array = NDArray[np.floating]
 
 RATE = np.radians(10.0)
 """How fast the plate is brought from point to point, rad/s."""

@@ -7,16 +7,16 @@ from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
 
-from twin.assemble import build_limits
-from twin.connect import narrower
+from twin.devices.akd.config import unconfirmed
+from twin.devices.realtime import RealTimeClock
+from twin.devices.scheduling import real_time
+from twin.devices.timing import Ledger
 from twin.doctor.finding import Finding, failed, passed, warned
 from twin.errors import TwinError
-from twin.hal.akd.config import unconfirmed
 from twin.hal.cams import CamTable
-from twin.hal.ledger import Ledger
-from twin.hal.realtime import RealTimeClock
-from twin.hal.scheduling import real_time
-from twin.models import model_path
+from twin.paths import model_path
+from twin.run.assemble import build_limits
+from twin.run.connect import narrower
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 

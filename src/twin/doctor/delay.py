@@ -6,17 +6,15 @@ from collections.abc import Iterator
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import savgol_filter
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.devices.rig import HardwareRig
 from twin.doctor.finding import Finding, failed, passed, warned
 from twin.errors import TwinError
-from twin.hal.hardware import HardwareRig
 from twin.hal.states import State
-
-Array = NDArray[np.floating]
 
 ROCK = radians(0.8)
 """Plate angle of each of two rockings; eight times what friction holds the ball on."""

@@ -7,13 +7,13 @@ from math import degrees, radians
 
 import numpy as np
 
+from twin.devices.akd.cia402 import State
+from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.errors import DriveError
+from twin.devices.akd.servos import AkdServos
 from twin.doctor.finding import Finding, failed, passed, warned
 from twin.doctor.steps import enable, exchange, stopped_by, turn, until
 from twin.errors import TwinError
-from twin.hal.akd.cia402 import State
-from twin.hal.akd.config import AkdConfig
-from twin.hal.akd.errors import DriveError
-from twin.hal.akd.servos import AkdServos
 from twin.hal.rig import Transmission
 
 TILT = radians(1.0)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from twin.assemble import build_plant
-from twin.connect import connect
+from twin.devices.akd.servos import AkdServos
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.scheduling import real_time
 from twin.doctor import drives
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time
 from twin.doctor.finding import Ask, Finding, Verdict, warned
 from twin.doctor.touch import touch
-from twin.hal.akd.servos import AkdServos
-from twin.hal.lumio.screen import LumioScreen
-from twin.hal.scheduling import real_time
+from twin.run.assemble import build_plant
+from twin.run.connect import connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twin.hal.akd.servos import AkdServos
+from twin.devices.akd.servos import AkdServos
 
 
 def turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 
+from twin.devices.lumio.presence import TouchState
+from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.finding import Ask, Finding, failed, passed, warned
 from twin.errors import TwinError
-from twin.hal.lumio.presence import TouchState
-from twin.hal.lumio.screen import LumioScreen
 from twin.hal.supervisor import LOST_AFTER
 
 SLOWEST = 40.0

@@ -9,12 +9,12 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_direct import DirectBus
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
-from twin.hal.akd.config import AkdConfig, BusConfig
-from twin.hal.akd.servos import AkdServos
 from twin.hal.faults import Fault
 
 Rates = Callable[[float], tuple[float, float]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from twin.hal.akd.dictionary import Object, objects
+from twin.devices.akd.dictionary import Object, objects
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011

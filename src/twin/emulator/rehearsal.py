@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 
+from twin.devices.akd.config import AkdConfig
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.lumio.transports import ScreenError
+from twin.devices.realtime import RealTimeClock
+from twin.devices.rig import HardwareRig
+from twin.devices.scheduling import Scheduling
 from twin.emulator.can_rehearsal import Rehearsal
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.emulator.screen_line import ScreenLine
 from twin.emulator.virtual import VirtualBench
-from twin.hal.akd.config import AkdConfig
-from twin.hal.devices import Touch
-from twin.hal.hardware import HardwareRig
+from twin.hal.interface import Touch
 from twin.hal.limits import Limits
-from twin.hal.lumio.config import LumioConfig
-from twin.hal.lumio.screen import LumioScreen
-from twin.hal.lumio.transports import ScreenError
-from twin.hal.realtime import RealTimeClock
 from twin.hal.rig import Transmission
-from twin.hal.scheduling import Scheduling
 
 
 class RehearsedPort:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from twin.devices.lumio.calibration import Calibration
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 from twin.emulator.screen_faults import Damage, ScreenFault
-from twin.hal.lumio.calibration import Calibration
 
 Ball = Callable[[], Sequence[tuple[float, float]]]
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.assemble import build_bench, build_plant, start_plant
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.rig import Transmission
-from twin.hal.sensors import EncoderModel, TouchModel
-from twin.hal.simulated import Bench
+from twin.run.assemble import build_bench, build_plant, start_plant
 from twin.scenario.schema import Scenario
+from twin.sim.rig import Bench
+from twin.sim.sensors import EncoderModel, TouchModel
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""

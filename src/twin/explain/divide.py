@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.explain.effects import Effect, exact, present, without
-from twin.loop import Ending
-from twin.pool import results
-from twin.run import run
+from twin.jobs import results
+from twin.run.execute import run
+from twin.run.loop import Ending
 from twin.scenario.schema import Scenario
-
-Array = NDArray[np.floating]
 
 ALL, NONE, EXACT = "all", "none", "exact"
 """What the cases that belong to no effect are called."""

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.explain.divide import Case, Explanation
-from twin.picture import COLOURS
-from twin.record import write_whole
+from twin.run.picture import COLOURS
+from twin.run.record import write_whole
 
 LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import NdBSpline, make_interp_spline
 
+from controllers.arrays import Array
 from twin.errors import ModelError
-
-Array = NDArray[np.floating]
 
 _ORDER = 3
 _REMEDY = "run `ballplate calibrate cams`"

@@ -7,16 +7,13 @@ from types import TracebackType
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.hal.devices import Clock, Servos, TouchScreen
 from twin.hal.faults import Watched
+from twin.hal.interface import Clock, Servos, TouchScreen
 from twin.hal.states import Event, State
 from twin.hal.supervisor import Note, Supervisor
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 
 class Transmission(Protocol):

@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array, Mask
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Clamp, Limits
 from twin.hal.states import TRANSITIONS, Event, State
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 LOST_AFTER = 0.1
 """Seconds without touch after which the ball counts as lost."""

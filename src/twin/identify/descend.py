@@ -8,12 +8,10 @@ candidates and all finite differences in one batch makes a fit some twenty times
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.identify.parameters import BALL
 from twin.identify.problem import LOOSE, Linear, Problem
-
-Array = NDArray[np.floating]
 
 
 def settle(problem: Problem, theta: Array, starts: Array, rounds: int) -> tuple[Array, Linear]:

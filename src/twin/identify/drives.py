@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from controllers.arrays import Array
 from twin.identify.motion import servo
 from twin.identify.parameters import SERVO
 from twin.identify.prepare import Data
 from twin.identify.scores import Estimate, estimate
-
-Array = NDArray[np.floating]
 
 CHUNK = 1.0
 """Length in s of the pieces from which a parabola is taken, for disturbances drift the plate."""

@@ -10,7 +10,7 @@ from twin.identify.holdout import Horizons
 from twin.identify.search import Fit
 from twin.identify.whiteness import Whiteness
 from twin.identify.windows import LOOKBACK
-from twin.picture import COLOURS, LOOK
+from twin.run.picture import COLOURS, LOOK
 
 SHOWN = 6
 """So many windows of the fit are drawn."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.identify.descend import settle
 from twin.identify.motion import plate_motion
 from twin.identify.phases import Spans
@@ -14,8 +15,6 @@ from twin.identify.prepare import Data
 from twin.identify.problem import Problem
 from twin.identify.search import Fit
 from twin.identify.windows import BIN, LOOKBACK, Windows
-
-Array = NDArray[np.floating]
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0)
 """Seconds ahead."""

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.identify.columns import LogError
 from twin.identify.drives import fit_drives
@@ -19,8 +18,6 @@ from twin.identify.scores import Estimate, estimate
 from twin.identify.search import Fit, cut, search
 from twin.identify.verdict import Verdict, verdicts
 from twin.identify.whiteness import Whiteness, whiteness
-
-Array = NDArray[np.floating]
 
 SHARE = 2 / 3
 """Share of the usable time that is fitted; the rest is held out."""

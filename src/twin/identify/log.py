@@ -13,10 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.identify.columns import COLUMNS, LogError, require, scale, split_unit
-
-Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, kw_only=True)

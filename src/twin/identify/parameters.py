@@ -6,13 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from controllers.arrays import Array
 from twin.identify.columns import LogError
-from twin.plant.friction import Friction
-
-Array = NDArray[np.floating]
+from twin.sim.plant.friction import Friction
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
+from controllers.arrays import Array, Mask
 
 REST, ROLL = 0.004, 0.008
 """Measured speeds in m/s below which the ball rests and above which it rolls."""

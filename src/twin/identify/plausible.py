@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
+from twin.hal.interface import SCREEN
 from twin.identify.columns import LogError
 from twin.identify.log import Log
 from twin.identify.motion import servo
 from twin.identify.phases import ROLL, speed
 from twin.identify.prepare import Data
-from twin.plant.surface import SCREEN
-
-Array = NDArray[np.floating]
 
 STEEPEST = 0.26
 """Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.columns import LogError
 from twin.identify.log import Log
 from twin.identify.motion import resolution
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 SLOWEST = 0.05
 """Longest time in s between rows."""

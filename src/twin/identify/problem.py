@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.identify.parameters import BALL, friction
 from twin.identify.replay import replay
 from twin.identify.windows import LOOKBACK, Windows
-
-Array = NDArray[np.floating]
 
 NUDGE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""

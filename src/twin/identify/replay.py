@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.plant.friction import Friction
-
-Array = NDArray[np.floating]
+from twin.sim.plant.friction import Friction
 
 STEP = 0.004
 """Step of the replay in s."""

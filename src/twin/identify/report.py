@@ -6,11 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from twin.html import inline, render
 from twin.identify.figures import fit_figure, horizon_figure, white_figure
 from twin.identify.identify import Identification
 from twin.identify.verdict import IDENTIFIED, Verdict
-from twin.page import inline, render
-from twin.record import write_whole
+from twin.run.record import write_whole
 
 
 def summary(found: Identification) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 DRAWS = 4000
 """Bootstrap draws."""

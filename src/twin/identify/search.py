@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.identify.descend import descend, settle
 from twin.identify.motion import plate_motion
@@ -15,8 +15,6 @@ from twin.identify.phases import spans
 from twin.identify.prepare import Data
 from twin.identify.problem import Linear, Problem
 from twin.identify.windows import LOOKBACK, Windows
-
-Array = NDArray[np.floating]
 
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""

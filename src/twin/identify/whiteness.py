@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.identify.search import Fit
-
-Array = NDArray[np.floating]
 
 LAGS = 20
 """So many lags of the autocorrelation are looked at."""

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.motion import Motion
 from twin.identify.phases import Spans
 from twin.identify.prepare import Stretch
 from twin.identify.replay import STEP, Field
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""

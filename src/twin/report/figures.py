@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.picture import COLOURS, LOOK, picture
-from twin.replay import Replay, columns
 from twin.report.findings import spectrum
+from twin.run.picture import COLOURS, LOOK, picture
+from twin.run.replay import Replay, columns
 
 Format = Literal["svg", "png", "pdf"]
 

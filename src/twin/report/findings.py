@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from twin.replay import Replay, columns
-
-Array = NDArray[np.floating]
+from controllers.arrays import Array
+from twin.run.replay import Replay, columns
 
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""

@@ -6,12 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.page import inline, render
-from twin.replay import Replay
+from twin.html import inline, render
 from twin.report.figures import details, overview
 from twin.report.findings import Findings
 from twin.report.numbers import rows
 from twin.report.words import verdict
+from twin.run.replay import Replay
 
 MOST = 40
 """Events that are listed."""

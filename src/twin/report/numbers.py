@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from twin.replay import Replay
+    from twin.run.replay import Replay
 
 LABELS = {
     "outcome": ("outcome", ""),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from twin.replay import Replay
 from twin.report.findings import Findings
+from twin.run.replay import Replay
 
 ENDINGS = {
     "finished": "The run went to its end",

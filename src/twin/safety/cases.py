@@ -6,6 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from twin.devices.akd import conditions as akd
+from twin.devices.lumio import conditions as lumio
+from twin.devices.realtime import LOOP_OVERRUN
 from twin.emulator.can_faults import Towards
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
@@ -13,10 +16,7 @@ from twin.emulator.rehearsal import RehearsedRig
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
-from twin.hal.akd import conditions as akd
 from twin.hal.faults import Condition
-from twin.hal.lumio import conditions as lumio
-from twin.hal.realtime import LOOP_OVERRUN
 from twin.safety import drive_causes
 
 Act = Callable[[RehearsedRig], None]

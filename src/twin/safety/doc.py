@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from twin.hal.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
+from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.faults import Condition
-from twin.hal.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
-from twin.hal.realtime import TIMING_CONDITIONS
 from twin.hal.states import TRANSITIONS
 from twin.hal.supervisor import RIG_CONDITIONS
-from twin.record import write_whole
+from twin.run.record import write_whole
 from twin.safety.matrix import AFTER, Row
 
 GROUPS: dict[str, Iterable[Condition]] = {

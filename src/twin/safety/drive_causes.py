@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from twin.devices.akd import conditions as c
 from twin.emulator.can_faults import Towards
 from twin.emulator.can_rehearsal import Rehearsal
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
-from twin.hal.akd import conditions as c
 from twin.hal.faults import Condition
 
 TPDO1, TPDO2 = 0x181, 0x281

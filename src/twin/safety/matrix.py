@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.stack import Controller
-from twin.assemble import build_controller, build_limits
+from twin.devices.akd.conditions import STOP_IGNORED
 from twin.emulator.rehearsal import RehearsedRig
 from twin.emulator.screen_line import DEAD_TIME, FRAME
 from twin.emulator.virtual import VirtualBench
 from twin.errors import TwinError
-from twin.hal.akd.conditions import STOP_IGNORED
 from twin.hal.faults import Severity
-from twin.loop import Ending, Outcome, drive
-from twin.pool import results
-from twin.record import Recorder
+from twin.jobs import results
+from twin.run.assemble import build_controller, build_limits
+from twin.run.loop import Ending, Outcome, drive
+from twin.run.record import Recorder
 from twin.safety.cases import CASES, Case
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario

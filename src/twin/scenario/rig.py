@@ -11,9 +11,9 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Field, create_model
 
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.lumio.config import LumioConfig
 from twin.errors import ScenarioError
-from twin.hal.akd.config import AkdConfig, AxisConfig, BusConfig
-from twin.hal.lumio.config import LumioConfig
 from twin.scenario.load import Tables, validated
 from twin.scenario.plant import STRICT, Section
 from twin.scenario.schema import Limits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from twin.assemble import build_friction
+from twin.run.assemble import build_friction
 from twin.scenario import Scenario
 
 OWN = {

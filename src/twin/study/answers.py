@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 from SALib.analyze import morris, sobol
 from scipy import stats
 
+from controllers.arrays import Array
 from twin.study.design import LEVELS, SEED, Design, Point, problem, quantiles
 from twin.study.schema import Study
 from twin.study.work import Work
-
-Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

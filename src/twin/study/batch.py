@@ -14,29 +14,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Law, Reference
+from controllers.per_rig import Fleet, Paths
 from controllers.stack import Controller, SampledReference
-from twin.assemble import (
+from twin.run.assemble import (
     build_controller,
     build_friction,
     build_limits,
     build_parts,
     build_plant,
 )
-from twin.fleet import Fleet, Paths
-from twin.hal.simulated import SimulatedRig
-from twin.loop import Ending, drive
-from twin.metrics import Metrics, Motion, measure
-from twin.plant.exact import ExactPlant
-from twin.plant.friction import Friction
-from twin.plant.interface import Plant
-from twin.plant.mechanism import Mechanism
-from twin.plant.surface import SurfaceMap
-from twin.record import Recorder
+from twin.run.loop import Ending, drive
+from twin.run.metrics import Metrics, Motion, measure
+from twin.run.record import Recorder
 from twin.scenario import Scenario
+from twin.sim.plant.exact import ExactPlant
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Plant
+from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.surface import SurfaceMap
+from twin.sim.rig import SimulatedRig
 from twin.study.bench import Rigs
-
-Array = NDArray[np.floating]
 
 LEAST = {"mujoco": 16, "lagrange": 2}
 """Rigs from which on a plant of each kind is calculated in the same way, however many there are."""

@@ -8,16 +8,13 @@ from math import radians
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twin.hal.drives import DriveModel, SimulatedDrives
-from twin.hal.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
-from twin.hal.simulated import Bench
-from twin.plant.interface import Plant
+from controllers.arrays import Array, Mask
 from twin.scenario import Scenario
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
+from twin.sim.drives import DriveModel, SimulatedDrives
+from twin.sim.plant.interface import Plant
+from twin.sim.rig import Bench
+from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
 
 
 class Rigs(Bench):

@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 import pyarrow as pa
 
 from twin.errors import TwinError
-from twin.pool import AHEAD, handed_out, results
+from twin.jobs import AHEAD, handed_out, results
 from twin.study.store import Store
 from twin.study.work import Job, Row, Task, Work, carry_out
 

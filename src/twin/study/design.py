@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from SALib.sample import latin, morris, sobol
 
+from controllers.arrays import Array
 from twin.study.schema import Study, column
 
-Array = NDArray[np.floating]
 Point = dict[str, float | str]
 
 LEVELS = 4

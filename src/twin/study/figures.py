@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.picture import COLOURS, LOOK, STYLES
 from twin.report.numbers import LABELS
+from twin.run.picture import COLOURS, LOOK, STYLES
 from twin.study import interaction
 from twin.study.answers import Answer, Curve, Index
 from twin.study.design import Design, Point

@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from twin.picture import COLOURS
-
-Array = NDArray[np.floating]
+from controllers.arrays import Array
+from twin.run.picture import COLOURS
 
 BINS = 5
 """Intervals of the first parameter, with equally many runs in each."""

@@ -12,8 +12,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
-from twin.page import inline, render
-from twin.record import write_whole
+from twin.html import inline, render
+from twin.run.record import write_whole
 from twin.study.answers import Answer
 from twin.study.figures import figures, metric_label
 from twin.study.words import NEGLIGIBLE, needed, sentences

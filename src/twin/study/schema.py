@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy import stats
 
+from controllers.arrays import Array
 from twin.errors import ScenarioError
-from twin.metrics import Metrics
+from twin.run.metrics import Metrics
 from twin.scenario.load import folder, nearest
-
-Array = NDArray[np.floating]
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]

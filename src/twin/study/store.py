@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from twin.errors import RecordError
-from twin.record import write_whole
+from twin.run.record import write_whole
 from twin.study.schema import METRICS
 from twin.study.work import Row
 

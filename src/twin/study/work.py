@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import controllers
 from controllers.stack import Controller
-from twin.assemble import build_controller
 from twin.errors import TwinError
-from twin.loop import Ending
-from twin.metrics import Metrics
-from twin.models import model_path
+from twin.paths import model_path
+from twin.run.assemble import build_controller
+from twin.run.loop import Ending
+from twin.run.metrics import Metrics
 from twin.scenario import Scenario
 from twin.study.alike import common
 from twin.study.batch import simulate
@@ -185,11 +185,11 @@ def code() -> str:
     twin = Path(str(files("twin")))
     sources = [
         path
-        for folder in (Path(controllers.__file__).parent, twin / "plant", twin / "hal")
+        for folder in (Path(controllers.__file__).parent, twin / "sim", twin / "hal")
         for path in sorted(folder.rglob("*.py"))
     ]
-    names = ("loop.py", "assemble.py", "fleet.py", "metrics.py")
-    sources += [twin / name for name in names]
+    names = ("loop.py", "assemble.py", "metrics.py")
+    sources += [twin / "run" / name for name in names]
     sources += [twin / "study" / name for name in ("alike.py", "batch.py", "bench.py", "work.py")]
     sources += [model_path(), model_path("cams.json")]
     for path in sources:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import rerun.blueprint as rrb
 
-from twin.plant.surface import SCREEN
+from twin.hal.interface import SCREEN
 from twin.view.signals import GROUPS
 
 Layout = Literal["showing", "tuning"]

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
-from twin.plant.surface import SCREEN, SurfaceMap
+from controllers.arrays import Array
+from twin.hal.interface import SCREEN
+from twin.sim.plant.surface import SurfaceMap
 
-Array = NDArray[np.floating]
 Colour = tuple[int, int, int]
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import rerun as rr
 
 from twin.errors import ViewError
-from twin.record import write_whole
-from twin.replay import Replay
+from twin.run.record import write_whole
+from twin.run.replay import Replay
 from twin.view.layout import Layout, blueprint
 from twin.view.streams import TIMELINE, Batch, Stream
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 _NAMES = 16384
 _COUNTERS = 6

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.view.turns import about, rotate, to_rig
-
-Array = NDArray[np.floating]
 
 _BOX, _CYLINDER, _CAPSULE = (
     mujoco.mjtGeom.mjGEOM_BOX,

@@ -8,7 +8,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from twin.record import write_whole
+from twin.run.record import write_whole
 from twin.view.streams import TIMELINE
 from twin.view.viewer import headless
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from twin.hal.limits import Limits
-from twin.replay import motion_of
+from twin.run.replay import motion_of
 
-Array = NDArray[np.floating]
 Colour = tuple[int, int, int]
 
 # Okabe and Ito's colours: told apart with any colour vision.

@@ -9,20 +9,19 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.interfaces import Reference
-from twin.assemble import build_friction, build_limits, build_parts, build_reference
 from twin.hal.cams import CamTable
 from twin.hal.states import State
-from twin.models import model_path
-from twin.plant.model import load_model
-from twin.replay import columns, motion_of
+from twin.paths import model_path
+from twin.run.assemble import build_friction, build_limits, build_parts, build_reference
+from twin.run.replay import columns, motion_of
 from twin.scenario.schema import Scenario
+from twin.sim.plant.model import load_model
 from twin.view import plan
 from twin.view.scene import Scene
 from twin.view.signals import RUNS, Signal, signals, tinted
 from twin.view.turns import rolled
-
-Array = NDArray[np.floating]
 
 TIMELINE = "simulated time [s]"
 FRAMES = 50.0

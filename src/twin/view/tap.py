@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from twin.record import CHANNELS, Recorder
+from twin.run.record import CHANNELS, Recorder
 from twin.view.ring import Ring
 
 ROWS = 32768

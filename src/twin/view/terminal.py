@@ -10,19 +10,17 @@ from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from twin.assemble import build_reference
+from controllers.arrays import Array
 from twin.hal.states import State
-from twin.replay import motion_of
+from twin.run.assemble import build_reference
+from twin.run.replay import motion_of
 from twin.scenario.schema import Scenario
 from twin.view.ring import Ring
 from twin.view.tap import Address, step_back
-
-Array = NDArray[np.floating]
 
 SHOWN_EVERY = 0.5
 """Seconds between two pictures on a terminal; half a kilobyte each."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from controllers.arrays import Array
 
 
 def about(axis: Array, angle: Array) -> Array:

@@ -1,0 +1,1 @@
+"""What is real: drives on CAN, touch screen on a serial line, time."""

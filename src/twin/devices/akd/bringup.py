@@ -1,0 +1,190 @@
+"""Bring-up of the drives: who they are, what they are set to, what they exchange, who watches."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+
+import can
+
+from twin.devices.akd import cia402, frames
+from twin.devices.akd.conditions import (
+    BIT_RATE,
+    DUPLICATE_ID,
+    NMT_LEFT,
+    NODE_ABSENT,
+    WRONG_IDENTITY,
+    WRONG_SETTING,
+)
+from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.dictionary import PDO_INVALID, dictionary
+from twin.devices.akd.errors import DriveError
+from twin.devices.akd.network import Network, Remote, absent
+from twin.devices.akd.scaling import difference
+
+VENDOR = 0x6A
+DEVICE = 0x00020192
+PROFILE_VELOCITY = 3
+QUICK_STOP_THEN_OFF = 2
+
+_CUSTOM_VELOCITY = 1 << 4
+"""Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
+
+_LISTEN = 0.05
+"""Time in s in which a second node with the same id would answer too."""
+_SETTLE = 0.02
+"""Time in s after which nothing of an earlier exchange is on its way any more."""
+_STANDSTILL = 3.0
+"""Longest wait in s for a drive that was found turning."""
+_LOOK = 0.01
+_STILL = 5e-5
+"""Time in s between two looks at the position, and the motion in rad that counts as none."""
+
+
+def monitoring(config: AkdConfig) -> int:
+    """What 1016h:1 holds: the host's node and the silence in ms after which the drive stops."""
+    return config.host << 16 | round(config.silence * 1e3)
+
+
+def bring_up(
+    bus: can.BusABC,
+    config: AkdConfig,
+    *,
+    with_plate: bool = True,
+    now: Callable[[], float] = time.monotonic,
+) -> None:
+    """Take both drives from whatever state to operational, monitored, without torque.
+
+    The host must send its heartbeat from now on. On an error nothing has torque.
+
+    Args:
+        bus: The open bus; nobody else may read it meanwhile.
+        config: What the drives are set to.
+        with_plate: Whether the plate encoders are read through the drives.
+        now: Monotonic time in s.
+
+    Raises:
+        DriveError: If a drive is absent, is not what it should be, or refuses a setting.
+    """
+    network = Network(bus, config.answer, now)
+    for axis in config.axes:
+        _command(network, frames.PRE_OPERATIONAL, axis)
+    network.pump(_SETTLE)
+    remotes = [Remote(network, axis, dictionary(axis.node, config.eds)) for axis in config.axes]
+    for remote in remotes:
+        _identify(network, remote)
+    for remote in remotes:
+        _stand_still(remote)
+        _settings(remote, config)
+        _exchange(remote, with_plate)
+    for remote in remotes:
+        remote.write(0x1016, 1, monitoring(config))
+    for remote in remotes:
+        _operational(network, remote.axis, config)
+
+
+def _command(network: Network, command: int, axis: AxisConfig) -> None:
+    network.send_message(frames.NMT, bytes((command, axis.node)))
+
+
+def _identify(network: Network, remote: Remote) -> None:
+    """Make sure that exactly one AKD answers to the node's id."""
+    axis = remote.axis
+    before = network.answers.get(axis.node, 0)
+    request = struct.pack("<BHBI", 0x40, 0x1000, 0, 0)
+    network.send_message(frames.REQUEST + axis.node, request)
+    network.pump(_LISTEN)
+    answers = network.answers.get(axis.node, 0) - before
+    if not answers:
+        if network.bus_errors:
+            detail = "does not answer and the bus reports errors; check the bit rate"
+            raise DriveError(BIT_RATE, axis.where, detail)
+        raise DriveError(NODE_ABSENT, axis.where, absent(network, axis))
+    if answers > 1:
+        detail = f"{answers} devices answer to this id; give every drive its own"
+        raise DriveError(DUPLICATE_ID, axis.where, detail)
+    wanted = [(0x1000, 0, DEVICE, "device type"), (0x1018, 1, VENDOR, "vendor")]
+    if axis.product is not None:
+        wanted.append((0x1018, 2, axis.product, "product code"))
+    for index, sub, value, name in wanted:
+        found = remote.read(index, sub)
+        if found != value:
+            detail = f"{name} is {found:#x}, an AKD has {value:#x}"
+            raise DriveError(WRONG_IDENTITY, axis.where, detail)
+
+
+def _stand_still(remote: Remote) -> None:
+    """Stop a drive that was left turning; modes may only change at rest."""
+    remote.write(0x60FF, 0, 0)
+    deadline = remote.network.now() + _STANDSTILL
+    while cia402.state(status := remote.read(0x6041)) in {
+        cia402.State.OPERATION_ENABLED,
+        cia402.State.QUICK_STOP,
+        cia402.State.FAULT_REACTION,
+    }:
+        if remote.network.now() > deadline:
+            detail = f"does not leave operation (status word {status:04X}h)"
+            raise DriveError(WRONG_SETTING, remote.axis.where, detail)
+        remote.write(0x6040, 0, cia402.QUICK_STOP)
+        remote.network.pump(0.01)
+    remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE)
+    before = remote.read(0x6064)
+    while True:
+        remote.network.pump(_LOOK)
+        now = remote.read(0x6064)
+        if abs(remote.axis.position.value(difference(now, before))) < _STILL:
+            return
+        before = now
+        if remote.network.now() > deadline:
+            raise DriveError(WRONG_SETTING, remote.axis.where, "does not come to rest")
+
+
+def _settings(remote: Remote, config: AkdConfig) -> None:
+    axis = remote.axis
+    counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
+    if counts != axis.motor_counts:
+        detail = f"counts {counts:g} a motor revolution, the configuration says {axis.motor_counts}"
+        raise DriveError(WRONG_SETTING, axis.where, detail)
+    if remote.read(0x36E9) & _CUSTOM_VELOCITY:
+        detail = "velocity is scaled by 204Ch (36E9h bit 4 is set); clear it in the drive"
+        raise DriveError(WRONG_SETTING, axis.where, detail)
+    limit = abs(axis.limit.counts32(config.rate_limit))
+    ramp = abs(axis.acceleration.counts32(config.ramp))
+    for index, sub, value in (
+        (0x6060, 0, PROFILE_VELOCITY),
+        (0x605A, 0, QUICK_STOP_THEN_OFF),
+        (0x6083, 0, ramp),
+        (0x6084, 0, ramp),
+        (0x207F, 0, limit),
+        (0x3622, 0, limit),
+        (0x3623, 0, -limit),
+        (0x60C2, 1, round(config.period * 1e3)),
+        (0x60C2, 2, -3),
+        (0x1017, 0, round(config.heartbeat * 1e3)),
+    ):
+        remote.write(index, sub, value)
+
+
+def _exchange(remote: Remote, with_plate: bool) -> None:
+    """Map what is exchanged at every SYNC, and switch every other PDO off."""
+    node, axis = remote.axis.node, remote.axis
+    for number in range(4):
+        for base, cob_id in ((0x1400, frames.RPDO1), (0x1800, frames.TPDO1)):
+            remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
+    remote.map_pdo(remote.node.rpdo, 1, frames.RPDO1 + node, frames.RPDO1_MAP)
+    remote.map_pdo(remote.node.tpdo, 1, frames.TPDO1 + node, frames.TPDO1_MAP)
+    sensors = (frames.VELOCITY, axis.plate_object) if with_plate else (frames.VELOCITY,)
+    remote.map_pdo(remote.node.tpdo, 2, frames.TPDO2 + node, sensors)
+
+
+def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:
+    network.states.pop(axis.node, None)
+    _command(network, frames.START, axis)
+    running = network.pump(
+        3 * config.silence, lambda: network.states.get(axis.node) == frames.OPERATIONAL
+    )
+    if not running:
+        state = network.states.get(axis.node)
+        name = "no heartbeat" if state is None else frames.NMT_STATES.get(state, str(state))
+        raise DriveError(NMT_LEFT, axis.where, f"does not become operational ({name})")

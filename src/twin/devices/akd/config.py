@@ -1,0 +1,223 @@
+"""How the drives are wired and set, with the source of every number that is not certain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from twin.devices.akd.scaling import RPM, TURN, Scale
+from twin.errors import ScenarioError
+
+
+def _fact(default: Any, source: str, confidence: str) -> Any:
+    return field(default=default, metadata={"source": source, "confidence": confidence})
+
+
+class Unconfirmed(NamedTuple):
+    """A setting that nobody has confirmed on the rig; confidence M (indirect) or L (inferred)."""
+
+    name: str
+    value: object
+    source: str
+    confidence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusConfig:
+    """Which CAN bus, as python-can names it.
+
+    Attributes:
+        interface: Any python-can interface: socketcan, slcan, pcan, virtual, ...
+        channel: Its channel, as ``can0`` or ``/dev/ttyACM0``.
+        bitrate: Bit/s; two drives at 2 ms need 1 Mbit/s (39 % load).
+        options: Further keywords for python-can.
+    """
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: int = 1_000_000
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisConfig:
+    """One servo axis and the plate encoder wired to its drive.
+
+    Attributes:
+        name: ``phi`` or ``theta``.
+        node: CANopen node, 1 to 126.
+        motor_counts: Position counts per motor revolution (6064h), checked against 608Fh.
+        gear: Motor revolutions per revolution of the cam shaft.
+        motor_sign: 1, or -1 if the drive counts against the cam's sense.
+        plate_counts: Plate encoder counts per revolution, as the drive gives them.
+        plate_sign: 1 or -1.
+        plate_object: Index and subindex of the plate encoder's position in the drive.
+        velocity_unit: One count of 60FFh and 606Ch in rad/s at the motor.
+        acceleration_unit: One count of 6083h and 6084h in rad/s^2 at the motor.
+        limit_unit: One count of 207Fh, 3622h and 3623h in rad/s at the motor.
+        product: Product code (1018h:2), or None for any AKD.
+    """
+
+    name: str
+    node: int
+    motor_counts: int = 1 << 20
+    gear: float = _fact(1.0, "cartridge motor drives the cam directly, no gear known", "M")
+    motor_sign: int = _fact(1, "never checked", "L")
+    plate_counts: int = _fact(16384, "4096 pulses x4; may be 4096, or 2^16 or 2^32 inside", "L")
+    plate_sign: int = _fact(1, "never checked", "L")
+    plate_object: tuple[int, int] = _fact((0x2050, 0), "EDS; which input is not known", "L")
+    velocity_unit: float = 0.001 * RPM
+    acceleration_unit: float = _fact(0.001 * RPM, "as velocity; unit not found", "L")
+    limit_unit: float = _fact(0.001 * RPM, "as velocity, default UNIT.VROTARY", "M")
+    product: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        if not 1 <= self.node <= 126:
+            raise ScenarioError(f"axis {self.name}: node {self.node} must be 1 to 126")
+        if self.motor_sign not in {-1, 1} or self.plate_sign not in {-1, 1}:
+            raise ScenarioError(f"axis {self.name}: a sign must be 1 or -1")
+        for name in ("motor_counts", "gear", "plate_counts", "velocity_unit", "acceleration_unit"):
+            if not getattr(self, name) > 0:
+                raise ScenarioError(f"axis {self.name}: {name} must be positive")
+
+    @property
+    def where(self) -> str:
+        """How the drive is called in messages."""
+        return f"drive {self.name} (node {self.node})"
+
+    @property
+    def position(self) -> Scale:
+        """Counts of the motor encoder to rad at the cam shaft."""
+        return Scale(TURN / (self.motor_counts * self.gear * self.motor_sign))
+
+    @property
+    def plate(self) -> Scale:
+        """Counts of the plate encoder to rad."""
+        return Scale(TURN / (self.plate_counts * self.plate_sign))
+
+    @property
+    def velocity(self) -> Scale:
+        """Counts of velocity to rad/s at the cam shaft."""
+        return Scale(self.velocity_unit / (self.gear * self.motor_sign))
+
+    @property
+    def limit(self) -> Scale:
+        """Counts of a velocity limit to rad/s at the cam shaft, without sign."""
+        return Scale(self.limit_unit / self.gear)
+
+    @property
+    def acceleration(self) -> Scale:
+        """Counts of acceleration to rad/s^2 at the cam shaft, without sign."""
+        return Scale(self.acceleration_unit / self.gear)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Thresholds of the monitoring; s, rad, rad/s, or cycles where said.
+
+    Attributes:
+        stale: Cycles without a PDO after which the axis counts as unknown.
+        unsteady: Irregular cycles (missing, late, surplus, short) among the last 50 that level.
+        burst: Emergencies within 1 s that level.
+        travel: Commanded motor travel without a single count of motion, rad, that is suspicious.
+        plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
+            it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
+        frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.
+        jump: Factor of the rate limit that no encoder can pass.
+        plate_rate: Fastest plate motion taken for real, rad/s.
+        slack: Motion that is never a jump: motor rad, plate rad.
+        lag: Motor rate error, rad/s, for longer than ``lag_time`` s that counts as not following.
+        limit_time: Duration of an internal limit that levels, s.
+        reset: Time a fault reset may take, s.
+        stop: Time a quick stop may take before the heartbeat is withheld, s.
+        enquiry: Pause between two looks at the drives' own monitoring, s.
+        answer: Time an SDO answer may take, s.
+        repeat: Shortest time between two reports of one warning, s.
+    """
+
+    stale: int = 10
+    unsteady: int = 12
+    burst: int = 10
+    travel: float = 0.005
+    plate_travel: float = 0.03
+    frozen: float = 0.02
+    jump: float = 3.0
+    plate_rate: float = 6.0
+    slack: tuple[float, float] = (0.01, 0.01)
+    lag: float = 1.0
+    lag_time: float = 0.06
+    limit_time: float = 0.02
+    reset: float = 0.1
+    stop: float = 0.3
+    enquiry: float = 0.5
+    answer: float = 0.1
+    repeat: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AkdConfig:
+    """Two AKD drives on one CAN bus.
+
+    Attributes:
+        bus: The bus.
+        axes: phi, then theta.
+        period: SYNC period in s, a whole number of ms.
+        host: The host's own node, whose heartbeat the drives watch.
+        heartbeat: Period of every heartbeat in s.
+        silence: Silence after which either side acts, in s.
+        answer: Time an SDO answer may take before the cycle runs, s.
+        rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s.
+        ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate is told
+            (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
+        eds: The vendor's EDS file instead of the built-in object dictionary.
+        watch: Thresholds.
+    """
+
+    bus: BusConfig = field(default_factory=BusConfig)
+    axes: tuple[AxisConfig, AxisConfig] = (
+        AxisConfig(name="phi", node=1),
+        AxisConfig(name="theta", node=2),
+    )
+    period: float = 0.002
+    host: int = 127
+    heartbeat: float = 0.02
+    silence: float = 0.06
+    answer: float = 2.0
+    rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
+    ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
+    eds: Path | None = None
+    watch: Watch = field(default_factory=Watch)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        phi, theta = self.axes
+        if (phi.name, theta.name) != ("phi", "theta"):
+            raise ScenarioError("axes must be phi, then theta")
+        if len({phi.node, theta.node, self.host}) < 3:
+            raise ScenarioError(f"nodes {phi.node}, {theta.node}, {self.host} must differ")
+        if round(self.period * 1e3) < 1 or abs(self.period * 1e3 % 1) > 1e-9:
+            raise ScenarioError(f"period {self.period} s must be a whole number of ms")
+        if not 0.001 <= self.heartbeat < self.silence <= 65.535:
+            raise ScenarioError("heartbeat must be at least 1 ms and below silence (65.535 s)")
+        if not 0 < self.answer <= 60:
+            raise ScenarioError(f"answer {self.answer} s must be above 0, at most 60")
+        if not (self.rate_limit > 0 and self.ramp > 0):
+            raise ScenarioError("rate_limit and ramp must be positive")
+
+
+def unconfirmed(config: AkdConfig) -> list[Unconfirmed]:
+    """Every setting whose default nobody has confirmed, and its value here."""
+    found = []
+    for prefix, part in (("", config), ("phi.", config.axes[0]), ("theta.", config.axes[1])):
+        for each in fields(part):
+            if "source" in each.metadata:
+                value = getattr(part, each.name)
+                source, confidence = each.metadata["source"], each.metadata["confidence"]
+                found.append(Unconfirmed(prefix + each.name, value, source, confidence))
+    return found

@@ -1,0 +1,221 @@
+"""The Lumio touch screen as a device of the rig: read by a thread, looked at by the loop."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.devices.lumio.conditions import UNPLUGGED
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.decoder import Tally
+from twin.devices.lumio.intake import Intake
+from twin.devices.lumio.presence import Presence, TouchState, state
+from twin.devices.lumio.transports import TRANSPORTS, ScreenError
+from twin.hal.faults import Fault
+from twin.hal.interface import Touch
+
+
+class Port(Protocol):
+    """What bytes come from."""
+
+    def open(self) -> None:
+        """Open it, or raise a ScreenError."""
+
+    def read(self, timeout: float) -> bytes:
+        """What has arrived, or nothing after a timeout in s; a ScreenError if the port has gone."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class LumioScreen:
+    """A touch screen with one ball on it; a TouchScreen and Watched of the rig.
+
+    A thread of its own waits for bytes and keeps the newest plausible position with its arrival
+    time. No method but ``start`` and ``stop`` ever waits.
+
+    Args:
+        config: Port, protocol, calibration, limits.
+        now: Clock in s.
+        port: What to read from; that of the configuration by default.
+    """
+
+    WAIT = 0.01
+    """Longest time in s that the thread waits for bytes before it looks around."""
+    REST = 0.003
+    """Pause in s after more bytes at once than a screen sends, so that a flood costs little."""
+
+    def __init__(
+        self,
+        config: LumioConfig,
+        now: Callable[[], float] = time.monotonic,
+        port: Port | None = None,
+    ) -> None:
+        self.config = config
+        self.connected = False
+        """Whether the port is open."""
+        self._now = now
+        self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
+        self._intake = Intake(config.protocol, config.capacity, config.calibration, config.gate)
+        self._presence = Presence(config.gate, self._intake.tell)
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._recover = threading.Event()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def start(self) -> None:
+        """Open the port and begin to listen.
+
+        Raises:
+            ScreenError: The port is absent, not permitted or busy.
+        """
+        if self._thread is not None:
+            return
+        self._begin()
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._listen, name="touch screen", daemon=True)
+        self._thread.start()
+
+    def _begin(self) -> None:
+        """Open the port, and know nothing of what was before."""
+        self._intake.forget()
+        self._presence.forget()
+        self._port.open()
+        self.connected = True
+
+    def stop(self) -> None:
+        """Stop listening and close the port; harmless if stopped already."""
+        if self._thread is not None:
+            self._stop.set()
+            self._thread.join()
+            self._thread = None
+
+    def recover(self) -> None:
+        """On a person's request: forget the ball and open a port that went.
+
+        A port that is still absent is told by ``faults`` again.
+        """
+        self._presence.forget()
+        self._recover.set()
+
+    def read(self) -> Touch:
+        """The newest plausible position; before the first one zeros of infinite age.
+
+        The ball counts as touched until its position is older than ``gate.stale``, lift-off or
+        not: that bridges brief dropouts.
+        """
+        sample, now = self._intake.sample, self._now()
+        if sample is None:
+            return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
+        age = max(0.0, now - sample.time)
+        resting = self._silent and not sample.lifted
+        touched = age <= self.config.gate.stale or resting
+        return Touch(np.array([sample.position]), np.array([age]), np.array([touched]))
+
+    def note_plate(self, plate: Array) -> None:
+        """Take in the measured plate angles (phi, theta), rad, shape (1, 2), once a period.
+
+        Only to notice a frozen touch: no ball rests on a steep plate.
+        """
+        tilt = float(np.abs(plate).max())
+        self._presence.lean(self._intake.sample, self._now(), tilt)
+
+    def faults(self) -> tuple[Fault, ...]:
+        """What has been detected since the last call, oldest first; ask once a period."""
+        self._presence.look(self._intake.sample, self._now(), self._silent)
+        return tuple(self._intake.faults())
+
+    @property
+    def state(self) -> TouchState:
+        """What is known of the ball now."""
+        return state(self.config.gate, self._intake.sample, self._now(), self._silent)
+
+    @property
+    def protocol(self) -> str:
+        """The protocol spoken; empty until it has been recognised."""
+        return self._intake.decoder.name if self._intake.decoder else ""
+
+    @property
+    def counters(self) -> Tally:
+        """What the decoder has met so far."""
+        return self._intake.tally
+
+    @property
+    def reports(self) -> int:
+        """Reports decoded so far."""
+        return self._intake.reports
+
+    @property
+    def report_rate(self) -> float:
+        """Reports a second while touched, over the last ones; 0 before there are two."""
+        return self._intake.rate
+
+    @property
+    def dropped(self) -> int:
+        """Bytes dropped unread in floods."""
+        return self._intake.dropped
+
+    @property
+    def _silent(self) -> bool:
+        decoder = self._intake.decoder
+        return decoder is not None and decoder.silent_at_rest
+
+    def _listen(self) -> None:
+        """Read until stopped; a port that goes is waited for until someone asks to recover."""
+        while not self._stop.is_set():
+            taken = self.listen()
+            if not self.connected:
+                self._stop.wait(self.WAIT)
+            elif taken > self._intake.MOST:
+                self._stop.wait(self.REST)
+        self._port.close()
+        self.connected = False
+
+    def listen(self) -> int:
+        """Take in what arrives; the number of bytes. The thread does nothing else."""
+        if self._recover.is_set():
+            self._recover.clear()
+            self._intake.forget()
+            self._reopen()
+        if not self.connected:
+            return 0
+        try:
+            data = self._port.read(self.WAIT)
+        except ScreenError as error:
+            self._gone(error)
+            return 0
+        self._intake.take(self._now(), data)
+        return len(data)
+
+    def _reopen(self) -> None:
+        if self.connected:
+            return
+        try:
+            self._port.open()
+        except ScreenError as error:
+            self._gone(error)
+        else:
+            self.connected = True
+
+    def _gone(self, error: ScreenError) -> None:
+        self.connected = False
+        self._port.close()
+        self._intake.tell(UNPLUGGED, str(error).partition(": ")[2])

@@ -1,0 +1,256 @@
+"""A rig of real devices: powered servos on a bus, a touch screen on a port, a real-time clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from typing import Any, Protocol
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.interfaces import Measurement
+from twin.devices.akd.seam import PoweredServos
+from twin.devices.realtime import RealTimeClock
+from twin.devices.scheduling import Scheduling, real_time
+from twin.devices.timing import Ledger
+from twin.errors import RigError
+from twin.hal.faults import Fault, Severity, Watched
+from twin.hal.interface import TouchScreen
+from twin.hal.limits import Limits
+from twin.hal.rig import Rig, Transmission
+from twin.hal.states import Event, State
+from twin.hal.supervisor import Supervisor
+
+
+class BusServos(PoweredServos, Protocol):
+    """Powered servos whose bus answers a little later than it is asked."""
+
+    def settle(self, limit: float) -> None:
+        """Wait for the answers to what was sent last, at most for a time in s."""
+
+    @property
+    def round_trip(self) -> float | None:
+        """Seconds from the last command to the last answer; None while one is missing."""
+
+    @property
+    def needs_restart(self) -> bool:
+        """Whether a fault stands that only ``stop`` and ``start`` can clear."""
+
+
+class ListeningScreen(TouchScreen, Watched, Protocol):
+    """A touch screen that is listened to by a thread of its own."""
+
+    def start(self) -> None:
+        """Open the port and begin to listen."""
+
+    def stop(self) -> None:
+        """Close it; harmless if closed already."""
+
+    def recover(self) -> None:
+        """Forget what was; open the port anew if it went."""
+
+    def note_plate(self, plate: Array) -> None:
+        """Take in the measured plate angles (phi, theta), rad, shape (1, 2)."""
+
+
+class HardwareRig(Rig):
+    """One real rig; as emulated devices speak the same bytes, they are driven by it, too.
+
+    Entering blocks: the drives are brought up, the plate is declared to stand as ``home`` says,
+    and the ball is waited for. Within, nothing waits but ``wait``.
+
+    Args:
+        servos: The drives.
+        screen: The touch screen.
+        clock: Absolute deadlines of the period.
+        transmission: Plate angles to motor angles.
+        limits: What may be commanded.
+        home: Plate angles (phi, theta) in rad at which the plate stands when switched on; the
+            encoders are incremental.
+        patience: Longest time in s that the ball is waited for.
+        reset: Whether faults found in the drives when switching on are reset: a person's request.
+        scheduling: Makes the loop's thread a real-time one while the rig is on.
+    """
+
+    POWER_ON = 1.0
+    """Longest time in s from the request for torque to both drives following."""
+    MARGIN = 0.0005
+    """Time in s before the end of a period at which waiting for answers ends."""
+
+    def __init__(
+        self,
+        *,
+        servos: BusServos,
+        screen: ListeningScreen,
+        clock: RealTimeClock,
+        transmission: Transmission,
+        limits: Limits,
+        home: tuple[float, float] = (0.0, 0.0),
+        patience: float = 30.0,
+        reset: bool = False,
+        scheduling: Callable[[], AbstractContextManager[Scheduling]] = real_time,
+    ) -> None:
+        super().__init__(
+            servos=servos,
+            screen=screen,
+            clock=clock,
+            transmission=transmission,
+            supervisor=Supervisor(limits, clock.period, 1),
+            period=clock.period,
+            watched=(servos, screen, clock),
+        )
+        self.servos = servos
+        self.screen = screen
+        self.clock = clock
+        self._home = np.array([home])
+        self._patience = patience
+        self._reset = reset
+        self._scheduling = scheduling
+        self._on = ExitStack()
+        self._obtained: Scheduling | None = None
+        self._trip: float | None = None
+
+    def _power_on(self) -> None:
+        """Bring the devices up.
+
+        Raises:
+            TwinError: Whatever a device lacks, or that there is no ball; all is off again then.
+        """
+        with ExitStack() as on:
+            self._obtained = on.enter_context(self._scheduling())
+            self.screen.start()
+            on.callback(self.screen.stop)
+            on.callback(self.servos.stop)
+            self.servos.start()
+            self.clock.start()
+            if self._reset:
+                self.servos.reset_faults()
+                self._idle(lambda: False, 0.1)
+            self._torque()
+            self.servos.home(self._home, self._transmission.motor(self._home))
+            self._idle(lambda: bool(self._screen.read().touched.all()), self._patience)
+            if not self._screen.read().touched.all():
+                raise RigError(f"touch screen: no ball within {self._patience:g} s of switching on")
+            self._on = on.pop_all()
+
+    def _hold(self) -> None:
+        """Be ready; time and ledger begin anew."""
+        super()._hold()
+        self._exchange()
+        self.clock.ledger = Ledger(self.period)
+        self.clock.start()
+        self.clock.ledger.begin()
+
+    def _power_off(self) -> None:
+        """No torque, ports closed, an ordinary thread again."""
+        self._on.close()
+
+    def ask_reset(self) -> None:
+        """A person's request: reset the faults in the drives when the rig is switched on next."""
+        self._reset = True
+
+    def reset(self) -> None:
+        """A person's request after a fault: reset, power up and hold the plate; may block.
+
+        Raises:
+            TwinError: If what was wrong still is; the rig is in fault then.
+        """
+        if not self.supervisor.handle(Event.RESET).any():
+            return
+        try:
+            if self.servos.needs_restart:
+                self.servos.start()
+                self.servos.home(self.supervisor.angle, self._transmission.motor(self._plate))
+            else:
+                self.servos.reset_faults()
+            self.screen.recover()
+            self._idle(lambda: False, 0.15, strict=False)
+            self._torque()
+        except BaseException:
+            self.supervisor.handle(Event.STOP)
+            raise
+        self._hold()
+
+    def recover(self) -> None:
+        """A person's request: a rig that holds forgets the ball and becomes ready again."""
+        self.screen.recover()
+        super().recover()
+
+    def read(self) -> Measurement:
+        """What the sensors say now; a rig past a limit, or with a fault, is stopped here."""
+        self.screen.note_plate(self.servos.plate())
+        measurement = super().read()
+        if self.supervisor.state[0] == State.FAULT:
+            self.servos.quick_stop()
+        self.clock.ledger.mark("read")
+        return measurement
+
+    def write(self, rate: Array) -> Array:
+        """Command plate rates (phi', theta') in rad/s, shape (1, 2); return those applied."""
+        self.clock.ledger.mark("control")
+        applied = super().write(rate)
+        self.servos.send()
+        self.clock.ledger.mark("write")
+        return applied
+
+    def wait(self) -> None:
+        """Return at the beginning of the next control period."""
+        self.clock.ledger.mark("record")
+        self.servos.settle(self.clock.left - self.MARGIN)
+        self._trip = self.servos.round_trip
+        if self._trip is not None:
+            self.clock.ledger.round_trip(self._trip)
+        self.clock.wait()
+        self.clock.ledger.begin()
+        self.servos.receive()
+
+    def telemetry(self) -> dict[str, Array]:
+        """How late the period began, the bus round trip before it, and the age of its angles."""
+        trip = math.nan if self._trip is None else self._trip
+        row = [self.clock.lateness, trip, float(self.servos.age().max())]
+        return {"timing": np.array([row])}
+
+    @property
+    def scheduling(self) -> tuple[str, ...]:
+        """What the operating system allowed, in words."""
+        return self._obtained.words if self._obtained else ()
+
+    def account(self) -> dict[str, Any]:
+        """The ledger, and what the operating system allowed."""
+        scheduling = self._obtained.as_dict() if self._obtained else {}
+        return {"ledger": self.clock.ledger.as_dict(), "scheduling": scheduling}
+
+    def _torque(self) -> None:
+        self.servos.enable()
+        self._idle(lambda: self.servos.enabled, self.POWER_ON)
+        if not self.servos.enabled:
+            raise RigError(f"drives: no torque within {self.POWER_ON:g} s of the request")
+
+    def _exchange(self) -> None:
+        """One period without a controller."""
+        self.servos.send()
+        self.servos.settle(self.clock.left - self.MARGIN)
+        self.clock.wait()
+        self.servos.receive()
+
+    def _idle(self, done: Callable[[], bool], limit: float, *, strict: bool = True) -> None:
+        """Exchange until something is done, at most for a time in s.
+
+        Raises:
+            RigError: If a device reports what a rig cannot be switched on with.
+        """
+        for _ in range(round(limit / self.period)):
+            if done():
+                return
+            self._exchange()
+            self.clock.faults()  # nothing moves yet: being late does no harm
+            for device in (self.servos, self.screen):
+                for fault in device.faults():
+                    if strict and fault.condition.severity is not Severity.WARNING:
+                        raise RigError(_line(fault))
+
+
+def _line(fault: Fault) -> str:
+    return f"{fault}; {fault.condition.recovery}"

@@ -1,0 +1,133 @@
+"""One run from scenario to folder: assemble, drive, judge, record, draw."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from controllers.interfaces import Reference
+from twin.hal.rig import Entry, Rig
+from twin.run.assemble import assemble, build_controller
+from twin.run.loop import Outcome, drive
+from twin.run.metrics import Metrics, Motion, measure
+from twin.run.picture import draw
+from twin.run.record import Recorder, write_json, write_run
+from twin.scenario.schema import Scenario
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run of one rig.
+
+    Attributes:
+        scenario: What was asked for.
+        record: All channels.
+        outcome: How it ended.
+        metrics: Its indicators.
+        motion: What ball and plate did.
+        real_time_factor: Simulated seconds a second of the loop.
+        journal: Every condition that was detected.
+        account: What a rig in real time has to say of its timing.
+    """
+
+    scenario: Scenario
+    record: Recorder
+    outcome: Outcome
+    metrics: Metrics
+    motion: Motion
+    real_time_factor: float
+    journal: tuple[Entry, ...] = ()
+    account: Mapping[str, Any] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """What ``--json`` prints: the indicators and the speed."""
+        return {
+            "scenario": self.scenario.title,
+            **self.metrics.as_dict(),
+            "real_time_factor": self.real_time_factor,
+            **self.account,
+        }
+
+
+def run(
+    scenario: Scenario,
+    progress: Callable[[float], None] = lambda _: None,
+    watch: Callable[[Recorder], None] = lambda _: None,
+    rig: Rig | None = None,
+) -> Run:
+    """Run a scenario with one rig.
+
+    Args:
+        scenario: What to run.
+        progress: Is told the simulated time now and then.
+        watch: Is given the recorder before the run, to observe it.
+        rig: A real rig, not switched on; simulated by default.
+
+    Raises:
+        TwinError: If the scenario cannot be assembled.
+    """
+    if rig is None:
+        rig, controller = assemble(scenario)
+    else:
+        controller = build_controller(scenario)
+    period = scenario.rig.period
+    record = Recorder(round(scenario.duration / period), 1, period, rig.channels)
+    watch(record)
+    begin = time.perf_counter()
+    (outcome,) = drive(rig, controller, scenario.duration, record, progress)
+    spent = time.perf_counter() - begin
+    reference: Reference = controller.reference
+    motion = Motion.of(record, reference(record.time)[0])
+    metrics = measure(
+        motion,
+        outcome,
+        start=scenario.metrics.start,
+        band_percent=scenario.metrics.band_percent,
+    )
+    return Run(
+        scenario,
+        record,
+        outcome,
+        metrics,
+        motion,
+        record.length * period / spent,
+        tuple(rig.journal),
+        rig.account(),
+    )
+
+
+def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
+    """Write a run folder: run.parquet, metrics.json, picture.png.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+        shown: Motions for the picture, by label.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    metadata = {
+        "scenario": run.scenario.model_dump(mode="json"),
+        "metrics": run.metrics.as_dict(),
+        "versions": versions(),
+        "events": [
+            {"time": time, "severity": str(note.condition.severity), "text": note.text}
+            for time, note in run.journal
+        ],
+        **run.account,
+    }
+    write_run(folder, run.record, metadata)
+    write_json(folder / "metrics.json", run.summary())
+    draw(folder / "picture.png", shown, run.scenario.title, run.scenario.rig.limits.area)
+
+
+def versions() -> dict[str, str]:
+    """What produced a record: this project, its numerical libraries, Python."""
+    names = ("ballplate", "mujoco", "numpy", "scipy", "control")
+    return {"python": platform.python_version(), **{name: version(name) for name in names}}

@@ -1,0 +1,168 @@
+"""The control loop: one controller, one rig, until the time is up or all rigs have ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.interfaces import Measurement
+from controllers.stack import Controller
+from twin.hal.rig import Rig
+from twin.hal.states import State
+from twin.run.record import Recorder
+
+
+class Ending(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "finished"
+    FELL = "fell"
+    LOST = "lost"
+    FAULT = "fault"
+    ABORTED = "aborted"
+    DIVERGED = "diverged"
+
+
+INTERRUPTED = "interrupted"
+"""The reason of a run that Ctrl-C ended."""
+RAN_AWAY = "the simulation's numbers ran away"
+"""The reason of a run that diverged."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one rig's run ended, at what time in s, and why in words."""
+
+    ending: Ending
+    time: float
+    reason: str = ""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a person ended the run."""
+        return self.reason == INTERRUPTED
+
+
+class Referee:
+    """Decides for each of N rigs whether and how its run has ended.
+
+    Args:
+        rig: The rigs.
+    """
+
+    STOP_WATCH = 2.0
+    """Seconds a holding rig is watched further: its ball may come to rest or still fall."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.outcomes: dict[int, Outcome] = {}
+        self._rig = rig
+        self._rigs = len(rig.supervisor.state)
+        self._stopped = np.full(self._rigs, np.nan)
+
+    def watch(self, measurement: Measurement) -> bool:
+        """Take in a new period; return whether every rig has ended."""
+        fallen = self._rig.fallen
+        if self._rig.supervisor.all_running and not fallen.any():
+            return False
+        self._note(measurement.time, fallen)
+        return len(self.outcomes) == self._rigs
+
+    def examine(self, time: float) -> bool:
+        """Look whose numbers have run away, whatever came of it; return whether all have ended."""
+        for rig in np.flatnonzero(self._rig.diverged).tolist():
+            known = self.outcomes.get(rig)
+            if known is None or known.ending is not Ending.DIVERGED:
+                self.outcomes[rig] = Outcome(Ending.DIVERGED, time, RAN_AWAY)
+        return len(self.outcomes) == self._rigs
+
+    def _note(self, time: float, fallen: NDArray[np.bool_]) -> None:
+        supervisor = self._rig.supervisor
+        stopped = (supervisor.state == State.HOLDING) | (supervisor.state == State.FAULT)
+        self._stopped = np.where(stopped & np.isnan(self._stopped), time, self._stopped)
+        lost = supervisor.lost
+        for rig in range(self._rigs):
+            reason = supervisor.reason[rig]
+            if rig in self.outcomes:
+                continue
+            if fallen[rig]:
+                self.outcomes[rig] = Outcome(Ending.FELL, time, reason or "ball left the plate")
+            elif supervisor.state[rig] == State.FAULT:
+                self.outcomes[rig] = Outcome(Ending.FAULT, time, reason)
+            elif lost[rig] and not supervisor.by_device[rig]:
+                self.outcomes[rig] = Outcome(Ending.LOST, time, "screen no longer feels the ball")
+            elif time - self._stopped[rig] > self.STOP_WATCH:
+                self.outcomes[rig] = self._stop(rig)
+
+    def _stop(self, rig: int) -> Outcome:
+        """The outcome of a rig that was stopped."""
+        supervisor = self._rig.supervisor
+        ending = Ending.FAULT if supervisor.by_device[rig] else Ending.ABORTED
+        return Outcome(ending, float(self._stopped[rig]), supervisor.reason[rig])
+
+    def final(self, time: float, otherwise: Ending, reason: str = "") -> list[Outcome]:
+        """One outcome a rig; those that have not ended get the ending given."""
+        self.examine(time)
+        end = []
+        for rig in range(self._rigs):
+            stop = self._stopped[rig]
+            if rig in self.outcomes:
+                end.append(self.outcomes[rig])
+            elif np.isnan(stop):
+                end.append(Outcome(otherwise, time, reason))
+            else:
+                end.append(self._stop(rig))
+        return end
+
+
+def drive(
+    rig: Rig,
+    controller: Controller,
+    duration: float,
+    recorder: Recorder,
+    progress: Callable[[float], None] = lambda _: None,
+) -> list[Outcome]:
+    """Run the loop for a duration in s and return one outcome a rig.
+
+    A rig whose ball fell, was lost or passed a limit has ended; the loop goes on for the others.
+    Ctrl-C ends all of them as aborted, with the plate levelled and the record kept.
+    """
+    referee = Referee(rig)
+    end, reason = Ending.FINISHED, ""
+    with rig:
+        measurement = rig.read()
+        controller.start(measurement)
+        rig.start()
+        try:
+            for tick in range(round(duration / rig.period)):
+                if measurement.time > duration - rig.period / 2:
+                    break
+                wished = controller.command(measurement)
+                before = controller.rate
+                rate = rig.write(wished)
+                controller.applied(rate)
+                recorder.append(
+                    measurement.time,
+                    measured=measurement.y,
+                    age=measurement.age,
+                    touched=measurement.touched,
+                    estimate=controller.observer.x,
+                    wished=controller.u,
+                    applied=(rate - before) / rig.period,
+                    supervisor=rig.supervisor.state,
+                    **rig.telemetry(),
+                )
+                rig.wait()
+                measurement = rig.read()
+                if referee.watch(measurement):
+                    break
+                if tick % 100 == 0:
+                    progress(measurement.time)
+                    if referee.examine(measurement.time):
+                        break
+        except KeyboardInterrupt:
+            end, reason = Ending.ABORTED, INTERRUPTED
+    return referee.final(recorder.end, end, reason)

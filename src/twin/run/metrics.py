@@ -1,0 +1,169 @@
+"""Performance indicators of a run, each named for what it is.
+
+The thesis (Appendix C) judges single axes on x; so do the indicators below that say "on x".
+Its "average tracking error" is a root mean square (rms_error here), not the mean of (C.4).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.run.loop import Outcome
+from twin.run.record import Recorder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """What a run did: K instants of one rig.
+
+    Attributes:
+        time: Seconds, shape (K,).
+        ball: True ball position in plate axes, m, shape (K, 2); of a real rig, where nobody knows
+            it, the estimated one.
+        plate: Plate angles (phi, theta) in rad, shape (K, 2).
+        u: Applied plate accelerations in rad/s^2, shape (K, 2).
+        reference: Wished ball position in m, shape (K, 2).
+    """
+
+    time: Array
+    ball: Array
+    plate: Array
+    u: Array
+    reference: Array
+
+    @classmethod
+    def of(cls, record: Recorder, wished: Array, rig: int = 0) -> Motion:
+        """The motion of one rig of a record whose ball was wished at these positions, (K, 2)."""
+        # of many rigs a copy, as those of one lie far apart
+        state = record["state" if "state" in record.data else "estimate"][:, rig].copy()
+        return cls(
+            time=record.time,
+            ball=state[:, 0::4],
+            plate=state[:, 2::4],
+            u=record["applied"][:, rig].copy(),
+            reference=wished,
+        )
+
+    @property
+    def error(self) -> Array:
+        """Reference minus ball in m, shape (K, 2), (C.5) and (C.6)."""
+        return self.reference - self.ball
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metrics:
+    """Indicators of one run; None where one does not apply or the run ended before.
+
+    Attributes:
+        outcome: How the run ended.
+        outcome_time: When it ended, s.
+        reason: Why, in words; empty for a finished run.
+        tracking_error_percent: e_tt of (C.7) in %, both axes, from ``metrics.start`` on.
+        rms_error: Root mean square error on x over the whole run, m.
+        mean_error: Mean absolute error on x over the whole run, m, (C.4).
+        max_steady_error: Largest absolute error on x from ``metrics.start`` on, m.
+        overshoot_percent: Largest passing of a constant goal, in % of the way to it, on x.
+        settling_time: Time from which the ball stays in the band about a constant goal, s, on x.
+        steady_error: Absolute error on x at the end, m, for a constant goal.
+        phi_max_deg: Largest plate angle |phi|, deg.
+        theta_max_deg: Largest plate angle |theta|, deg.
+        u1_max: Largest applied |phi''|, rad/s^2.
+        u2_max: Largest applied |theta''|, rad/s^2.
+        u_rms: Root mean square of both applied plate accelerations, rad/s^2.
+    """
+
+    outcome: str
+    outcome_time: float
+    reason: str = ""
+    tracking_error_percent: float | None = None
+    rms_error: float | None = None
+    mean_error: float | None = None
+    max_steady_error: float | None = None
+    overshoot_percent: float | None = None
+    settling_time: float | None = None
+    steady_error: float | None = None
+    phi_max_deg: float | None = None
+    theta_max_deg: float | None = None
+    u1_max: float | None = None
+    u2_max: float | None = None
+    u_rms: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """All indicators by name; None for one that is no finite number."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
+
+
+def measure(
+    motion: Motion, outcome: Outcome, *, start: float = 0.0, band_percent: float = 5.0
+) -> Metrics:
+    """Judge one rig's motion.
+
+    Args:
+        motion: What the run did.
+        outcome: How it ended.
+        start: Time in s from which steady tracking is judged.
+        band_percent: Settling band in % of the way to a constant goal.
+    """
+    ended: dict[str, Any] = {
+        "outcome": outcome.ending.value,
+        "outcome_time": float(outcome.time),
+        "reason": outcome.reason,
+    }
+    if len(motion.time) == 0:
+        return Metrics(**ended)
+    error = motion.error
+    steady = motion.time >= start - 1e-9
+    found: dict[str, Any] = {
+        "rms_error": _rms(error[:, 0]),
+        "mean_error": float(np.abs(error[:, 0]).mean()),
+        "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
+        "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
+        "u1_max": float(np.abs(motion.u[:, 0]).max()),
+        "u2_max": float(np.abs(motion.u[:, 1]).max()),
+        "u_rms": _rms(motion.u),
+    }
+    if steady.any():
+        found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])
+        found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
+    found |= _approach(motion, band_percent)
+    return Metrics(**ended, **found)
+
+
+def tracking_error(error: Array, reference: Array) -> float | None:
+    """Trajectory tracking error e_tt of (C.7) in %; None for a reference that rests at 0."""
+    scale = float((reference**2).sum())
+    return 100 * float(np.sqrt((error**2).sum() / scale)) if scale > 0 else None
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _approach(motion: Motion, band_percent: float) -> dict[str, float | None]:
+    """Overshoot, settling time and steady error on x, if the goal on x is constant in the end."""
+    goal = motion.reference[-1, 0]
+    changes = np.flatnonzero(motion.reference[:, 0] != goal)
+    since = int(changes[-1]) + 1 if len(changes) else 0
+    constant = len(motion.time) - since > 0.2 * len(motion.time)
+    if not constant:
+        return {}
+    x = motion.ball[since:, 0]
+    way = goal - x[0]
+    found: dict[str, float | None] = {"steady_error": float(abs(goal - x[-1]))}
+    if abs(way) > 1e-6:
+        found["overshoot_percent"] = max(0.0, float(100 * ((x - goal) / way).max()))
+        outside = np.flatnonzero(np.abs(x - goal) > band_percent / 100 * abs(way))
+        last = int(outside[-1]) + 1 if len(outside) else 0
+        settled = last < len(x)
+        found["settling_time"] = (
+            float(motion.time[since + last] - motion.time[since]) if settled else None
+        )
+    return found

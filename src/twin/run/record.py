@@ -1,0 +1,190 @@
+"""The record of a run: named channels, one row a control period, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from twin.errors import RecordError
+
+Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A recorded quantity: its columns with one unit each."""
+
+    columns: tuple[str, ...]
+    units: tuple[str, ...]
+
+
+_STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+_STATE_UNITS = ("m", "m/s", "rad", "rad/s", "m", "m/s", "rad", "rad/s")
+
+CHANNELS = {
+    "state": Channel(tuple(f"true_{name}" for name in _STATE), _STATE_UNITS),
+    "measured": Channel(
+        ("measured_x", "measured_phi", "measured_y", "measured_theta"), ("m", "rad", "m", "rad")
+    ),
+    "age": Channel(("age",), ("s",)),
+    "touched": Channel(("touched",), ("1",)),
+    "estimate": Channel(tuple(f"estimated_{name}" for name in _STATE), _STATE_UNITS),
+    "wished": Channel(("wished_phi_acc", "wished_theta_acc"), ("rad/s^2", "rad/s^2")),
+    "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
+    "supervisor": Channel(("supervisor",), ("1",)),
+    "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
+}
+"""The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only."""
+
+
+@dataclass
+class Recorder:
+    """Keeps N rigs' channels in memory, one entry a control period.
+
+    Attributes:
+        ticks: Room for this many periods.
+        rigs: Number of rigs.
+        period: Control period in s.
+        plant: Names of the columns of the channel ``plant``, each ending in its unit.
+        length: Periods recorded so far.
+        data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
+        observers: Are shown time and channels of each period as they are recorded; must not
+            stall.
+    """
+
+    ticks: int
+    rigs: int
+    period: float
+    plant: tuple[str, ...] = ()
+    length: int = 0
+    data: dict[str, Array] = field(default_factory=dict)
+    observers: list[Observe] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Make room for the times."""
+        self._time = np.empty(self.ticks)
+
+    def append(self, time: float, **channels: NDArray[Any]) -> None:
+        """Add the control period that began at a time in s; always the same channels."""
+        if not self.data:
+            for name, value in channels.items():
+                self.data[name] = np.full((self.ticks, *value.shape), np.nan)
+        for name, value in channels.items():
+            self.data[name][self.length] = value
+        self._time[self.length] = time
+        self.length += 1
+        for observe in self.observers:
+            observe(time, channels)
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the start, shape (length,); of a real-time run with gaps if any."""
+        return self._time[: self.length]
+
+    @property
+    def end(self) -> float:
+        """When the last period ended, s."""
+        return float(self._time[self.length - 1]) + self.period if self.length else 0.0
+
+    def __getitem__(self, name: str) -> Array:
+        """What was recorded of a channel, shape (length, N, columns)."""
+        return self.data[name][: self.length].reshape(self.length, self.rigs, -1)
+
+    def table(self, metadata: Mapping[str, Any]) -> pa.Table:
+        """All channels as an Arrow table; with several rigs the rows of one follow the other."""
+        rows = self.length
+        fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
+        arrays = [pa.array(np.tile(self.time, self.rigs))]
+        if self.rigs > 1:
+            fields.append(pa.field("rig", pa.int32(), metadata={"unit": "1"}))
+            arrays.append(pa.array(np.repeat(np.arange(self.rigs, dtype=np.int32), rows)))
+        for name in self.data:
+            channel = CHANNELS.get(name) or Channel(
+                self.plant, tuple(column.rpartition("_")[2] for column in self.plant)
+            )
+            for column, unit, values in zip(
+                channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
+            ):
+                fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
+                arrays.append(pa.array(values.T.ravel()))
+        encoded = {"ballplate": json.dumps(metadata, sort_keys=True)}
+        return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary file beside ``path`` and rename it: a whole file or none.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
+        )
+        os.close(handle)
+        temporary = Path(name)
+        temporary.chmod(0o644)
+        try:
+            write(temporary)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> None:
+    """Write ``run.parquet`` into a run folder.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    table = recorder.table(metadata)
+    write_whole(folder / "run.parquet", lambda path: pq.write_table(table, path))
+
+
+def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, Any]]:
+    """Columns, their units and the metadata of a ``run.parquet``.
+
+    Raises:
+        RecordError: If it cannot be read or was not written by this program.
+    """
+    try:
+        table = pq.read_table(file)
+    except FileNotFoundError as error:
+        raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
+    encoded = (table.schema.metadata or {}).get(b"ballplate")
+    if encoded is None:
+        raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
+    columns = {
+        name: np.asarray(table[name].to_numpy(), float)
+        for name in table.column_names
+        if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
+    }
+    units = {item.name: (item.metadata or {}).get(b"unit", b"").decode() for item in table.schema}
+    return columns, units, json.loads(encoded)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file whole.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    text = json.dumps(content, indent=2) + "\n"
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))

@@ -1,0 +1,150 @@
+"""A run folder opened again: its rows, its scenario, its verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.interfaces import Reference
+from twin.errors import RecordError, ScenarioError
+from twin.hal.limits import Limits
+from twin.run.assemble import build_limits, build_reference
+from twin.run.metrics import Motion
+from twin.run.record import read_run
+from twin.scenario.load import check
+from twin.scenario.schema import Scenario
+
+NEEDED = ("time", "estimated_x", "applied_phi_acc", "supervisor", "measured_x")
+"""Columns without which a table is no record of a run."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One rig's recorded run.
+
+    Attributes:
+        name: What it is called in plots and tables.
+        scenario: What was asked for.
+        rows: Column name to values, shape (K,).
+        units: Column name to unit.
+        metrics: Its indicators, as ``metrics.json`` has them.
+        versions: What produced it.
+        folder: Where it lies; None for a run that is not on disk.
+        events: Conditions that were detected: time in s, severity, text.
+        ledger: Of a run in real time, what ``Ledger.as_dict`` told; else empty.
+    """
+
+    name: str
+    scenario: Scenario
+    rows: Mapping[str, Array]
+    units: Mapping[str, str] = field(default_factory=dict)
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    folder: Path | None = None
+    events: tuple[Mapping[str, Any], ...] = ()
+    ledger: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The reference the run was to follow."""
+        return build_reference(self.scenario)
+
+    @property
+    def limits(self) -> Limits:
+        """What the rig might be told to do."""
+        return build_limits(self.scenario.rig.limits)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """What ball and plate did."""
+        state = motion_of(self.rows)
+        applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
+        time = self.rows["time"]
+        return Motion(
+            time=time,
+            ball=state[:, 0::4],
+            plate=state[:, 2::4],
+            u=applied,
+            reference=self.reference(time)[0],
+        )
+
+
+def columns(rows: Mapping[str, Array], kind: str) -> Array:
+    """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
+    names = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+    return np.stack([rows[f"{kind}_{name}"] for name in names], axis=1)
+
+
+def motion_of(rows: Mapping[str, Array]) -> Array:
+    """The true states (K, 8); of a real rig, where nobody knows them, the estimated ones."""
+    return columns(rows, "true" if "true_x" in rows else "estimated")
+
+
+def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
+    """The runs of a folder, or of the folder its ``run.parquet`` lies in.
+
+    Args:
+        path: Run folder or Parquet file.
+        rigs: Which rigs of a record of several; empty for the first.
+
+    Raises:
+        RecordError: If there is no record, or none of this program, or not of such rigs.
+    """
+    file = path / "run.parquet" if path.is_dir() else path
+    values, units, metadata = read_run(file)
+    missing = [name for name in NEEDED if name not in values]
+    if missing or "scenario" not in metadata:
+        raise RecordError(
+            f"{file}: not a record of a run: no {', '.join(missing) or 'scenario in its metadata'}"
+        )
+    try:
+        scenario = check(metadata["scenario"], str(file))
+    except ScenarioError as error:
+        raise RecordError(f"{error}; was it recorded by another version?") from error
+    present = np.unique(values["rig"]).astype(int).tolist() if "rig" in values else [0]
+    wrong = [rig for rig in rigs if rig not in present]
+    if wrong:
+        raise RecordError(f"{file}: no rig {wrong[0]} (recorded: {present[0]} to {present[-1]})")
+    name = file.resolve().parent.name if file.name == "run.parquet" else file.stem
+    found = []
+    for rig in rigs or present[:1]:
+        chosen = values["rig"] == rig if "rig" in values else slice(None)
+        label = name if len(present) == 1 else f"{name}-rig-{rig}"
+        rows = {key: column[chosen] for key, column in values.items() if key != "rig"}
+        if len(rows["time"]) == 0:
+            raise RecordError(f"{file}: the run ended before its first period")
+        found.append(
+            Replay(
+                label,
+                scenario,
+                rows,
+                units,
+                metadata.get("metrics", {}),
+                metadata.get("versions", {}),
+                file.parent,
+                tuple(metadata.get("events", ())),
+                metadata.get("ledger", {}),
+            )
+        )
+    return found
+
+
+def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Replay]:
+    """Several runs with names of their own.
+
+    Raises:
+        RecordError: If one cannot be opened.
+    """
+    runs: list[Replay] = []
+    for path in paths:
+        for run in open_run(path, rigs):
+            taken = sum(other.name.partition("~")[0] == run.name for other in runs)
+            name = f"{run.name}~{taken + 1}" if taken else run.name
+            runs.append(Replay(**{**vars(run), "name": name}) if taken else run)
+    return runs

@@ -1,0 +1,1 @@
+"""What is simulated: plants, sensors, drives, and the rig made of them."""

@@ -1,0 +1,76 @@
+"""How the one friction object acts in the engine: on each rig's ball, when it has to."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from controllers.arrays import Array
+from twin.errors import ModelError
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.level import from_plate
+
+LEAST = mujoco.mjMINMU
+"""Smallest rolling friction in m the engine can simulate; it lifts anything below to this."""
+
+
+class BallContact:
+    """The contact of ball and screen of every rig of a batch.
+
+    Friction that is constant is written once and costs nothing; one that changes with the ball's
+    speed, rest or place is written anew by ``feel``. The engine knows no arm between 0 and 0.01 mm:
+    a rig without any resistance rolls freely, the others have at least that much.
+
+    Args:
+        batch: The rigs.
+        friction: Their rolling resistance.
+
+    Raises:
+        ModelError: If a rolling resistance is too small for the engine.
+    """
+
+    def __init__(self, batch: Batch, friction: Friction) -> None:
+        self.friction = friction
+        model = batch.model
+        roll = np.broadcast_to(np.asarray(friction.rolling, float), (batch.nsim,))
+        free = np.broadcast_to(friction.absent, (batch.nsim,))
+        if not np.all((roll == 0) | (roll >= LEAST)):
+            raise ModelError(f"rolling friction must be 0 or at least {LEAST} m, got {roll.min()}")
+        pair = model.pair("ball_plate").id
+        self._arm = batch.expand("pair_friction")[:, pair, 3:5]
+        self._arm[:] = np.maximum(roll, LEAST)[:, None]
+        # A contact of dimension 4 resists spin about its normal, one of 3 only slides.
+        spinning = model.pair_friction[pair, 2] > LEAST
+        batch.expand("pair_dim")[:, pair] = np.where(free, 4 if spinning else 3, 6)
+        self.varying = not friction.constant and not (free.all() and friction.map is None)
+        """Whether ``feel`` has to be called."""
+        self._sloping = friction.map is not None and friction.map.sloping
+        if self._sloping:
+            ball = model.body("ball").id
+            self._force = batch.bind("xfrc_applied")[:, ball, :3]
+            mass = batch.expanded("body_mass")
+            masses = model.body_mass if mass is None else mass
+            self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
+
+    def start(self, x: Array) -> None:
+        """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
+        self._age = self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
+
+    def feel(self, x: Array, time: float) -> None:
+        """Set friction and slope for the state x, shape (N, 8), which will last a time in s."""
+        friction = self.friction
+        position, speed = x[:, 0::4], np.hypot(x[:, 1], x[:, 5])
+        if friction.ageing:
+            self._age = friction.aged(self._age, speed, time)
+            arm = friction.arm(speed, position, self._age)
+        else:
+            arm = friction.arm(speed, position)
+        self._arm[:] = np.maximum(arm, LEAST)[:, None]
+        if self._sloping:
+            assert friction.map is not None
+            phi, theta = x[:, 2], x[:, 6]
+            normal = self._weight * np.cos(phi) * np.cos(theta)
+            down = np.zeros((len(x), 3))
+            down[:, :2] = -normal[:, None] * friction.map(position)[1]
+            self._force[:] = from_plate(down, phi, theta)

@@ -1,0 +1,166 @@
+"""Rolling resistance between ball and screen: one object for every plant and every study."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from twin.errors import ModelError
+from twin.sim.plant.surface import SurfaceMap
+
+Number = float | Array
+"""A number for all rigs, or one a rig, shape (N,)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Friction:
+    """A torque against the rolling: an arm times the force that presses the ball on the screen.
+
+    The arm is that of steady rolling, plus what a contact gains while it does not move, plus a
+    viscous part::
+
+        arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v
+
+    The age of the contact, 0 to 1, grows at rest and is rolled off in motion::
+
+        dwell_time age' = 1 - age (1 + (v / stribeck_speed)^2)
+
+    so that at rest it approaches 1 like 1 - exp(-t / dwell_time), and in steady rolling it is the
+    Stribeck curve 1 / (1 + (v / stribeck_speed)^2) of Hess and Soom. With ``dwell_time`` 0 it
+    always is. Fields are numbers, or arrays with one entry a rig.
+
+    Attributes:
+        rolling: Rolling resistance arm in m; a plate at rest tilted by less than
+            arctan(arm / radius) holds the ball.
+        breakaway_ratio: Arm of a ball that has rested long, over that of a rolling one; >= 1.
+        stribeck_speed: Speed in m/s at which half of the surplus is gone.
+        dwell_time: Time constant in s with which the surplus builds up at rest.
+        viscous: Further arm per speed, m per m/s.
+        map: How friction and level vary over the screen; None for neither.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+
+    rolling: Number = 0.0
+    breakaway_ratio: Number = 1.0
+    stribeck_speed: Number = 0.005
+    dwell_time: Number = 0.0
+    viscous: Number = 0.0
+    map: SurfaceMap | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        least = {"breakaway_ratio": 1.0}
+        for item in fields(self)[:-1]:
+            value = np.asarray(getattr(self, item.name), float)
+            low = least.get(item.name, 0.0)
+            inside = value > 0 if item.name == "stribeck_speed" else value >= low
+            if not (np.isfinite(value) & inside).all():
+                bound = "more than 0" if item.name == "stribeck_speed" else f"at least {low:g}"
+                raise ModelError(f"friction: {item.name} must be {bound}, got {value}")
+
+    @property
+    def absent(self) -> NDArray[np.bool_]:
+        """Whether there is no resistance at all, shape () or (N,)."""
+        return np.asarray((np.asarray(self.rolling) == 0) & (np.asarray(self.viscous) == 0))
+
+    @property
+    def constant(self) -> bool:
+        """Whether the arm depends neither on speed nor on rest nor on place."""
+        same = self.map is None and not np.any(self.viscous)
+        return bool(same and np.all(np.asarray(self.breakaway_ratio) == 1))
+
+    @cached_property
+    def sticking(self) -> bool:
+        """Whether it takes more to break a ball away than to keep it rolling."""
+        return bool(np.any(np.asarray(self.breakaway_ratio) > 1))
+
+    @cached_property
+    def ageing(self) -> bool:
+        """Whether the age of the contact has to be carried along."""
+        return bool(self.sticking and np.any(self.dwell_time))
+
+    def settled(self, speed: Array) -> Array:
+        """Age of a contact that has long rolled at a speed in m/s, shape (...)."""
+        share: Array = 1 / (1 + (speed / np.asarray(self.stribeck_speed)) ** 2)
+        return share
+
+    def aged(self, age: Array, speed: Array, time: float) -> Array:
+        """Age after a time in s at a constant speed in m/s, all shape (...)."""
+        goal = self.settled(speed)
+        dwell = np.asarray(self.dwell_time)
+        with np.errstate(divide="ignore"):
+            # at dwell_time 0 the exponent is -inf: the age is the settled one at once
+            left = np.exp(-time / (goal * dwell))
+        result: Array = goal + (age - goal) * left
+        return result
+
+    def arm(self, speed: Array, position: Array, age: Array | None = None) -> Array:
+        """Resistance arm in m, shape (...).
+
+        Args:
+            speed: Speed of the ball on the screen, m/s, shape (...).
+            position: Its place in m, shape (..., 2).
+            age: Age of the contact; None for the settled one.
+        """
+        arm = np.asarray(self.rolling, float)
+        if self.sticking:
+            surplus = self.settled(speed) if age is None else age
+            arm = arm * (1 + (np.asarray(self.breakaway_ratio) - 1) * surplus)
+        if self.map is not None:
+            arm = arm * self.map(position)[0]
+        return np.asarray(arm + np.asarray(self.viscous) * speed)
+
+    def deceleration(
+        self, model: BallPlate, x: Array, age: Array | None = None, normal: Array | None = None
+    ) -> Array:
+        """Largest acceleration in m/s^2 that the resistance can take away, shape (...,).
+
+        From J/r^2 and m in the balance of the rolling ball: c1 (arm / r) times the normal force
+        per mass.
+
+        Args:
+            model: The ball.
+            x: State of (5.5), shape (..., 8).
+            age: Age of the contact; None for the settled one.
+            normal: Normal force per mass in m/s^2; None for g cos(theta) cos(phi) (plate
+                accelerations change it by under 1 %).
+        """
+        if normal is None:
+            normal = model.gravity * np.cos(x[..., 6]) * np.cos(x[..., 2])
+        if self.constant:
+            arm = np.asarray(self.rolling)
+        else:
+            arm = self.arm(np.hypot(x[..., 1], x[..., 5]), x[..., 0::4], age)
+        result: Array = model.c1 * (arm / model.radius) * normal
+        return result
+
+    def resist(
+        self,
+        model: BallPlate,
+        x: Array,
+        free: Array,
+        age: Array | None = None,
+        normal: Array | None = None,
+    ) -> Array:
+        """Acceleration of the ball with resistance, shape (..., 2), given the one without.
+
+        A moving ball is slowed against its velocity; a resting one starts only when the free
+        acceleration exceeds the limit. Arguments as for ``deceleration``.
+        """
+        velocity = x[..., 1::4]
+        limit = self.deceleration(model, x, age, normal)
+        speed = np.hypot(velocity[..., 0], velocity[..., 1])
+        push = np.hypot(free[..., 0], free[..., 1])
+        # Divided only where the quotient is at most one: tiny speeds and pushes would overflow it.
+        heading = velocity / np.where(speed > 0, speed, 1.0)[..., None]
+        freed = push > limit
+        share = np.where(freed, 1.0 - limit / np.where(freed, push, 1.0), 0.0)
+        moving = free - limit[..., None] * heading
+        return np.where((speed > 0)[..., None], moving, share[..., None] * free)

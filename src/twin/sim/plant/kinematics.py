@@ -1,0 +1,41 @@
+"""Where the ball is and how it moves, seen from the tilting plate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.arrays import Array
+
+
+def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
+    """Position and velocity of the ball in plate axes, (x, y, z, x', y', z').
+
+    Plate axes are those of R = Rx(theta) Ry(phi) (4.5), so the position is R' r, and its rate
+    R' (v - w x r) with the plate's angular velocity w = (theta', phi' cos theta, phi' sin theta)
+    in world axes.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad, shape (2, N).
+        plate_rate: Their rates in rad/s, shape (2, N).
+        ball: Ball centre in world axes from the cardan joint, m, shape (3, N).
+        ball_rate: Its velocity in world axes, m/s, shape (3, N).
+
+    Returns:
+        Shape (6, N), in m and m/s.
+    """
+    sin_phi, sin_theta = np.sin(plate)
+    cos_phi, cos_theta = np.cos(plate)
+    phi_rate, theta_rate = plate_rate
+    across, along = phi_rate * cos_theta, phi_rate * sin_theta
+    x, y, z = ball
+    # Velocity relative to the turning plate, still in world axes.
+    vx = ball_rate[0] - across * z + along * y
+    vy = ball_rate[1] - along * x + theta_rate * z
+    vz = ball_rate[2] - theta_rate * y + across * x
+    out = np.empty((6, plate.shape[1]))
+    for first, (along_x, along_y, along_z) in ((0, ball), (3, (vx, vy, vz))):
+        down = cos_theta * along_z - sin_theta * along_y
+        out[first] = cos_phi * along_x - sin_phi * down
+        out[first + 1] = cos_theta * along_y + sin_theta * along_z
+        out[first + 2] = sin_phi * along_x + cos_phi * down
+    return out

@@ -1,0 +1,240 @@
+"""The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import ArrayLike, NDArray
+
+from controllers.arrays import Array, Mask
+from twin.errors import ModelError
+from twin.sim.plant.ball_contact import BallContact
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.kinematics import ball_in_plate
+from twin.sim.plant.model import NAMES, differing, load_model
+from twin.sim.plant.parts import Parts
+
+__all__ = ["Mechanism", "load_model"]
+
+_TELEMETRY = {
+    "wheel_phi_N": "wheel_phi_force",
+    "wheel_theta_N": "wheel_theta_force",
+    "ball_N": "ball_force",
+    "torque_phi_Nm": "torque_phi",
+    "torque_theta_Nm": "torque_theta",
+    "spring_m": "spring_length",
+    "motor_phi_rad": "motor_phi",
+    "motor_theta_rad": "motor_theta",
+}
+"""Name in the record, and the sensor whose first number it is."""
+
+_MANY = 16
+"""From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""
+
+_VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+
+class Mechanism:
+    """N simulated rigs: plate on its cardan joint, cams, wheels, spring, servos and ball.
+
+    Args:
+        path: The MJCF file; None for the packaged model.
+        rigs: Number N of mechanisms.
+        step: Physics step in s; None for the model's own.
+        threads: Threads to step on, 0 for one a processor; one rig needs only one.
+        rolling: Rolling friction of the ball in m, one for all or shape (N,); 0 is frictionless
+            rolling. The same as ``friction=Friction(rolling=rolling)``.
+        friction: Rolling resistance of the ball; None and no ``rolling``: the model's own.
+        parts: What differs from the model file, one for all or one a rig.
+
+    Raises:
+        ModelError: If the model cannot be used, or a number is out of range.
+    """
+
+    channels = tuple(_TELEMETRY)
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        rigs: int = 1,
+        step: float | None = None,
+        threads: int = 0,
+        rolling: ArrayLike | None = None,
+        friction: Friction | None = None,
+        parts: Parts | Sequence[Parts] | None = None,
+    ) -> None:
+        _keep_quiet()
+        if rigs < 1:
+            raise ModelError(f"rigs must be 1 or more, got {rigs}")
+        if step is not None and not 0 < step <= 0.002:
+            raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
+        if rolling is not None:
+            if friction is not None:
+                raise ModelError("give the mechanism either rolling or friction")
+            friction = Friction(rolling=np.asarray(rolling, float))
+        each = [parts] * rigs if parts is None or isinstance(parts, Parts) else list(parts)
+        if len(each) != rigs:
+            raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
+        models = {part: load_model(path, part) for part in dict.fromkeys(each)}
+        if step is not None:
+            for model in models.values():
+                model.opt.timestep = step
+        model = models[each[0]]
+        self.rigs = rigs
+        self.step = float(model.opt.timestep)
+        lever = np.abs(model.geom("wheel_phi").pos[0])
+        self.ratio = float(lever / np.hypot(*model.geom("cam_phi").pos[[0, 2]]))
+        self._sensing = rigs < _MANY
+        # persistent: each rig goes on from the stages `advance` has computed, instead of again
+        self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
+        for name, values in differing([models[part] for part in each]).items():
+            self._batch.expand(name)[:] = values
+        self._resolve(model)
+        height = model.joint("ball").qposadr[0] + 2
+        self._height = np.array([models[part].key("level").qpos[height] for part in each])
+        self._radius = self._height - self._surface
+        self._contact = None if friction is None else BallContact(self._batch, friction)
+        # how often friction that changes with speed or place is looked at anew: every 2 ms
+        self._stride = max(1, round(0.002 / self.step))
+        self._varying = self._contact is not None and self._contact.varying
+        self.start(np.zeros((rigs, 4)))
+
+    def _resolve(self, model: mujoco.MjModel) -> None:
+        """Find, once, where everything of interest stands in the batch's arrays."""
+        ball = model.joint("ball")
+        self._level = model.key("level").id
+        self._ball_pose = slice(ball.qposadr[0], ball.qposadr[0] + 3)
+        self._ball_rate = slice(ball.dofadr[0], ball.dofadr[0] + 6)
+        plate = [model.joint(axis) for axis in ("phi", "theta")]
+        at_pose, at_rate = ball.qposadr[0], ball.dofadr[0]
+        self._poses = np.array(
+            [*(joint.qposadr[0] for joint in plate), *range(at_pose, at_pose + 3)]
+        )
+        self._rates = np.array(
+            [*(joint.dofadr[0] for joint in plate), *range(at_rate, at_rate + 3)]
+        )
+        screen = model.geom("plate")
+        self._surface = float(screen.pos[2] + screen.size[2])
+        self._half = screen.size[:2, None]
+        at = {name: int(model.sensor(name).adr[0]) for name in NAMES["sensor"]}
+        position, velocity = at["ball_position"], at["ball_velocity"]
+        self._over = at["ball_on_plate"]
+        self._state = np.array(
+            [
+                position,
+                velocity,
+                at["phi"],
+                at["phi_rate"],
+                position + 1,
+                velocity + 1,
+                at["theta"],
+                at["theta_rate"],
+            ]
+        )
+        self._told = np.array([at[sensor] for sensor in _TELEMETRY.values()])
+        self._servo = _columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")])
+        self._shaft = _columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")])
+        self._sensed: Array = self._batch.bind("sensordata")
+        self._ctrl: Array = self._batch.bind("ctrl")
+        self._qpos: Array = self._batch.bind("qpos")
+        self._qvel: Array = self._batch.bind("qvel")
+
+    def start(self, ball: Array, spin: float = 0.0) -> None:
+        """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
+
+        Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the
+        vertical in rad/s.
+        """
+        batch = self._batch
+        batch.reset(keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        x, vx, y, vy = np.broadcast_to(ball, (self.rigs, 4)).T
+        zero = np.zeros(self.rigs)
+        self._qpos[:, self._ball_pose] = np.stack((x, y, self._height), axis=-1)
+        turn = (-vy / self._radius, vx / self._radius, zero + spin)
+        self._qvel[:, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
+        batch.forward()
+        self._look()
+        if self._contact is not None:
+            self._contact.start(self.state)
+
+    def advance(self, motor_rate: Array, steps: int) -> None:
+        """Hold the motor speeds (rad/s, shape (N, 2), order phi, theta) for physics steps."""
+        self._ctrl[:, self._servo] = motor_rate
+        if not self._varying:
+            self._step(steps)
+            return
+        assert self._contact is not None
+        while steps > 0:
+            stride = min(steps, self._stride)
+            self._contact.feel(self.state, stride * self.step)
+            self._step(stride)
+            steps -= stride
+
+    def _step(self, steps: int) -> None:
+        if self._sensing:
+            # sensors lag one step behind unless their stage is computed again at the new state
+            self._batch.step(None, steps, _VELOCITY_STAGE)
+        else:
+            self._batch.step(None, steps)
+            self._look()
+
+    def _look(self) -> None:
+        """Work out state and whereabouts of all balls from joint positions and speeds."""
+        pose, rate = self._qpos.T[self._poses], self._qvel.T[self._rates]
+        seen = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
+        self._seen = np.empty((8, self.rigs)).T
+        self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
+        inside = np.abs(seen[:2]) <= self._half
+        self._inside = inside[0] & inside[1] & (seen[2] >= self._surface)
+
+    @property
+    def state(self) -> Array:
+        """True state in the order of (5.5), shape (N, 8), at the present instant."""
+        return self._sensed.take(self._state, axis=1) if self._sensing else self._seen
+
+    @property
+    def motor(self) -> Array:
+        """Motor shaft angles in rad, shape (N, 2), in the order phi, theta."""
+        return self._qpos[:, self._shaft].copy()
+
+    @property
+    def on_plate(self) -> Mask:
+        """Whether the ball's centre is over the screen and not below its surface, shape (N,)."""
+        return self._sensed[:, self._over] > 0 if self._sensing else self._inside
+
+    @property
+    def warnings(self) -> NDArray[np.integer]:
+        """How many warnings the engine has counted for each rig since it was built, shape (N,)."""
+        # of each kind the last information, then the number
+        return np.asarray(self._batch.warning[:, :, 1].sum(axis=1))
+
+    @property
+    def diverged(self) -> Mask:
+        """Whether the engine has counted a warning: it sets such a rig back, shape (N,)."""
+        return self.warnings > 0
+
+    def telemetry(self) -> Array:
+        """Contact forces in N, motor torques in N m, spring length in m, motor angles in rad.
+
+        Shape (N, channels). Forces and torques are those of the last physics step.
+        """
+        return self._sensed.take(self._told, axis=1)
+
+
+def _keep_quiet() -> None:
+    """Keep the engine from writing MUJOCO_LOG.TXT and lines on the terminal: ``warnings`` tells."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_console = config.logto_file = False
+    config.set()
+
+
+def _columns(ids: Sequence[int]) -> slice | list[int]:
+    """Two columns as a slice where their order allows it: slices are cheap to read and write."""
+    first, second = (int(i) for i in ids)
+    if second > first:
+        return slice(first, second + 1, second - first)
+    return [first, second]

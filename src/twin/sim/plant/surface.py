@@ -1,0 +1,102 @@
+"""How a real screen varies from place to place: its friction and how level it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.errors import ModelError
+from twin.hal.interface import SCREEN
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceMap:
+    """Relative friction and height over a grid of points, straight between them.
+
+    The grid's lines are spread evenly from edge to edge of the screen: the first index goes along
+    x, the second along y, both from the negative to the positive edge. Leading axes are rigs.
+
+    Attributes:
+        relative: Rolling friction relative to the friction's own, shape (..., n, m), not negative.
+        height: Height of the surface in m, shape (..., n, m); only its slope matters.
+
+    Raises:
+        ModelError: If a grid has fewer than two lines a side, the two differ in shape, or a number
+            is out of range.
+    """
+
+    relative: Array | None = None
+    height: Array | None = None
+    _grids: Array = field(init=False, repr=False)
+    """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
+
+    def __post_init__(self) -> None:
+        """Check the grids and work out the slopes."""
+        given = [
+            np.asarray(grid, float) for grid in (self.relative, self.height) if grid is not None
+        ]
+        if not given:
+            raise ModelError("a surface map needs a grid of relative friction or of heights")
+        shape = given[0].shape
+        if any(grid.shape != shape for grid in given) or len(shape) < 2 or min(shape[-2:]) < 2:
+            raise ModelError(
+                f"a surface map needs equal grids of at least 2 x 2 points, "
+                f"got {' and '.join('x'.join(map(str, grid.shape)) for grid in given)}"
+            )
+        if not all(np.isfinite(grid).all() for grid in given):
+            raise ModelError("a surface map must be finite")
+        grids = np.zeros((*shape, 3))
+        grids[..., 0] = 1.0 if self.relative is None else self.relative
+        if (grids[..., 0] < 0).any():
+            raise ModelError("relative friction must not be negative")
+        if self.height is not None:
+            across = [side / (lines - 1) for side, lines in zip(SCREEN, shape[-2:], strict=True)]
+            slopes = np.gradient(np.asarray(self.height, float), *across, axis=(-2, -1))
+            grids[..., 1], grids[..., 2] = slopes
+        object.__setattr__(self, "_grids", grids.reshape(-1, *shape[-2:], 3))
+
+    @property
+    def sloping(self) -> bool:
+        """Whether the surface is anywhere not flat."""
+        return bool(self._grids[..., 1:].any())
+
+    def __call__(self, position: Array) -> tuple[Array, Array]:
+        """Relative friction, shape (...), and slope (dz/dx, dz/dy), shape (..., 2).
+
+        Args:
+            position: Ball in plate axes in m, shape (..., 2); beside the screen its edge counts.
+        """
+        _, n, m, _ = self._grids.shape
+        u = np.clip((position[..., 0] / SCREEN[0] + 0.5) * (n - 1), 0, n - 1)
+        v = np.clip((position[..., 1] / SCREEN[1] + 0.5) * (m - 1), 0, m - 1)
+        i = np.minimum(u.astype(int), n - 2)
+        j = np.minimum(v.astype(int), m - 2)
+        s, t = (u - i)[..., None], (v - j)[..., None]
+        rig = np.arange(len(self._grids)) if len(self._grids) > 1 else 0
+        g = self._grids
+        near = (1 - t) * g[rig, i, j] + t * g[rig, i, j + 1]
+        far = (1 - t) * g[rig, i + 1, j] + t * g[rig, i + 1, j + 1]
+        value = (1 - s) * near + s * far
+        return value[..., 0], value[..., 1:]
+
+    @classmethod
+    def random(
+        cls, *, seed: int, patch: float = 0.05, spread: float = 0.0, slope: float = 0.0
+    ) -> SurfaceMap:
+        """A screen drawn at random: patches of differing friction, and waves.
+
+        Args:
+            seed: Which screen.
+            patch: Distance of the grid's points in m, roughly the size of a patch.
+            spread: Standard deviation of the logarithm of the relative friction, dimensionless.
+            slope: Root mean square of the local slope in rad.
+        """
+        lines = [max(2, round(side / patch) + 1) for side in SCREEN]
+        rng = np.random.default_rng(seed)
+        relative = np.exp(spread * rng.standard_normal(lines) - spread**2 / 2)
+        waves = cls(height=rng.standard_normal(lines))
+        scale = slope / np.sqrt((waves._grids[..., 1:] ** 2).mean())
+        assert waves.height is not None
+        return cls(relative=relative, height=scale * waves.height)

@@ -1,0 +1,1 @@
+"""The thesis's own tables, computed again; nothing but the command line imports it."""

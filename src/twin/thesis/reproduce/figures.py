@@ -1,0 +1,188 @@
+"""Figures like the thesis's 8.1 to 8.28, all drawn alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+from PIL import Image
+
+from controllers.analysis.neglected import terms
+from controllers.ballplate import BallPlate
+from twin.run.picture import COLOURS, REFERENCE
+from twin.run.record import write_whole
+from twin.thesis.reproduce.compare import Findings
+from twin.thesis.reproduce.measures import Trace
+from twin.thesis.reproduce.tables import Table
+
+MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
+"""The mechanism's lines, dashed over the exact model's."""
+PALETTE = 96
+"""Colours a picture keeps: enough for lines, and a third of the size."""
+
+
+def draw_table(path: Path, table: Table, found: Findings) -> None:
+    """Errors or positions, plate angles and efforts of a table's rows, on both plants.
+
+    Raises:
+        RecordError: If the file cannot be written.
+    """
+    step = table.rows[0].setup["reference"]["kind"] == "hold"
+    with _style():
+        figure, panels = _panels(3, f"Table {table.id}: {table.title}")
+        for index, row in enumerate(table.rows):
+            label = row.detail or _omega(row.name)
+            exact, mujoco = (found[(table.id, index), way].excerpt for way in ("exact", "mujoco"))
+            _add(panels, exact, step=step, color=COLOURS[index], label=label)
+            _add(panels, mujoco, step=step, zorder=4, **MECHANISM)
+        for axis, name in enumerate("xy"):
+            panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
+            if step:
+                wished = found[(table.id, 0), "exact"].excerpt
+                panels[0, axis].plot(wished.time, 1000 * wished.reference[:, axis], **REFERENCE)
+        _keys(figure, panels[0, 0], mechanism=True)
+        _write(figure, path)
+
+
+def draw_observer(path: Path, table: Table, index: int, found: Findings) -> None:
+    """True and estimated states and the efforts of one observer.
+
+    Raises:
+        RecordError: If the file cannot be written.
+    """
+    row = table.rows[index]
+    trace = found[(table.id, index), "sampled"].excerpt
+    with _style():
+        figure, panels = _panels(5, f"Table {table.id}: {row.name}, first of the noisy runs")
+        names = (("x", "x'", "φ", "φ'"), ("y", "y'", "θ", "θ'"))
+        scales = ((1000, "mm"), (1000, "mm/s"), (180 / np.pi, "deg"), (180 / np.pi, "deg/s"))
+        for axis in (0, 1):
+            for state, (scale, unit) in enumerate(scales):
+                panel = panels[state, axis]
+                for values, colour, label in (
+                    (trace.estimate, COLOURS[1], "estimated"),
+                    (trace.state, COLOURS[0], "true"),
+                ):
+                    panel.plot(
+                        trace.time,
+                        scale * values[:, 0, 4 * axis + state],
+                        color=colour,
+                        label=label,
+                    )
+                panel.set_ylabel(f"{names[axis][state]} [{unit}]")
+            panels[4, axis].plot(trace.time, trace.u[:, 0, axis], color=COLOURS[0])
+            panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
+        _keys(figure, panels[0, 0], mechanism=False)
+        _write(figure, path)
+
+
+def draw_neglected(path: Path, table: Table, found: Findings) -> None:
+    """Main and neglected terms of (6.42) on the exact model, as in the thesis's Figure 8.6.
+
+    Raises:
+        RecordError: If the file cannot be written.
+    """
+    with _style():
+        figure, panels = _panels(2, "Main and neglected terms of (6.42), AFL, full state feedback")
+        for index, row in enumerate(table.rows):
+            trace = found[(table.id, index), "exact"].excerpt
+            parts = terms(BallPlate(), trace.state[:, 0], trace.u[:, 0])
+            for axis in (0, 1):
+                look = {"color": COLOURS[index], "label": _omega(row.name)}
+                panels[0, axis].plot(trace.time, parts.main[:, axis], **look)
+                panels[1, axis].plot(trace.time, 1000 * parts.neglected[:, axis], **look)
+        for axis, name in enumerate("xy"):
+            panels[0, axis].set_ylabel(f"main, {name} [m/s²]")
+            panels[1, axis].set_ylabel(f"neglected, {name} [mm/s²]")
+        _keys(figure, panels[0, 0], mechanism=False)
+        _write(figure, path)
+
+
+def _style() -> AbstractContextManager[None]:
+    """How all figures look."""
+    return mpl.rc_context(
+        {
+            "font.size": 8.5,
+            "axes.grid": True,
+            "grid.alpha": 0.3,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "lines.linewidth": 1.1,
+        }
+    )
+
+
+def _panels(rows: int, title: str) -> tuple[Figure, NDArray[Any]]:
+    figure = Figure(figsize=(9.6, 0.6 + 1.65 * rows), layout="constrained")
+    figure.suptitle(title, fontsize=10.5, fontweight="bold")
+    panels = figure.subplots(rows, 2, sharex=True)
+    for panel in panels[-1]:
+        panel.set_xlabel("time [s]")
+    return figure, panels
+
+
+def _add(panels: NDArray[Any], trace: Trace, *, step: bool, **look: Any) -> None:
+    state, time = trace.state[:, 0], trace.time
+    for axis, (angle, acceleration) in enumerate((("φ [deg]", "φ″"), ("θ [deg]", "θ″"))):
+        ball = state[:, 4 * axis]
+        shown = ball if step else trace.reference[:, axis] - ball
+        panels[0, axis].plot(time, 1000 * shown, **look)
+        panels[1, axis].plot(time, np.degrees(state[:, 4 * axis + 2]), **look)
+        panels[2, axis].plot(time, trace.u[:, 0, axis], **look)
+        panels[1, axis].set_ylabel(angle)
+        panels[2, axis].set_ylabel(f"{acceleration} [rad/s²]")
+
+
+def _keys(figure: Figure, panel: Axes, *, mechanism: bool) -> None:
+    handles, labels = panel.get_legend_handles_labels()
+    if mechanism:
+        handles.append(Line2D([], [], **MECHANISM))
+        labels.append("the same on the MuJoCo mechanism")
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+
+
+def _omega(name: str) -> str:
+    return name.replace("omega ", "ω = ") + " rad/s" if name.startswith("omega") else name
+
+
+def _write(figure: Figure, path: Path) -> None:
+    """A PNG of few colours."""
+    raw = BytesIO()
+    figure.savefig(raw, format="png", dpi=100)
+    picture = Image.open(raw).convert("RGB").quantize(PALETTE)
+    write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
+
+
+DRAWN: Mapping[str, str] = {"full_state": "table", "tracking": "table", "observers": "observer"}
+"""Data file to the kind of figure its tables get."""
+
+
+def draw_all(folder: Path, table: Table, found: Findings) -> dict[str, str]:
+    """Draw what belongs to a table: file name to what it shows.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    slug = f"table-{table.id.replace('.', '-')}"
+    if DRAWN[table.group] == "observer":
+        drawn = {}
+        for index, row in enumerate(table.rows):
+            name = f"{slug}-{row.name.lower().replace(' ', '-')}.png"
+            draw_observer(folder / name, table, index, found)
+            drawn[name] = f"States and efforts, {row.name}"
+        return drawn
+    draw_table(folder / f"{slug}.png", table, found)
+    drawn = {f"{slug}.png": f"Table {table.id}: {table.title}"}
+    if table.id == "8.5":
+        draw_neglected(folder / "neglected.png", table, found)
+        drawn["neglected.png"] = "Main and neglected terms"
+    return drawn

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from controllers.catalog import catalog
+from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.references import Circle, Hold
+from controllers.stack import Controller, SampledReference
+from controllers.state_feedback import LQR
+from twin.run.assemble import build_controller
+from twin.run.execute import run
+from twin.scenario import load
+
+PERIOD = 0.002
+
+
+def measurement(tick, y, state=None):
+    rigs = y.shape[:-1]
+    return Measurement(tick * PERIOD, y, np.zeros(rigs), np.ones(rigs, bool), state)
+
+
+def test_every_law_observer_and_reference_of_the_thesis_is_found_by_name():
+    assert {"pole_placement", "lqr", "feedforward", "afl", "afl_integral", "backstepping"} < set(
+        catalog(Law)
+    )
+    assert {"luenberger", "kalman", "nonlinear_luenberger", "ekf", "ideal"} <= set(
+        catalog(Observer)
+    )
+    assert {"hold", "step", "sine", "circle", "lissajous", "path"} <= set(catalog(Reference))
+
+
+def test_the_wished_rate_is_the_integral_of_the_laws_acceleration():
+    controller = build_controller(load("hold"))
+    y = np.array([[0.01, 0.0, 0.0, 0.0]])
+    controller.start(measurement(0, y))
+    total = np.zeros((1, 2))
+    for tick in range(20):
+        wished = controller.command(measurement(tick, y))
+        total = total + PERIOD * controller.u
+        assert wished == pytest.approx(total)
+        controller.applied(wished)
+
+
+def test_the_observer_predicts_from_what_was_applied_not_from_what_was_wished():
+    controller = build_controller(load("hold"))
+    y = np.array([[0.1, 0.0, 0.0, 0.0]])
+    controller.start(measurement(0, y))
+    assert abs(controller.command(measurement(0, y))[0, 0]) > 0
+    controller.applied(np.zeros((1, 2)))
+    assert controller.observer.x[0, 3] == 0.0
+
+
+def test_the_sampled_reference_is_the_reference_on_and_off_the_grid():
+    circle = Circle(amplitude=0.15, omega=1.0)
+    sampled = SampledReference(circle, PERIOD)
+    for t in (0.0, 0.002, 3.0, 2.998, 0.0013, 700 * PERIOD, 8.0):
+        assert sampled(t) == pytest.approx(circle(t), abs=1e-13)
+    times = np.linspace(0, 5, 7)
+    assert np.array_equal(sampled(times), circle(times))
+
+
+def test_the_true_plate_rate_never_reaches_the_law():
+    # Fed back, it would drive the resonance of plate, cams and spring (13 and 19 Hz).
+    observer = catalog(Observer)["ideal"](period=PERIOD)
+    controller = Controller(LQR(rho=300.0, kappa=0.3), observer, Hold(), PERIOD)
+    state = np.zeros((1, 8))
+    controller.start(measurement(0, np.zeros((1, 4)), state))
+    ringing = state.copy()
+    ringing[0, 3::4] = 0.2, -0.3
+    controller.command(measurement(0, np.zeros((1, 4)), ringing))
+    assert not controller.observer.x[0, 3::4].any()
+
+
+@pytest.mark.parametrize("observer", ["luenberger", "kalman", "ekf", "ideal"])
+def test_no_observer_lets_the_plate_resonance_ring_up(observer):
+    chosen = load(
+        "hold",
+        [
+            "duration=4",
+            "controller.kind=afl",
+            "controller.gains=[180,162,66,13]",
+            f"observer.kind={observer}",
+            f"sensors.ideal={'true' if observer == 'ideal' else 'false'}",
+            "sensors.encoders.variance=[0,0]",
+            "disturbance.variance=[1e-2,1e-2]",
+        ],
+    )
+    plate = run(chosen).record["state"][:, 0, 2::4]
+    # The angle minus its mean over one resonance period is the ringing.
+    kernel = np.ones(38) / 38
+    slow = np.apply_along_axis(lambda angle: np.convolve(angle, kernel, "valid"), 0, plate)
+    ringing = np.abs(plate[19:-18] - slow)
+    early, late = ringing[250:750].max(axis=0), ringing[-500:].max(axis=0)
+    assert (late < 3 * early).all()
+    assert late.max() < np.radians(0.05)

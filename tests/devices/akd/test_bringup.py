@@ -1,0 +1,287 @@
+import canopen
+import numpy as np
+import pytest
+
+from twin.devices.akd import conditions as c
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, Watch
+from twin.devices.akd.dictionary import dictionary
+from twin.devices.akd.errors import DriveError
+from twin.devices.akd.network import Network
+from twin.devices.akd.servos import AkdServos
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_rehearsal import Rehearsal
+from twin.emulator.can_serve import Served
+from twin.emulator.can_virtual import VirtualPort
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_power import Power
+from twin.emulator.drive_settings import DriveSettings
+
+
+@pytest.fixture
+def rig():
+    with Rehearsal() as rehearsal:
+        yield rehearsal
+
+
+def refused(rig, condition):
+    with pytest.raises(DriveError) as caught:
+        rig.servos.start()
+    assert caught.value.fault.condition == condition
+    assert "\n" not in str(caught.value)
+    assert not rig.servos.enabled
+    return str(caught.value)
+
+
+WRITTEN = {
+    (0x6060, 0): 3,
+    (0x605A, 0): 2,
+    (0x1017, 0): 20,
+    (0x1016, 1): 127 << 16 | 60,
+    (0x60C2, 1): 2,
+    (0x60C2, 2): -3,
+    (0x3622, 0): 76394,
+    (0x3623, 0): -76394,
+    (0x207F, 0): 76394,
+    (0x6083, 0): 19098593,
+    (0x6084, 0): 19098593,
+    (0x1400, 1): 0x201,
+    (0x1400, 2): 1,
+    (0x1600, 0): 2,
+    (0x1600, 1): 0x60400010,
+    (0x1600, 2): 0x60FF0020,
+    (0x1800, 1): 0x181,
+    (0x1800, 2): 1,
+    (0x1800, 3): 0,
+    (0x1A00, 0): 3,
+    (0x1A00, 1): 0x60410010,
+    (0x1A00, 2): 0x60610008,
+    (0x1A00, 3): 0x60640020,
+    (0x1801, 1): 0x281,
+    (0x1A01, 1): 0x606C0020,
+    (0x1A01, 2): 0x20500020,
+    (0x1401, 1): 0x80000301,
+    (0x1403, 1): 0x80000501,
+    (0x1802, 1): 0x80000381,
+    (0x1803, 1): 0x80000481,
+}
+
+
+def test_after_the_start_the_drive_holds_what_was_meant(rig):
+    rig.servos.start()
+    store = rig.drives[0].store
+    assert {key: store.get(*key) for key in WRITTEN} == WRITTEN
+
+
+def test_after_the_start_both_drives_are_operational_without_torque(rig):
+    rig.servos.start()
+    assert [drive.nmt for drive in rig.drives] == [5, 5]
+    assert [drive.state for drive in rig.drives] == [Power.SWITCH_ON_DISABLED] * 2
+    rig.run(0.5)
+    assert not rig.seen
+    assert not rig.servos.enabled
+
+
+def test_enabling_takes_one_state_a_cycle(rig):
+    rig.servos.start()
+    rig.run(0.01)
+    rig.servos.enable()
+    states = [rig.drives[0].state]
+    while states[-1] is not Power.OPERATION_ENABLED:
+        rig.run(0.002)
+        states.append(rig.drives[0].state)
+        assert len(states) < 12
+    assert list(dict.fromkeys(states)) == [
+        Power.SWITCH_ON_DISABLED,
+        Power.READY,
+        Power.SWITCHED_ON,
+        Power.OPERATION_ENABLED,
+    ]
+    rig.run(0.01)
+    assert rig.servos.enabled
+
+
+def test_the_command_turns_the_motor_and_its_angle_comes_back(rig):
+    rig.enabled()
+    begin = rig.servos.motor()
+    rig.run(0.5, lambda _: (1.0, -0.5))
+    moved = rig.servos.motor() - begin
+    np.testing.assert_allclose(moved, [[0.5, -0.25]], atol=0.01)
+    np.testing.assert_allclose(rig.servos.plate(), 0.2 * moved, atol=5e-4)
+    np.testing.assert_allclose(rig.servos.rate(), [[1.0, -0.5]], atol=2e-4)
+
+
+def test_signs_and_gear_of_the_configuration_hold_for_command_and_measurement():
+    axes = (
+        AxisConfig(name="phi", node=1, motor_sign=-1, gear=2.0),
+        AxisConfig(name="theta", node=2, plate_sign=-1),
+    )
+    with Rehearsal(AkdConfig(axes=axes)) as rig:
+        rig.enabled()
+        rig.run(0.3, lambda _: (1.0, 1.0))
+        assert rig.drives[0].rate == pytest.approx(-2.0, rel=1e-3)
+        motor, plate = rig.servos.motor()[0], rig.servos.plate()[0]
+        assert motor[0] > 0.25
+        assert motor[1] > 0.25
+        assert plate[1] < 0
+
+
+def test_home_declares_where_both_encoders_are(rig):
+    rig.enabled()
+    rig.run(0.1, lambda _: (1.0, 1.0))
+    rig.run(0.02)
+    rig.servos.home(np.array([[0.01, -0.02]]), np.array([[0.1, -0.1]]))
+    np.testing.assert_allclose(rig.servos.plate(), [[0.01, -0.02]], atol=1e-12)
+    np.testing.assert_allclose(rig.servos.motor(), [[0.1, -0.1]], atol=1e-12)
+
+
+def test_the_age_counts_from_the_sync_that_sampled(rig):
+    rig.enabled()
+    rig.servos.receive()
+    np.testing.assert_allclose(rig.servos.age(), 0.002, atol=1e-9)
+    assert rig.servos.cycle.of_data == (rig.servos.cycle.sent,) * 2
+
+
+def test_plate_encoders_may_be_another_device():
+    class Card:
+        def plate(self):
+            return np.array([[0.1, 0.2]])
+
+        def age(self):
+            return np.zeros((1, 2))
+
+        def home(self, plate):
+            raise NotImplementedError
+
+        def faults(self):
+            return ()
+
+    rig = Rehearsal()
+    rig.servos = AkdServos(
+        rig.config,
+        plate=Card(),
+        opener=rig._open,
+        now=rig.adapter.now,
+        sleep=rig.adapter.sleep,
+    )
+    with rig:
+        rig.enabled()
+        assert not rig.run(0.3, lambda _: (1.0, 1.0))
+        assert rig.servos.plate().tolist() == [[0.1, 0.2]]
+        assert rig.drives[0].store.get(0x1A01, 0) == 1
+
+
+def test_a_drive_that_is_not_there_is_named_with_those_that_are(rig):
+    del rig.drives[1], rig.bus.drives[1]
+    text = refused(rig, c.NODE_ABSENT)
+    assert "drive theta (node 2)" in text
+    assert "nodes 1" in text
+
+
+def test_an_answer_counts_though_the_computer_was_away_while_it_came(rig):
+    def away_in_between():
+        rig.adapter.sleep(0.6)
+        return rig.adapter.now()
+
+    with Network(rig.adapter, 0.5, away_in_between) as network:
+        network.send_message(0x601, bytes.fromhex("4000100000000000"))
+    assert network.answers == {1: 1}
+
+
+def test_two_drives_with_one_id_are_noticed(rig):
+    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2, serial=9)))
+    assert "2 devices" in refused(rig, c.DUPLICATE_ID)
+
+
+def test_another_maker_s_device_is_refused(rig):
+    rig.drives[0].store.set(0x1018, 1, 0x2E)
+    assert "vendor" in refused(rig, c.WRONG_IDENTITY)
+
+
+def test_another_encoder_scale_is_refused(rig):
+    rig.drives[0].store.set(0x608F, 1, 1 << 16)
+    assert "65536" in refused(rig, c.WRONG_SETTING)
+
+
+def test_another_velocity_scale_is_refused(rig):
+    rig.drives[0].store.set(0x36E9, 0, 16)
+    assert "204Ch" in refused(rig, c.WRONG_SETTING)
+
+
+def test_a_setting_that_is_refused_names_object_and_reason(rig):
+    rig.drives[0].sdo_aborts[0x6083, 0] = 0x06090031
+    text = refused(rig, c.SDO_ABORT)
+    assert "6083h" in text
+    assert "too high" in text
+
+
+def test_a_drive_that_stops_answering_in_between_is_noticed(rig):
+    rig.bus.faults.drop(0x581, after=0.1)
+    assert refused(rig, c.SDO_TIMEOUT).endswith("no answer")
+
+
+def test_a_drive_without_heartbeat_does_not_become_operational(rig):
+    rig.drives[0].mute.add(0x701)
+    assert "no heartbeat" in refused(rig, c.NMT_LEFT)
+
+
+def test_a_drive_left_turning_is_stopped_before_anything_is_set(rig):
+    drive = rig.drives[0]
+    drive.store.set(0x6060, 0, 1)
+    drive.power.state = Power.OPERATION_ENABLED
+    drive.motor.rate = 3.0
+    rig.servos.start()
+    assert drive.rate == 0
+    assert drive.state is Power.SWITCH_ON_DISABLED
+
+
+def test_a_motor_still_running_out_is_waited_for(rig):
+    rig.drives[0].motor.rate = 3.0
+    rig.servos.start()
+    assert abs(rig.drives[0].rate) < 0.01
+
+
+def test_the_vendor_s_eds_file_does_as_well_as_the_built_in_dictionary(tmp_path):
+    eds = tmp_path / "akd.eds"
+    with eds.open("w") as file:
+        canopen.export_od(dictionary(1), file, doc_type="eds")
+    with Rehearsal(AkdConfig(eds=eds)) as rig:
+        rig.enabled()
+        assert rig.servos.enabled
+        store = rig.drives[0].store
+        assert {key: store.get(*key) for key in WRITTEN} == WRITTEN
+
+
+@pytest.mark.parametrize("text", ["", "no eds", "[FileInfo]\n"])
+def test_a_file_that_is_no_eds_is_refused_in_one_line(rig, tmp_path, text):
+    eds = tmp_path / "bad.eds"
+    eds.write_text(text)
+    with Rehearsal(AkdConfig(eds=eds)) as other:
+        assert "bad.eds" in refused(other, c.WRONG_SETTING)
+
+
+def test_a_missing_eds_is_refused_in_one_line(tmp_path):
+    with Rehearsal(AkdConfig(eds=tmp_path / "none.eds")) as rig:
+        assert "No such file" in refused(rig, c.WRONG_SETTING)
+
+
+@pytest.mark.real_time
+def test_the_same_works_over_python_can_in_real_time():
+    drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    bus = EmulatedBus(drives)
+    with VirtualPort(bus, "bring-up") as port, Served(bus, port) as served:
+        # Patient, because the machine that runs the tests may be busy.
+        channel = BusConfig(interface="virtual", channel="bring-up")
+        config = AkdConfig(bus=channel, silence=0.5, answer=5.0, watch=Watch(stale=50, unsteady=51))
+        servos = AkdServos(config)
+        servos.start()
+        servos.enable()
+        for _ in range(200):
+            servos.exchange()
+            servos.settle(0.002)
+            if servos.enabled:
+                break
+        assert servos.enabled
+        servos.stop()
+        with served.lock:
+            assert [drive.state for drive in drives] == [Power.SWITCH_ON_DISABLED] * 2
+            assert [drive.fault_numbers for drive in drives] == [(), ()]

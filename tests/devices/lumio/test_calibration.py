@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices.lumio.calibration import Calibration, CalibrationError, fit
+
+SHARE = st.floats(0, 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "corner"),
+    [
+        ({}, (-0.35, 0.1975)),
+        ({"mirrored_y": False}, (-0.35, -0.1975)),
+        ({"mirrored_x": True}, (0.35, 0.1975)),
+        ({"swapped": True, "mirrored_x": True, "mirrored_y": False}, (0.35, -0.1975)),
+    ],
+)
+def test_the_screens_origin_lies_in_the_corner_its_mounting_says(options, corner):
+    assert Calibration.nominal(**options).plate(0, 0) == pytest.approx(corner)
+
+
+def test_a_swapped_screen_counts_its_first_axis_along_the_plates_y():
+    screen = Calibration.nominal(swapped=True, mirrored_y=False)
+    assert screen.plate(1.0, 0.5) == pytest.approx((0.0, 0.1975))
+
+
+@given(x=SHARE, y=SHARE, swapped=st.booleans(), mirrored=st.booleans())
+def test_plate_and_screen_are_each_others_inverse(x, y, swapped, mirrored):
+    calibration = Calibration.nominal(swapped=swapped, mirrored_x=mirrored)
+    assert calibration.screen(*calibration.plate(x, y)) == pytest.approx((x, y), abs=1e-12)
+
+
+def test_points_on_a_turned_and_scaled_screen_give_back_how_it_is_mounted():
+    turn, scale = np.radians(2.0), np.array([0.68, -0.40])
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) * scale
+    origin = np.array([-0.33, 0.21])
+    seen = np.random.default_rng(1).random((9, 2))
+    calibration, left = fit(seen, seen @ matrix.T + origin)
+    assert np.allclose(calibration.matrix, matrix, atol=1e-12)
+    assert np.allclose(calibration.origin, origin, atol=1e-12)
+    assert left < 1e-12
+
+
+def test_the_distance_left_is_that_of_the_noise():
+    # Four corners pushed by 1 mm in turn along x: no affine map can follow any of it.
+    seen = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    plate = seen + np.array([[1e-3, 0.0], [-1e-3, 0.0], [1e-3, 0.0], [-1e-3, 0.0]])
+    _, left = fit(seen, plate)
+    assert left == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [([[0, 0], [1, 1]], "3 or more"), ([[0, 0], [0.5, 0.5], [1, 1]], "on one line")],
+)
+def test_too_few_points_or_a_line_are_refused_in_words(points, words):
+    with pytest.raises(CalibrationError, match=words):
+        fit(points, points)
+
+
+def test_a_calibration_without_an_area_is_refused():
+    with pytest.raises(CalibrationError, match="cover an area"):
+        Calibration(((1.0, 2.0), (0.5, 1.0)), (0.0, 0.0))

@@ -1,0 +1,142 @@
+import gc
+import os
+import sys
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices import scheduling
+from twin.devices.realtime import LOOP_OVERRUN, RealTimeClock
+from twin.devices.scheduling import real_time
+
+PERIOD = 1 / 512
+
+
+class Time:
+    """Made-up time: reading it takes 2 us, sleeping takes as long as asked and a little more."""
+
+    def __init__(self, oversleep=0.0):
+        self.now = 100.0
+        self.oversleep = oversleep
+
+    def __call__(self):
+        self.now += 2e-6
+        return self.now
+
+    def sleep(self, seconds):
+        assert seconds > 0
+        self.now += seconds + self.oversleep
+
+
+def clock(oversleep=0.0, **options):
+    time = Time(oversleep)
+    made = RealTimeClock(PERIOD, now=time, sleep=time.sleep, **options)
+    made.start()
+    return made, time
+
+
+def test_periods_begin_at_multiples_of_the_period_whatever_the_work_takes():
+    made, time = clock(oversleep=1e-4)
+    begin = time.now
+    for tick in range(1, 200):
+        time.now += (tick % 7) * 2e-4
+        made.wait()
+        assert made.tick == tick
+        assert 0 <= time.now - begin - tick * PERIOD < 1e-5
+
+
+def test_missed_periods_are_skipped_and_counted_and_never_caught_up_with():
+    made, time = clock()
+    made.wait()
+    time.now += 3.5 * PERIOD
+    made.wait()
+    assert (made.tick, made.time, made.ledger.missed) == (5, 5 * PERIOD, 3)
+    made.wait()
+    assert (made.tick, made.ledger.missed) == (6, 3)
+
+
+def test_a_wake_up_that_comes_too_late_is_in_the_ledger():
+    made, _ = clock(oversleep=1e-3)
+    made.wait()
+    assert made.ledger.lateness.most == pytest.approx(1e-3 - 2e-4, abs=1e-5)
+    assert made.ledger.late == 1
+
+
+def test_the_stated_number_of_late_ticks_in_a_row_is_one_fault():
+    made, _ = clock(oversleep=1e-3, allowed=10)
+    for _ in range(9):
+        made.wait()
+    assert made.faults() == ()
+    for _ in range(20):
+        made.wait()
+    (fault,) = made.faults()
+    assert fault.condition is LOOP_OVERRUN
+    assert "10 late" in fault.detail
+
+
+def test_late_ticks_with_one_in_time_between_are_no_fault():
+    made, time = clock(allowed=3)
+    for tick in range(30):
+        time.oversleep = 0.0 if tick % 3 == 0 else 1e-3
+        made.wait()
+    assert made.faults() == ()
+
+
+def test_a_stall_of_as_many_periods_is_a_fault_at_once():
+    made, time = clock(allowed=10)
+    made.wait()
+    time.now += 12.5 * PERIOD
+    made.wait()
+    assert len(made.faults()) == 1
+    assert LOOP_OVERRUN.within > 10 * PERIOD
+
+
+@given(work=st.lists(st.floats(0, 0.02), max_size=60))
+def test_every_period_is_either_begun_or_counted_as_missed(work):
+    made, time = clock()
+    begin = time.now
+    for seconds in work:
+        time.now += seconds
+        made.wait()
+        assert time.now >= begin + made.tick * PERIOD
+    assert made.ledger.ticks + made.ledger.missed == made.tick
+
+
+def test_the_first_wait_starts_a_clock_that_was_not_started():
+    time = Time()
+    made = RealTimeClock(PERIOD, now=time, sleep=time.sleep)
+    made.wait()
+    assert made.tick == 1
+
+
+def test_leaving_real_time_leaves_everything_as_it_was():
+    before = (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval())
+    with real_time() as obtained:
+        assert not gc.isenabled()
+        inside = os.sched_getscheduler(0)
+    assert obtained.fifo == (inside == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+    assert (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval()) == before
+    assert gc.get_freeze_count() == 0
+
+
+def test_a_thread_started_in_real_time_is_an_ordinary_one():
+    policies = []
+    with real_time():
+        thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
+        thread.start()
+        thread.join()
+    assert policies == [os.SCHED_OTHER]
+
+
+def test_what_is_refused_is_said_with_what_to_do(monkeypatch):
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(scheduling.os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(scheduling, "_lock", lambda: False)
+    with real_time() as obtained:
+        assert obtained.as_dict()["fifo"] is False
+    assert "limits.conf" in obtained.words[0]
+    assert "not locked" in obtained.words[1]

@@ -1,0 +1,177 @@
+"""The doctor on emulated devices: in bus time where it can, on the wire once."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.doctor import doctor
+from twin.devices.akd.config import AkdConfig
+from twin.doctor import drives
+from twin.doctor.cams import measure
+from twin.doctor.computer import computer
+from twin.doctor.delay import dead_time, delay
+from twin.doctor.finding import Verdict
+from twin.emulator.can_rehearsal import Rehearsal
+from twin.emulator.rehearsal import RehearsedRig
+from twin.emulator.screen_line import FRAME
+from twin.emulator.virtual import VirtualBench
+from twin.errors import TwinError
+from twin.hal.cams import CamTable, Direct
+from twin.paths import model_path
+from twin.run.assemble import build_limits
+from twin.scenario import load
+from twin.scenario.rig import check_rig
+
+RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
+
+
+def verdicts(findings):
+    return {finding.what: finding for finding in findings}
+
+
+def examined(config=None, act=lambda rig: None):
+    with Rehearsal(config) as rig:
+        act(rig)
+        found = list(drives.bus(rig.servos.config, rig.servos))
+        if rig.servos.axes:
+            found += drives.torque(rig.servos)
+            found += drives.motion(rig.servos, Direct(5.0))
+        return verdicts(found)
+
+
+def with_axis(**changes):
+    config = AkdConfig()
+    phi, theta = config.axes
+    return replace(config, axes=(replace(phi, **changes), theta))
+
+
+def test_healthy_drives_pass_every_check():
+    found = examined()
+    assert {finding.verdict for finding in found.values()} == {Verdict.PASS}
+    assert "stopped by themselves" in found["heartbeat"].seen
+    assert "phi encoder" in found
+
+
+@pytest.mark.parametrize(
+    ("changes", "advice"),
+    [
+        ({"plate_sign": -1}, "wrong way"),
+        ({"motor_sign": -1}, "wrong way"),
+        ({"plate_counts": 65536}, "check phi.plate_counts"),
+        ({"plate_counts": 4096}, "check phi.plate_counts"),
+    ],
+)
+def test_a_wrong_direction_or_scale_fails_and_names_what_to_change(changes, advice):
+    found = examined(with_axis(**changes))
+    assert found["phi encoder"].verdict is Verdict.FAIL
+    assert advice in found["phi encoder"].advice
+    assert found["theta encoder"].verdict is Verdict.PASS
+
+
+def test_a_drive_that_goes_on_without_heartbeat_fails():
+    def deaf(rig):
+        for drive in rig.drives:
+            drive.store.set(0x1016, 1, 0)
+
+    with Rehearsal() as rig:
+        list(drives.bus(rig.servos.config, rig.servos))
+        deaf(rig)
+        found = verdicts(drives.torque(rig.servos))
+    assert found["heartbeat"].verdict is Verdict.FAIL
+
+
+def test_an_absent_drive_is_named_with_what_to_do():
+    found = examined(act=lambda rig: rig.bus.drives.pop())
+    (finding,) = found.values()
+    assert finding.verdict is Verdict.FAIL
+    assert "drive theta (node 2)" in finding.seen
+    assert finding.advice
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("late", [0.02, 0.08])
+def test_the_dead_time_is_measured_to_5_ms(scenario, late):
+    chosen = scenario(f"sensors.touch.dead_time={late}", "plant.friction.rolling_mm=0.18")
+    bench = VirtualBench(chosen)
+    limits = build_limits(chosen.rig.limits)
+    rig = RehearsedRig(bench, transmission=bench.transmission, limits=limits)
+    (finding,) = dead_time(rig, late)
+    assert finding.verdict is Verdict.PASS
+    measured = float(finding.seen.split()[0]) / 1000
+    assert abs(measured - (late + FRAME / 2)) < 0.005
+
+
+def test_a_known_delay_is_found_from_a_made_up_way():
+    t = np.arange(0, 10, 0.002)
+    plate = 0.01 * np.stack((np.cos(3 * t), np.sin(7 * t)), axis=1)
+    # x'' = c1 g phi, y'' = -c1 g theta, integrated by hand for small angles
+    pull = 5 / 7 * 9.81 * 0.01
+    late = t - 0.05
+    ball = pull * np.stack((-np.cos(3 * late) / 9, np.sin(7 * late) / 49), axis=1)
+    found, rest = delay(t, plate, ball)
+    assert abs(found - 0.05) < 0.002
+    assert rest < 2e-5
+
+
+def test_what_nobody_has_confirmed_is_said(scenario):
+    found = verdicts(computer(scenario(), RIG))
+    assert "plate_counts" in found["settings of the drives"].seen
+    assert found["cam table"].verdict is Verdict.WARN
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({}, "touch: missing"),
+        ({"touch": {"port": "x", "protocl": "elo"}}, "did you mean 'protocol'"),
+        ({"touch": {"port": "x"}, "phi": {"node": 0}}, "node 0 must be 1 to 126"),
+        ({"touch": {"port": "x"}, "phi": {"node": 2}}, "must differ"),
+        ({"touch": {"port": "x"}, "drives": {"watch": {"stale": "soon"}}}, "drives.watch.stale"),
+        ({"touch": {"port": "x", "transport": "usb"}}, "touch.transport: must be one of"),
+        ({"touch": {"port": "x"}, "bus": {"bitrate": "fast"}}, "bus.bitrate"),
+    ],
+)
+def test_a_wrong_rig_file_is_one_line(tables, message):
+    with pytest.raises(TwinError, match=message) as caught:
+        check_rig(tables, "rig.toml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
+    done = CliRunner().invoke(doctor, ["--json"], standalone_mode=False)
+    found = json.loads(done.stdout)
+    passed = {each["what"] for each in found if each["verdict"] == "pass"}
+    assert passed >= {"touch protocol", "lift-off", "object dictionary", "drive phi (node 1)"}, (
+        found
+    )
+    assert done.return_value == 0, found
+
+
+@pytest.mark.long
+def test_the_cams_of_a_rig_are_measured_to_a_count_of_its_encoders():
+    quiet = ("disturbance.variance=[0,0]", "plant.friction.rolling_mm=0")
+    bench = VirtualBench(load("circle", quiet))
+    true = CamTable.from_file(model_path("cams.json"))
+    wrong = CamTable(true.grid, 1.04 * true.angles + 0.01 * true.angles[..., ::-1] ** 2)
+    with Rehearsal() as rig:
+        bench.attach(rig.drives)
+        rig.bus.moved = bench.advance
+        found = measure(rig.servos, wrong, reach=np.radians(5), lines=5)
+    assert found.before_deg > 0.15
+    plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
+    off = (found.table.motor(plate) - true.motor(plate)) / true.ratio
+    assert np.degrees(np.abs(off).max()) < 360 / 16384
+
+
+def test_a_measured_table_is_read_back_from_its_file(tmp_path):
+    true = CamTable.from_file(model_path("cams.json"))
+    file = tmp_path / "measured.json"
+    CamTable(true.grid, true.angles, {"made": "measured on a rig"}).save(file)
+    rig = check_rig({"touch": {"port": "x"}, "cams": str(file)}, "test")
+    found = verdicts(computer(load("circle"), rig))
+    assert found["cam table"].verdict is Verdict.PASS

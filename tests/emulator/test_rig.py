@@ -1,0 +1,117 @@
+"""Whole runs over the wire: real ports, real bytes, real time; nothing here asserts a timing."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from twin.cli.emulate import toml
+from twin.emulator.drive_power import MASTER_SILENT
+from twin.emulator.serve import VirtualRig, emulated
+from twin.run.record import read_run
+from twin.scenario.rig import check_rig, read_rig
+
+pytestmark = [pytest.mark.long, pytest.mark.real_time]
+
+WATCH = {"stale": 200, "unsteady": 51, "lag_time": 1.0, "frozen": 5.0, "answer": 5.0}
+DRIVES = {"silence": 0.5, "answer": 5.0, "watch": WATCH}
+GATE = {"stale": 5.0, "lost": 5.0, "rest": 60.0}
+"""A busy machine must not end these runs: the virtual rig shares the process of the tests."""
+
+
+def patient(tables):
+    touch = {**tables["touch"], "gate": GATE}
+    return {**tables, "late_periods": 10_000, "drives": DRIVES, "touch": touch}
+
+
+@pytest.fixture
+def virtual(scenario, tmp_path):
+    with VirtualRig(scenario("plant.kind=lagrange")) as rig, rig.served:
+        (tmp_path / "rig.toml").write_text(toml(patient(rig.tables())))
+        yield rig
+
+
+@contextmanager
+def host(folder, *more):
+    """The command line running on the virtual rig, as a process of its own."""
+    code = "from twin.cli import main; raise SystemExit(main())"
+    arguments = ["run", "hold", "--rig", str(folder / "rig.toml"), "--set", "duration=60"]
+    arguments += ["--set", "plant.kind=lagrange", "--out", str(folder / "out"), *more]
+    with subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def running(virtual):
+    """Wait until the host moves the plate."""
+    assert wait_until(lambda: any(abs(drive.rate) > 1e-3 for drive in virtual.drives), 60)
+    time.sleep(1.0)
+
+
+def wait_until(true, seconds):
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.01)
+    return true()
+
+
+def test_a_virtual_rig_finds_its_way_through_its_rig_file(virtual, tmp_path):
+    found = read_rig(tmp_path / "rig.toml")
+    assert found == check_rig(patient(virtual.tables()), "tables")
+
+
+def test_a_killed_host_leaves_drives_that_stop_by_themselves(virtual, tmp_path):
+    with host(tmp_path) as process:
+        running(virtual)
+        process.kill()
+        process.wait()
+    assert wait_until(lambda: not any(drive.enabled for drive in virtual.drives), 5)
+    assert [drive.fault_numbers for drive in virtual.drives] == [(MASTER_SILENT,)] * 2
+    assert wait_until(lambda: all(abs(drive.rate) < 0.01 for drive in virtual.drives), 5)
+
+
+def test_ctrl_c_levels_the_plate_and_keeps_the_record(virtual, tmp_path):
+    with host(tmp_path, "--json") as process:
+        running(virtual)
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=30)
+    assert process.returncode == 1, error
+    assert json.loads(out or "{}").get("outcome") == "aborted", error
+    assert not any(drive.enabled for drive in virtual.drives)
+    rows, _, metadata = read_run(tmp_path / "out" / "run.parquet")
+    assert len(rows["lateness"]) > 10
+    # the period in which Ctrl-C came is in the record, but never ended
+    assert metadata["ledger"]["ticks"] >= len(rows["time"]) - 1
+    assert "true_x" not in rows
+
+
+def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):
+    with host(tmp_path, "--json") as process:
+        running(virtual)
+        assert "STO open" in virtual.obey("sto")
+        out, error = process.communicate(timeout=30)
+    assert process.returncode == 1, error
+    summary = json.loads(out)
+    assert summary["outcome"] == "fault"
+    assert "drive" in summary["reason"]
+
+
+def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):
+    with emulated(scenario("plant.kind=lagrange")) as rig:
+        assert rig.tell("lift") == "ball lifted"
+        assert rig.tell("dance").startswith("known: sto")
+        pid = rig.pid
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)

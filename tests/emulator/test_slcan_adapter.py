@@ -1,0 +1,287 @@
+import os
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.devices.akd import conditions as c
+from twin.devices.akd.bus import open_bus
+from twin.devices.akd.config import AkdConfig, BusConfig, Watch
+from twin.devices.akd.errors import DriveError
+from twin.devices.akd.servos import AkdServos
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_faults import BusFaults, Towards
+from twin.emulator.can_frame import Frame
+from twin.emulator.can_serve import Served
+from twin.emulator.can_slcan import SlcanAdapter, SlcanPort
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_power import Power
+from twin.emulator.drive_settings import DriveSettings
+
+
+def drives():
+    return [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+
+
+@pytest.fixture
+def bus():
+    return EmulatedBus(drives())
+
+
+@pytest.fixture
+def port(bus):
+    with SlcanPort(bus) as made:
+        yield made
+
+
+def config(port, **changes):
+    settings = {"interface": "slcan", "channel": port.channel, "options": {"sleep_after_open": 0.0}}
+    return BusConfig(**{**settings, **changes})
+
+
+def servos_on(port):
+    # Patient, because the machine that runs the tests may be busy.
+    return AkdServos(
+        AkdConfig(bus=config(port), silence=0.5, answer=5.0, watch=Watch(stale=50, unsteady=51))
+    )
+
+
+def run(servos, seconds, found=None):
+    """Exchange in real time; the faults, ended early by a condition."""
+    seen = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        servos.exchange()
+        servos.settle(0.002)
+        seen += servos.faults()
+        if found in [fault.condition for fault in seen]:
+            break
+    return [fault.condition for fault in seen]
+
+
+@pytest.mark.parametrize(
+    ("sent", "answered"),
+    [
+        (b"S8\rO\r", b"\r\r"),
+        (b"O\r", b"\a"),
+        (b"S8\rO\rO\r", b"\r\r\a"),
+        (b"S8\rO\rS6\r", b"\r\r\a"),
+        (b"C\r", b"\a"),
+        (b"S8\rO\rC\r", b"\r\r\r"),
+        (b"S8\rO\rt0800\r", b"\r\rz\r"),
+        (b"t0800\r", b"\a"),
+        (b"S8\rO\rt08\r", b"\r\r\a"),
+        (b"S8\rO\rt0802FF\r", b"\r\r\a"),
+        (b"S8\rO\rF\r", b"\r\rF00\r"),
+        (b"V\rN\r\r", b"V1013\rNEMUL\r\r"),
+        (b"Q\r", b"\a"),
+    ],
+)
+def test_the_adapter_answers_as_lawicel_s_protocol_says(bus, sent, answered):
+    assert SlcanAdapter(bus).feed(sent) == answered
+
+
+def test_a_frame_of_the_bus_is_written_in_hexadecimal(bus):
+    adapter = SlcanAdapter(bus)
+    adapter.feed(b"S8\rO\r")
+    bus.step(0.001)
+    bus.to_host()
+    adapter.feed(b"t60184000100000000000\r")
+    assert adapter.heard() == b"t58184300100092010200\r"
+
+
+def test_an_adapter_at_another_bit_rate_hears_nothing_and_then_refuses(bus):
+    adapter = SlcanAdapter(bus)
+    adapter.feed(b"S6\rO\r")
+    assert adapter.feed(b"t0800\r" * 5) == b"z\r" * 3 + b"\a" * 2
+    assert adapter.feed(b"F\r") == b"FA4\r"
+    bus.step(0.01)
+    assert adapter.heard() == b""
+
+
+@given(st.binary(max_size=80))
+@settings(max_examples=80)
+def test_the_adapter_takes_any_bytes(data):
+    adapter = SlcanAdapter(EmulatedBus(drives()))
+    adapter.feed(b"S8\rO\r" + data)
+    adapter.heard()
+
+
+@given(st.lists(st.binary(max_size=40), max_size=6))
+@settings(max_examples=40)
+def test_the_host_takes_any_bytes_of_an_adapter(chunks):
+    with SlcanPort(EmulatedBus([])) as port:
+        host = open_bus(config(port))
+        for chunk in chunks:
+            os.write(port._master, chunk)
+            while (message := host.recv(0)) is not None:
+                assert len(message.data) <= 8
+        host.shutdown()
+
+
+@pytest.mark.parametrize(
+    "line", [b"t1811G0", b"t18", b"t18132B", b"x", b"t1812ABCDEF", b"F1", b"t1819" + b"00" * 9]
+)
+def test_a_line_that_is_no_frame_is_counted_not_believed(port, line):
+    host = open_bus(config(port))
+    os.write(port._master, line + b"\r" + b"t18222B3C\r")
+    message = host.recv(0.5)
+    assert (message.arbitration_id, bytes(message.data)) == (0x182, b"\x2b\x3c")
+    assert host.garbled == 1
+    host.shutdown()
+
+
+def test_frames_behind_acknowledgements_are_all_drained(port):
+    host = open_bus(config(port))
+    os.write(port._master, b"z\rt1810\rz\r\rt1820\rz\r")
+    found = [host.recv(0.5), host.recv(0), host.recv(0)]
+    assert [each and each.arbitration_id for each in found] == [0x181, 0x182, None]
+    host.shutdown()
+
+
+@pytest.mark.real_time
+def test_the_servos_run_over_a_real_pty(bus, port):
+    with Served(bus, port) as served:
+        servos = servos_on(port)
+        servos.start()
+        servos.enable()
+        run(servos, 0.3)
+        assert servos.enabled
+        servos.command([[1.0, -1.0]])
+        run(servos, 0.3)
+        assert servos.rate()[0, 0] == pytest.approx(1.0, rel=1e-3)
+        servos.stop()
+        with served.lock:
+            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+            assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("cause", "condition"),
+    [
+        (lambda port, bus: bus.faults.take_off_bus(), c.BUS_OFF),
+        (lambda port, bus: bus.faults.make_passive(), c.ERROR_PASSIVE),
+        (lambda port, bus: port.unplug(), c.ADAPTER_GONE),
+        (lambda port, bus: setattr(port, "garble", 0.02), c.GARBLED),
+        (lambda port, bus: setattr(port, "stalled", True), c.PDO_STALE),
+    ],
+    ids=["bus off", "error passive", "unplugged", "garbled", "stalled"],
+)
+def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
+    with Served(bus, port) as served:
+        servos = servos_on(port)
+        servos.start()
+        servos.enable()
+        run(servos, 0.1)
+        with served.lock:
+            cause(port, bus)
+        seen = run(servos, 2.0, condition)
+        servos.stop()
+        assert condition in seen, [each.name for each in seen]
+
+
+@pytest.mark.real_time
+def test_after_replugging_a_new_start_goes_on(bus, port):
+    with Served(bus, port) as served:
+        servos = servos_on(port)
+        servos.start()
+        with served.lock:
+            port.unplug()
+        assert c.ADAPTER_GONE in run(servos, 1.0, c.ADAPTER_GONE)
+        servos.stop()
+        with served.lock:
+            port.replug()
+        servos.start()
+        for _ in range(50):
+            servos.exchange()
+            servos.settle(0.002)
+        servos.reset_faults()
+        run(servos, 0.1)
+        servos.enable()
+        run(servos, 0.1)
+        assert servos.enabled
+        servos.stop()
+
+
+@pytest.mark.real_time
+def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
+    bus.bitrate = 500_000
+    with Served(bus, port):
+        with pytest.raises(DriveError) as caught:
+            servos_on(port).start()
+        assert caught.value.fault.condition == c.BIT_RATE
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"interface": "sockecan"}, "nearest: socketcan"),
+        ({"interface": "slcan", "channel": "/dev/ttyNONE9"}, "no channel"),
+        ({"interface": "slcan", "bitrate": 123}, "bitrate"),
+    ],
+    ids=str,
+)
+def test_a_bus_that_cannot_be_opened_is_one_clear_line(port, changes, words):
+    with pytest.raises(DriveError) as caught:
+        open_bus(config(port, **changes))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_port_that_is_no_serial_port_is_said_so(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(DriveError, match="is no serial port"):
+        open_bus(BusConfig(interface="slcan", channel=str(tmp_path / "file")))
+
+
+def frames(faults, count=100, cob_id=0x181):
+    return [faults.deliver(Frame(cob_id, bytes(range(8))), Towards.HOST) for _ in range(count)]
+
+
+def test_the_same_seed_does_the_same_damage():
+    made = []
+    for _ in range(2):
+        faults = BusFaults(seed=3)
+        faults.drop(share=0.3)
+        faults.corrupt(bits=2)
+        made.append(frames(faults))
+    assert made[0] == made[1]
+    assert 50 < sum(bool(each) for each in made[0]) < 90
+
+
+def test_damage_hits_only_its_frames_way_and_time():
+    faults = BusFaults()
+    faults.drop(0x181, towards=Towards.HOST, after=1.0, lasting=1.0)
+    assert frames(faults, 1) == [[(0.0, Frame(0x181, bytes(range(8))))]]
+    faults.time = 1.5
+    assert frames(faults, 1) == [[]]
+    assert frames(faults, 1, 0x182) != [[]]
+    assert faults.deliver(Frame(0x181), Towards.DRIVES)
+    faults.time = 2.0
+    assert frames(faults, 1) != [[]]
+
+
+def test_a_delayed_frame_comes_later_and_once(bus):
+    bus.step(0.001)
+    bus.to_host()
+    bus.faults.delay(0x581, by=0.005)
+    bus.from_host(Frame(0x601, bytes.fromhex("4000100000000000")))
+    bus.step(0.004)
+    assert bus.to_host() == []
+    bus.step(0.002)
+    assert [frame.cob_id for frame in bus.to_host()] == [0x581]
+
+
+@pytest.mark.real_time
+def test_nothing_is_left_open_when_no_drive_answers(port):
+    opened = []
+
+    def opener(bus):
+        opened.append(open_bus(bus))
+        return opened[0]
+
+    with pytest.raises(DriveError), Served(EmulatedBus([]), port):
+        AkdServos(AkdConfig(bus=config(port)), opener=opener).start()
+    assert not opened[0].serialPortOrig.is_open

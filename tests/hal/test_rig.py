@@ -1,0 +1,151 @@
+"""The contract every rig behind the seam keeps."""
+
+import numpy as np
+import pytest
+
+from twin.emulator.rehearsal import RehearsedRig
+from twin.emulator.virtual import VirtualBench
+from twin.hal.states import State
+from twin.run.assemble import assemble, build_limits
+
+QUIET = (
+    "sensors.touch.dead_time=0",
+    "sensors.touch.grid=0",
+    "sensors.touch.variance=[0,0]",
+    "sensors.encoders.counts=0",
+    "sensors.encoders.variance=[0,0]",
+    "disturbance.variance=[0,0]",
+)
+
+
+SIMULATED = ("lagrange", "mujoco")
+
+
+def build(kind, scenario):
+    """Two simulated rigs, or one of the hardware's kind on emulated devices."""
+    if kind != "emulated":
+        return assemble(scenario(f"plant.kind={kind}", *QUIET), rigs=2).rig
+    chosen = scenario("plant.kind=mujoco", *QUIET)
+    bench, limits = VirtualBench(chosen), build_limits(chosen.rig.limits)
+    return RehearsedRig(bench, transmission=bench.transmission, limits=limits)
+
+
+@pytest.fixture(params=[*SIMULATED, "emulated"])
+def rig(request, scenario):
+    return build(request.param, scenario)
+
+
+@pytest.fixture(params=SIMULATED)
+def simulated(request, scenario):
+    return build(request.param, scenario)
+
+
+def count(rig):
+    return len(rig.supervisor.state)
+
+
+def both(rig, rate):
+    """The same rate of both axes of every rig."""
+    return np.full((count(rig), 2), rate)
+
+
+def true_plate(rig):
+    return getattr(rig.bench, "bench", rig.bench).state[:, 2::4]
+
+
+def turn(rig, rate, periods):
+    for _ in range(periods):
+        rig.write(rate)
+        rig.wait()
+        measurement = rig.read()
+    return measurement
+
+
+def test_time_advances_by_one_period_a_wait(rig):
+    with rig:
+        assert rig.read().time == 0.0
+        rig.wait()
+        rig.wait()
+        assert rig.read().time == pytest.approx(2 * rig.period)
+
+
+def test_a_measurement_has_the_shapes_the_interface_promises(rig):
+    with rig:
+        measurement = rig.read()
+        assert measurement.y.shape == (count(rig), 4)
+        assert measurement.age.shape == (count(rig),)
+        assert measurement.touched.tolist() == [True] * count(rig)
+        assert measurement.state is None
+        assert rig.fallen.tolist() == rig.diverged.tolist() == [False] * count(rig)
+
+
+def test_nothing_moves_before_the_start(rig):
+    with rig:
+        applied = rig.write(both(rig, 0.01))
+        assert not applied.any()
+        measurement = turn(rig, both(rig, 0.01), 100)
+    assert np.abs(measurement.y[:, 1::2]).max() < np.radians(0.05)
+
+
+def test_applied_plate_rates_add_up_to_the_measured_plate_angle(rig):
+    goal = np.array([[0.08, -0.05], [-0.03, 0.1]])[: count(rig)]
+    with rig:
+        rig.start()
+        for tick in range(400):
+            # a smooth ramp of 0.6 s, then 0.2 s of rest; the ball stays on the area meanwhile
+            share = np.sin(np.pi * min(tick / 300, 1.0)) ** 2 / 0.3
+            measured = turn(rig, goal * share, 1).y[:, 1::2]
+    assert measured == pytest.approx(goal, abs=np.radians(0.05))
+
+
+def test_the_applied_rates_are_what_is_returned_after_every_clamp(rig):
+    with rig:
+        rig.start()
+        applied = rig.write(both(rig, 10.0))
+    assert applied == pytest.approx(both(rig, 7.0 * rig.period))
+
+
+def test_leaving_the_rig_levels_the_plate_even_after_an_error(rig):
+    def run_until_it_dies():
+        with rig:
+            rig.start()
+            turn(rig, both(rig, 0.1), 300)
+            raise RuntimeError("controller died")
+
+    with pytest.raises(RuntimeError, match="controller died"):
+        run_until_it_dies()
+    assert (rig.supervisor.state == State.OFF).all()
+    assert np.abs(true_plate(rig)).max() < np.radians(0.1)
+
+
+def test_a_tilted_plate_sends_the_ball_the_way_of_the_thesis(rig):
+    with rig:
+        rig.start()
+        measurement = turn(rig, both(rig, 0.2), 250)
+    # x'' ~ +c1 g sin(phi) and y'' ~ -c1 g sin(theta).
+    assert (measurement.y[:, 0] > 0.01).all()
+    assert (measurement.y[:, 2] < -0.01).all()
+
+
+def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(simulated):
+    with simulated:
+        simulated.start()
+        measurement = turn(simulated, np.full((2, 2), 0.1), 100)
+        assert measurement.y == pytest.approx(simulated.bench.state[:, 0::2])
+
+
+def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simulated):
+    drift, gain, added = 0.03, 8.0, 0.0
+    simulated.bench._drift = np.full((2, 2), drift * simulated.bench.plant.ratio)
+    simulated.bench._disturbance.silent = False
+    simulated.bench._disturbance.draw = lambda: 0.0
+    with simulated:
+        simulated.start()
+        measured = simulated.read().y
+        for _ in range(3500):
+            applied = simulated.write(-gain * measured[:, 1::2])
+            added = added + simulated.period * applied
+            simulated.wait()
+            measured = simulated.read().y
+        assert (np.abs(added) > np.radians(11)).all()  # far beyond what the cams can do
+        assert measured[:, 1::2] == pytest.approx(np.full((2, 2), drift / gain), rel=0.1)

@@ -1,0 +1,215 @@
+import csv
+import io
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.report import report as command
+from twin.errors import RecordError
+from twin.report.findings import Findings, spectrum
+from twin.report.html import html
+from twin.report.numbers import as_csv, as_latex
+from twin.report.words import verdict
+from twin.run.execute import run, save
+from twin.run.replay import Replay, open_run
+from twin.scenario.load import check
+
+TABLES = {
+    "title": "sine <&> test",
+    "duration": 20.0,
+    "plant": {"kind": "lagrange"},
+    "controller": {"kind": "lqr", "rho": 300.0, "kappa": 0.3},
+    "reference": {"kind": "sine", "amplitude": 0.1, "omega": 1.0},
+    "metrics": {"start": 6.0},
+}
+
+
+def made(ball, tables=TABLES, **columns):
+    """A run whose ball moved as a function of time says, with nothing at its limits."""
+    scenario = check(tables, "test")
+    time = np.arange(round(scenario.duration / 0.002)) * 0.002
+    rows = {"time": time, "supervisor": np.full(len(time), 3.0), "touched": np.ones(len(time))}
+    for kind in ("true", "estimated"):
+        for part in ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate"):
+            rows[f"{kind}_{part}"] = np.zeros(len(time))
+    for axis in ("phi", "theta"):
+        for kind in ("wished", "applied"):
+            rows[f"{kind}_{axis}_acc"] = np.zeros(len(time))
+    for kind in ("true", "estimated"):
+        rows[f"{kind}_x"], rows[f"{kind}_y"] = ball(time).T
+    metrics = {"outcome": "finished", "outcome_time": 20.0, "tracking_error_percent": 12.5}
+    return Replay("run_1", scenario, rows | columns, metrics=metrics, versions={"python": "3"})
+
+
+def rest(time):
+    return np.zeros((len(time), 2))
+
+
+def reference(time):
+    return made(rest).reference(time)[0]
+
+
+def on_x(values):
+    return np.column_stack((values, np.zeros_like(values)))
+
+
+def test_lag_and_gain_of_a_known_motion_are_found():
+    found = Findings.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0))))
+    assert found.lag == pytest.approx(0.18, abs=1e-3)
+    assert found.gain == pytest.approx(0.9, abs=1e-3)
+    assert found.rest < 1e-4
+
+
+def test_a_resting_reference_has_no_lag():
+    tables = {**TABLES, "reference": {"kind": "hold"}}
+    found = Findings.of(made(lambda t: on_x(0.01 * np.sin(t)), tables))
+    assert (found.lag, found.gain, found.rest) == (None, None, None)
+
+
+def test_the_error_is_the_root_mean_square_from_the_start_of_the_metrics():
+    found = Findings.of(made(lambda t: reference(t) + on_x(np.where(t < 6, 0.2, 0.004))))
+    assert found.rms == pytest.approx(0.004)
+
+
+def test_cut_effort_is_counted_and_told():
+    some = made(reference)
+    wished = some.rows["wished_phi_acc"].copy()
+    wished[:2500] = 9.0
+    cut = made(reference, wished_phi_acc=wished)
+    assert Findings.of(cut).cut == pytest.approx(0.25)
+    assert any("cut the control effort 25.0%" in line for line in verdict(cut, Findings.of(cut)))
+    assert any("No limit was in the way" in line for line in verdict(some, Findings.of(some)))
+
+
+def test_a_fall_is_told_first_and_with_its_reason():
+    some = made(reference)
+    metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
+    fell = Replay(**{**vars(some), "metrics": metrics})
+    assert verdict(fell, Findings.of(fell))[0] == (
+        "The ball fell off the plate after 3.25 s: ball left the plate."
+    )
+
+
+def test_the_spectrum_of_a_sine_reads_its_amplitude_at_its_frequency():
+    frequency, amplitude = spectrum(
+        made(lambda t: reference(t) - on_x(0.003 * np.sin(20 * np.pi * t)))
+    )
+    at = int(np.argmax(amplitude[:, 0]))
+    assert frequency[at] == pytest.approx(10.0, abs=0.05)
+    assert amplitude[at, 0] == pytest.approx(0.003, rel=0.01)
+
+
+class Links(HTMLParser):
+    """Collects what a page would load, and checks that every tag is closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.loaded, self.open = [], []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.loaded += [given[key] for key in ("src", "href", "xlink:href") if key in given]
+        if tag not in ("meta", "br", "link", "img"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def page():
+    return html([made(reference)])
+
+
+def test_a_page_is_whole_and_needs_nothing_else():
+    page = html([made(reference), made(lambda t: 0.5 * reference(t))])
+    links = Links()
+    links.feed(page)
+    assert links.open == []
+    assert [link for link in links.loaded if not link.startswith("#")] == []
+    assert "<script" not in page
+    assert "url(http" not in page
+
+
+def test_a_page_escapes_what_a_person_wrote(page):
+    assert "sine &lt;&amp;&gt; test" in page
+    assert "sine <&> test" not in page
+
+
+def test_a_page_names_settings_and_versions(page):
+    assert "controller.rho" in page
+    assert "300.0" in page
+    assert "python 3" in page
+
+
+def test_the_same_run_gives_the_same_page(page):
+    assert html([made(reference)]) == page
+
+
+def test_the_csv_reads_back():
+    read = list(csv.reader(io.StringIO(as_csv([made(reference)]))))
+    assert read[0] == ["indicator", "unit", "run_1"]
+    assert ["tracking error e_tt", "%", "12.5"] in read
+
+
+def test_the_latex_table_escapes_its_text():
+    text = as_latex([made(reference)])
+    assert r"run\_1" in text
+    assert r"tracking error e\_tt & 12.5 & \%" in text
+    assert text.count(r"\begin") == text.count(r"\end") == 1
+
+
+@pytest.mark.long
+def test_every_format_is_written_beside_the_run(scenario, tmp_path):
+    done = run(scenario())
+    save(done, tmp_path, {"run": done.motion})
+    ran = CliRunner().invoke(command, [str(tmp_path), "--format", "html,png,pdf,csv,latex"])
+    assert ran.exit_code == 0, ran.output
+    starts = {
+        "report.html": b"<!DOCTYPE html>",
+        "report.png": b"\x89PNG",
+        "report-details.png": b"\x89PNG",
+        "report.pdf": b"%PDF",
+        "report-details.pdf": b"%PDF",
+        "report.csv": b"indicator",
+        "report.tex": rb"\begin{tabular}",
+    }
+    for name, start in starts.items():
+        assert (tmp_path / name).read_bytes().startswith(start), name
+
+
+def test_an_unknown_format_names_the_known_ones(tmp_path):
+    ran = CliRunner().invoke(command, [str(tmp_path), "--format", "docx"])
+    assert ran.exit_code == 2
+    assert "no format 'docx' (known: html, png, pdf, csv, latex)" in ran.output
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(scenario, tmp_path, monkeypatch):
+    done = run(scenario())
+    save(done, tmp_path / "run", {"run": done.motion})
+
+    def full(path, content):
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    (tmp_path / "out").mkdir()
+    ran = CliRunner().invoke(
+        command, [str(tmp_path / "run"), "--format", "csv", "--out", str(tmp_path / "out" / "page")]
+    )
+    assert isinstance(ran.exception, RecordError)
+    assert "No space left on device" in str(ran.exception)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_fallen_run_can_be_reported(scenario, tmp_path):
+    done = run(scenario("duration=8", "plant.start.x_rate=1.2", "plant.start.x=0.2"))
+    save(done, tmp_path, {"run": done.motion})
+    (again,) = open_run(tmp_path)
+    assert "The ball fell off the plate" in html([again])

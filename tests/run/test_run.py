@@ -1,0 +1,151 @@
+import json
+
+import numpy as np
+import pytest
+
+import twin.run.execute
+from twin.errors import ScenarioError
+from twin.run.assemble import assemble
+from twin.run.execute import run, save
+from twin.run.loop import Ending, drive
+from twin.run.record import Recorder
+
+
+def test_the_same_seed_gives_the_same_record_to_the_last_bit(scenario):
+    first, second = run(scenario()), run(scenario())
+    for name in first.record.data:
+        assert np.array_equal(first.record[name], second.record[name]), name
+
+
+def test_another_seed_gives_another_record(scenario):
+    first, second = run(scenario()), run(scenario("seed=1"))
+    assert not np.array_equal(first.record["measured"], second.record["measured"])
+
+
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_a_rig_among_three_does_exactly_what_it_does_alone(scenario, kind):
+    chosen = scenario(
+        f"plant.kind={kind}", "controller.kind=afl", "controller.poles=[-2,-2.5,-3,-4]"
+    )
+    alone = run(chosen).record
+    rig, controller = assemble(chosen, rigs=3)
+    together = Recorder(200, 3, chosen.rig.period)
+    drive(rig, controller, chosen.duration, together)
+    for name in alone.data:
+        # a spline evaluated for one rig or for three may round differently
+        assert np.allclose(alone[name][:, 0], together[name][:, 0], rtol=1e-12, atol=1e-12), name
+    assert not np.array_equal(together["measured"][:, 0], together["measured"][:, 1])
+
+
+def test_the_number_of_threads_changes_nothing(scenario):
+    chosen = scenario("plant.kind=mujoco")
+    records = []
+    for threads in (1, 2):
+        rig, controller = assemble(chosen, rigs=4, threads=threads)
+        records.append(Recorder(200, 4, chosen.rig.period))
+        drive(rig, controller, chosen.duration, records[-1])
+    for name in records[0].data:
+        assert np.array_equal(records[0][name], records[1][name]), name
+
+
+def test_with_ideal_sensors_the_sampled_loop_follows_the_continuous_one(scenario):
+    # The linear closed loop of the design, by the matrix exponential: an independent truth.
+    from scipy.linalg import expm
+
+    chosen = scenario(
+        "duration=3",
+        "sensors.ideal=true",
+        "observer.kind=ideal",
+        "disturbance.variance=[0,0]",
+        "plant.friction.rolling_mm=0",
+        "reference.x=0.01",
+        "reference.y=-0.01",
+    )
+    done = run(chosen)
+    law = assemble(chosen).controller.law
+    A, B, _ = law.model.linear()
+    goal = np.zeros(8)
+    goal[0::4] = 0.01, -0.01
+    for tick in (250, 750, 1499):
+        expected = goal - expm((A - B @ law.K) * done.record.time[tick]) @ goal
+        assert done.motion.ball[tick] == pytest.approx(expected[0::4], abs=5e-5)
+
+
+def test_a_ball_driven_off_the_plate_is_an_outcome(scenario):
+    done = run(scenario("duration=8", "plant.start.x_rate=1.2", "plant.start.x=0.2"))
+    assert done.outcome.ending is Ending.FELL
+    assert 0 < done.outcome.time < 8
+    assert done.record.length == round(done.outcome.time / 0.002)
+    assert done.metrics.phi_max_deg > 0
+
+
+def test_a_rig_stopped_at_its_limits_levels_the_plate_and_says_why(scenario):
+    done = run(
+        scenario(
+            "duration=8", "plant.start.x_rate=0.06", "plant.start.x=0.245", "rig.limits.margin=0.0"
+        )
+    )
+    assert done.outcome.ending is Ending.ABORTED
+    assert "left the area" in done.outcome.reason
+    assert np.abs(done.motion.plate[-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
+def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
+    scenario, monkeypatch, tmp_path, kind
+):
+    chosen = scenario(f"plant.kind={kind}", "duration=2")
+    rig, controller = assemble(chosen)
+    plant, advance = rig.bench.plant, rig.bench.plant.advance
+
+    def run_away(rate, steps):
+        advance(rate, steps)
+        if rig.bench.time == pytest.approx(0.5):
+            (plant._x if kind == "lagrange" else plant._qvel)[:] = 1e300
+
+    monkeypatch.setattr(plant, "advance", run_away)
+    monkeypatch.setattr(twin.run.execute, "assemble", lambda _: (rig, controller))
+    with np.errstate(all="ignore"):
+        done = run(chosen)
+    assert done.outcome.ending is Ending.DIVERGED
+    assert 0.5 < done.outcome.time < 0.8
+    save(done, tmp_path, {"run": done.motion})
+    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "diverged"
+
+
+def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp_path):
+    chosen = scenario()
+    rig, controller = assemble(chosen)
+    original, calls = controller.command, []
+
+    def interrupted(measurement):
+        calls.append(1)
+        if len(calls) == 50:
+            raise KeyboardInterrupt
+        return original(measurement)
+
+    monkeypatch.setattr(controller, "command", interrupted)
+    monkeypatch.setattr(twin.run.execute, "assemble", lambda _: (rig, controller))
+    done = run(chosen)
+    assert done.outcome.ending is Ending.ABORTED
+    assert done.record.length == 49
+    assert np.abs(rig.bench.state[0, 2::4]).max() < 1e-3
+    save(done, tmp_path, {"run": done.motion})
+    assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "aborted"
+
+
+def test_a_saved_run_has_its_three_files(scenario, tmp_path):
+    done = run(scenario())
+    save(done, tmp_path / "new" / "folder", {"run": done.motion})
+    names = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
+    assert names == ["metrics.json", "picture.png", "run.parquet"]
+
+
+def test_a_reference_outside_the_operating_area_is_refused(scenario):
+    with pytest.raises(ScenarioError, match=r"rig\.limits\.area"):
+        run(scenario("reference.x=0.3"))
+
+
+def test_a_controller_that_refuses_its_settings_is_one_line(scenario):
+    with pytest.raises(ScenarioError, match="controller: rho"):
+        run(scenario("controller.rho=-1"))

@@ -1,0 +1,305 @@
+"""The MuJoCo plant: N mechanisms behind the plant interface."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from controllers.ballplate import BallPlate
+from twin.errors import ModelError
+from twin.hal.cams import CamTable
+from twin.paths import model_path
+from twin.sim.plant.mechanism import Mechanism
+
+BALL = BallPlate()
+TICK = 2
+"""Physics steps in a control period of these tests."""
+BESIDE = np.array([[0.6, 0.0, 0.0, 0.0]])
+"""Beside the screen: a ball started there falls off."""
+
+
+def motion(t):
+    """Motor speeds for a smooth plate motion on both axes, (2,)."""
+    return 1.5 * np.sin([3 * t, 4 * t])
+
+
+def test_at_the_start_the_plate_is_level_and_the_ball_where_it_was_put():
+    plant = Mechanism(rigs=2)
+    ball = np.array([[0.1, 0.02, -0.05, 0.03], [-0.2, 0.0, 0.1, -0.1]])
+    plant.start(ball)
+    assert plant.state[:, [0, 1, 4, 5]] == pytest.approx(ball)
+    assert plant.state[:, [2, 3, 6, 7]] == pytest.approx(np.zeros((2, 4)))
+    assert plant.motor == pytest.approx(np.zeros((2, 2)), abs=1e-5)
+
+
+def test_a_ball_started_in_motion_rolls_from_the_first_step_on():
+    plant = Mechanism(rolling=0.0)
+    speed = np.array([0.3, -0.2])
+    plant.start(np.array([[0.0, speed[0], 0.0, speed[1]]]))
+    for _ in range(100):
+        plant.advance(np.zeros((1, 2)), TICK)
+    # the plate gives way a little under the moving ball; a sliding ball would lose 40 %
+    assert plant.state[0, [1, 5]] == pytest.approx(speed, rel=2e-3)
+
+
+def test_the_state_is_that_of_a_plain_simulation_at_the_present_instant():
+    plant = Mechanism()
+    plant.start(np.array([[0.05, 0.1, -0.02, 0.05]]))
+    model = mujoco.MjModel.from_xml_path(str(model_path()))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+    radius = data.qpos[model.joint("ball").qposadr[0] + 2] - 0.122
+    data.joint("ball").qpos[:2] = 0.05, -0.02
+    data.joint("ball").qvel = [0.1, 0.05, 0, -0.05 / radius, 0.1 / radius, 0]
+    mujoco.mj_forward(model, data)
+    for k in range(200):
+        rate = motion(k * TICK * plant.step)
+        plant.advance(rate[None], TICK)
+        data.actuator("servo_phi").ctrl, data.actuator("servo_theta").ctrl = rate
+        mujoco.mj_step(model, data, TICK)
+    now = mujoco.MjData(model)
+    now.qpos, now.qvel = data.qpos, data.qvel
+    mujoco.mj_kinematics(model, now)
+    x, y, _ = now.body("plate").xmat.reshape(3, 3).T @ now.joint("ball").qpos[:3]
+    state = plant.state[0]
+    assert state[[0, 4]] == pytest.approx([x, y], abs=1e-12)
+    assert state[[2, 6]] == pytest.approx(
+        [float(now.joint("phi").qpos[0]), float(now.joint("theta").qpos[0])], abs=1e-12
+    )
+
+
+def test_the_velocities_are_the_rates_of_the_positions():
+    plant = Mechanism()
+    plant.start(np.array([[0.05, 0.1, -0.02, 0.05]]))
+    rows = []
+    for k in range(400):
+        plant.advance(motion(k * plant.step)[None], 1)
+        rows.append(plant.state[0])
+    rows = np.array(rows)[100:]
+    slope = (rows[2:, 0::2] - rows[:-2, 0::2]) / (2 * plant.step)
+    middle = (rows[1:-1, 1::2] + rows[2:, 1::2]) / 2
+    # the semi-implicit step moves positions with the speed at its end
+    assert slope == pytest.approx(middle, abs=2e-5)
+
+
+def test_the_motor_ratio_is_the_slope_of_the_mechanism_at_level():
+    plant = Mechanism(rigs=2)
+    plant.start(np.repeat(BESIDE, 2, axis=0))
+    for sign in (np.array([[0.1, 0.0], [0.0, 0.1]]), np.zeros((2, 2))):
+        plant.advance(sign, 1000)
+    plate = plant.state[:, [2, 6]]
+    slope = np.array([plant.motor[0, 0] / plate[0, 0], plant.motor[1, 1] / plate[1, 1]])
+    assert slope == pytest.approx([plant.ratio] * 2, rel=0.03)
+
+
+def test_the_ball_is_on_the_plate_until_it_has_rolled_over_the_edge():
+    plant = Mechanism(rigs=2)
+    plant.start(np.array([[0.34, 0.2, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    assert plant.on_plate.tolist() == [True, True]
+    plant.advance(np.zeros((2, 2)), 1500)
+    assert plant.on_plate.tolist() == [False, True]
+    assert np.isfinite(plant.state).all()
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_any_number_of_threads_gives_the_same_bits(threads):
+    rng = np.random.default_rng(7)
+    rates = rng.uniform(-2, 2, (50, 5, 2))
+    start = np.zeros((5, 4))
+    start[:, 0] = np.linspace(-0.2, 0.2, 5)
+    plants = [Mechanism(rigs=5, threads=n, rolling=np.linspace(0, 4e-4, 5)) for n in (1, threads)]
+    for plant in plants:
+        plant.start(start)
+        for rate in rates:
+            plant.advance(rate, TICK)
+    assert np.array_equal(plants[0].state, plants[1].state)
+    assert np.array_equal(plants[0].motor, plants[1].motor)
+
+
+def test_a_rig_among_many_moves_as_it_does_alone():
+    rolling = np.array([0.0, 1.8e-4, 4e-4])
+    many = Mechanism(rigs=3, rolling=rolling)
+    many.start(np.tile([0.1, 0.05, 0.0, 0.0], (3, 1)))
+    alone = [Mechanism(rolling=value) for value in rolling]
+    for plant in alone:
+        plant.start(np.array([[0.1, 0.05, 0.0, 0.0]]))
+    for k in range(200):
+        rate = motion(k * TICK * many.step)
+        many.advance(np.tile(rate, (3, 1)), TICK)
+        for plant in alone:
+            plant.advance(rate[None], TICK)
+    assert np.array_equal(many.state, np.concatenate([plant.state for plant in alone]))
+
+
+def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig():
+    lever = np.array([0.0, 1e-4, 2e-4, 4e-4])
+    plant = Mechanism(rigs=4, rolling=lever)
+    plant.start(np.tile([-0.1, 0.2, 0.0, 0.0], (4, 1)))
+    plant.advance(np.zeros((4, 2)), 500)
+    slowing = (0.2 - plant.state[:, 1]) / 0.5
+    assert slowing == pytest.approx(
+        BALL.c1 * BALL.gravity * lever / BALL.radius, abs=2e-3, rel=0.02
+    )
+
+
+def test_a_second_start_repeats_the_first():
+    plant = Mechanism()
+    runs = []
+    for _ in range(2):
+        plant.start(np.array([[0.1, 0.0, 0.05, 0.0]]))
+        for k in range(100):
+            plant.advance(motion(k * TICK * plant.step)[None], TICK)
+        runs.append(plant.state)
+    assert np.array_equal(*runs)
+
+
+def test_the_servo_does_not_droop_under_the_spring():
+    plant = Mechanism()
+    plant.start(BESIDE)
+    plant.advance(np.zeros((1, 2)), 2000)
+    before = plant.motor
+    plant.advance(np.zeros((1, 2)), 10000)
+    assert plant.motor == pytest.approx(before, abs=1e-9)
+
+
+def test_the_servo_takes_the_motor_as_far_as_its_speed_says():
+    plant = Mechanism()
+    plant.start(BESIDE)
+    plant.advance(np.array([[0.3, -0.2]]), 1000)
+    plant.advance(np.zeros((1, 2)), 1000)
+    # what is left is the change of the spring's torque over the servo's stiffness
+    assert plant.motor[0] == pytest.approx([0.3, -0.2], abs=1e-3)
+
+
+def test_a_wish_for_more_speed_gets_the_operating_limit():
+    plant = Mechanism()
+    plant.start(BESIDE)
+    plant.advance(np.full((1, 2), 1000.0), 20)
+    before = plant.motor
+    plant.advance(np.full((1, 2), 1000.0), 20)
+    assert (plant.motor - before)[0] / (20 * plant.step) == pytest.approx([20, 20], rel=0.1)
+
+
+def test_the_torque_stays_within_its_peak():
+    plant = Mechanism()
+    plant.start(BESIDE)
+    torques = []
+    for k in range(400):
+        plant.advance(np.full((1, 2), 20.0 if k // 20 % 2 else -20.0), 1)
+        told = dict(zip(plant.channels, plant.telemetry().T, strict=True))
+        torques.append((told["torque_phi_Nm"][0], told["torque_theta_Nm"][0]))
+    assert np.abs(torques).max() == pytest.approx(12.3)
+
+
+def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_minute():
+    plant = Mechanism()
+    away = 0.0
+    for _ in range(600):
+        plant.advance(np.zeros((1, 2)), 100)
+        away = max(away, float(np.hypot(*plant.state[0, [0, 4]])))
+    assert away < 1e-6
+
+
+def test_a_minute_of_random_servo_noise_brings_neither_warning_nor_nan():
+    rng = np.random.default_rng(3)
+    amplitude = np.array([[0.5], [20.0]])
+    hold = 10
+    plant = Mechanism(rigs=2)
+    for _ in range(60_000 // hold):
+        plant.advance(amplitude * rng.uniform(-1, 1, (2, 2)), hold)
+        assert np.isfinite(plant.state).all()
+    assert not plant.warnings.any()
+
+
+def test_numbers_that_run_away_are_told_and_leave_neither_line_nor_file(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    plant = Mechanism(rigs=2)
+    plant._qvel[1] = 1e12
+    plant.advance(np.zeros((2, 2)), 2)
+    assert plant.diverged.tolist() == [False, True]
+    assert not list(tmp_path.iterdir())
+    assert not any(capfd.readouterr())
+
+
+def ride(plate, step):
+    """Worst wheel force, torques and plate accelerations of rigs led along plate angles.
+
+    Plate angles (K, N, 2) at a control period of two steps.
+    """
+    plant = Mechanism(rigs=plate.shape[1])
+    plant.start(np.repeat(BESIDE, plant.rigs, axis=0))
+    table = CamTable.from_file(model_path("cams.json"))
+    rates = np.diff(table.motor(plate), axis=0) / (TICK * step)
+    wheels, torques, plates = [], [], []
+    for rate in rates:
+        for _ in range(TICK):
+            plant.advance(rate, 1)
+            told = dict(zip(plant.channels, plant.telemetry().T, strict=True))
+            wheels.append((told["wheel_phi_N"], told["wheel_theta_N"]))
+            torques.append((told["torque_phi_Nm"], told["torque_theta_Nm"]))
+        plates.append(plant.state[:, [2, 6]])
+    return np.array(wheels), np.array(torques), np.array(plates)
+
+
+def test_the_wheels_stay_on_their_cams_over_8_degrees_at_7_rad_per_s2_on_both_axes():
+    step, amplitude = 0.001, math.radians(8)
+    omega = math.sqrt(7 / amplitude)
+    t = np.arange(0, 6, TICK * step)
+    s = np.minimum(t / 2, 1)
+    begin = s**3 * (10 - 15 * s + 6 * s**2)
+    phi = np.stack([np.sin(omega * t)] * 3, axis=-1)
+    theta = np.stack([np.sin(omega * t + shift) for shift in (0, math.pi, math.pi / 2)], axis=-1)
+    plate = amplitude * begin[:, None, None] * np.stack([phi, theta], axis=-1)
+    wheels, torques, reached = ride(plate, step)
+    assert np.degrees(np.ptp(reached, axis=0)) == pytest.approx(np.full((3, 2), 16), abs=0.5)
+    assert wheels.min() > 25
+    assert np.abs(torques).max() < 12.3
+    # heating goes with the mean square: the motors could do this all day
+    steady = torques[2000:]
+    assert np.sqrt(np.mean(steady**2, axis=0)).max() < 4.57
+
+
+def test_a_wheel_can_lift_off_its_cam():
+    plant = Mechanism()
+    plant.start(BESIDE)
+    plant.advance(np.array([[5.0, 0.0]]), 150)
+    plant.advance(np.array([[-20.0, 0.0]]), 30)
+    assert plant.telemetry()[0, plant.channels.index("wheel_phi_N")] == 0
+    assert not plant.warnings.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "no such file"),
+        ("this is no xml", "XML"),
+        ("<mujoco><worldbody/></mujoco>", "missing joint theta"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, says):
+    path = tmp_path / "other.xml"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match=says) as caught:
+        Mechanism(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"rigs": 0}, {"step": 0.0}, {"step": math.nan}, {"rolling": -1e-4}, {"rolling": math.inf}],
+)
+def test_impossible_numbers_are_refused(wrong):
+    with pytest.raises(ModelError):
+        Mechanism(**wrong)
+
+
+def test_a_rolling_friction_too_small_to_simulate_is_refused():
+    with pytest.raises(ModelError, match="rolling friction"):
+        Mechanism(rolling=1e-6)

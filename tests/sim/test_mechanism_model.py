@@ -1,0 +1,162 @@
+"""The model file as a file: complete, quiet, named, and what its comments say."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+
+from twin.paths import model_path
+from twin.sim.calibration import tap_test
+
+KINDS = {
+    "BODY": "nbody",
+    "JOINT": "njnt",
+    "GEOM": "ngeom",
+    "SITE": "nsite",
+    "CAMERA": "ncam",
+    "LIGHT": "nlight",
+    "TEXTURE": "ntex",
+    "MATERIAL": "nmat",
+    "PAIR": "npair",
+    "TENDON": "ntendon",
+    "ACTUATOR": "nu",
+    "SENSOR": "nsensor",
+    "KEY": "nkey",
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_path(str(model_path()))
+
+
+@pytest.fixture
+def level(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_the_model_compiles_and_runs_without_a_warning(tmp_path, monkeypatch):
+    heard = []
+    before = mujoco.get_mju_user_warning()
+    monkeypatch.chdir(tmp_path)
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            model = mujoco.MjModel.from_xml_path(str(model_path()))
+            data = mujoco.MjData(model)
+            mujoco.mj_step(model, data, 100)
+    finally:
+        mujoco.set_mju_user_warning(before)
+    assert not heard
+    assert not any(warning.number for warning in data.warning)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_element_has_a_name(model, kind):
+    count = getattr(model, KINDS[kind])
+    object_type = getattr(mujoco.mjtObj, f"mjOBJ_{kind}")
+    names = [mujoco.mj_id2name(model, object_type, i) for i in range(count)]
+    assert count > 0
+    assert all(names)
+
+
+def test_the_file_needs_no_other_file():
+    text = model_path().read_text(encoding="utf-8")
+    assert not re.search(r"<include|\bfile=|<mesh|<hfield|<plugin", text)
+
+
+def test_the_screen_the_joint_and_the_ball_are_the_thesis_ones(model):
+    plate, ball = model.geom("plate"), model.body("ball")
+    assert 2 * plate.size[:2] == pytest.approx([0.70, 0.395])
+    assert plate.pos[2] + plate.size[2] == pytest.approx(0.122)
+    assert float(ball.mass[0]) == pytest.approx(0.024)
+    assert ball.inertia == pytest.approx([6.4e-6] * 3)
+    assert float(model.geom("ball").size[0]) == pytest.approx(0.02)
+    for axis in ("phi", "theta"):
+        assert np.degrees(model.joint(axis).range) == pytest.approx([-10, 10], abs=1e-4)
+
+
+@pytest.mark.parametrize(("theta", "phi"), [(0.1, 0.0), (0.0, 0.15), (0.12, -0.08)])
+def test_the_plate_turns_as_rx_theta_times_ry_phi(model, theta, phi):
+    data = mujoco.MjData(model)
+    data.joint("theta").qpos, data.joint("phi").qpos = theta, phi
+    mujoco.mj_kinematics(model, data)
+    c, s = math.cos, math.sin
+    rx = np.array([[1, 0, 0], [0, c(theta), -s(theta)], [0, s(theta), c(theta)]])
+    ry = np.array([[c(phi), 0, s(phi)], [0, 1, 0], [-s(phi), 0, c(phi)]])
+    assert data.body("plate").xmat.reshape(3, 3) == pytest.approx(rx @ ry, abs=1e-12)
+
+
+def test_the_keyframe_level_is_at_rest(model, level):
+    assert np.abs(level.qacc).max() < 1e-4
+    assert level.qvel == pytest.approx(np.zeros(model.nv))
+    assert level.joint("phi").qpos == level.joint("theta").qpos == 0
+    assert level.sensor("ball_position").data[:2] == pytest.approx([0, 0])
+
+
+@pytest.mark.parametrize("axis", ["phi", "theta"])
+def test_a_cam_contact_has_the_stiffness_the_file_states(model, level, axis):
+    wheel = model.geom(f"wheel_{axis}").id
+    contact = next(c for c in level.contact if wheel in c.geom)
+    force = level.sensor(f"wheel_{axis}_force").data[0]
+    assert force / -contact.dist == pytest.approx(80e3, rel=5e-3)
+
+
+def test_the_spring_pulls_ninety_newtons_at_level(model, level):
+    spring = model.tendon("spring").id
+    stretch = level.ten_length[spring] - model.tendon_lengthspring[spring, 1]
+    pull = np.ravel(model.tendon_stiffness)[spring] * stretch
+    assert pull == pytest.approx(90)
+
+
+def test_wheel_forces_carry_spring_and_weight_about_the_cardan_joint(model, level):
+    # moments about the joint, by hand: spring and weight against each wheel at 0.16 m
+    weight = 5.5 * 9.81
+    phi = (90 * 0.12 - weight * 0.004) / 0.16
+    theta = (90 * 0.12 - weight * 0.003) / 0.16
+    assert level.sensor("wheel_phi_force").data[0] == pytest.approx(phi, rel=1e-3)
+    assert level.sensor("wheel_theta_force").data[0] == pytest.approx(theta, rel=1e-3)
+
+
+def rates(model):
+    """Eigenvalues of the model about level, from its differentiated step."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+    size = 2 * model.nv + model.na
+    transition = np.zeros((size, size))
+    mujoco.mjd_transitionFD(model, data, 1e-7, True, transition, None, None, None)
+    eigenvalues = np.linalg.eigvals(transition).astype(complex)
+    return np.log(eigenvalues[np.abs(eigenvalues) > 0.1]) / model.opt.timestep
+
+
+def test_a_tap_finds_the_eigenvalues_of_the_linearised_mechanism(model):
+    slow = [r for r in rates(model) if 2 * math.pi * 5 < r.imag < 2 * math.pi * 40]
+    expected = sorted((abs(r) / (2 * math.pi), -r.real / abs(r)) for r in slow)
+    found = [(tap.frequency_hz, tap.damping) for tap in tap_test()]
+    assert np.array(found) == pytest.approx(np.array(expected), rel=0.02)
+
+
+def test_the_plate_rings_between_the_references_and_25_hz_with_little_damping():
+    fastest_reference = 1.0 / (2 * math.pi)
+    for tap in tap_test():
+        assert 30 * fastest_reference < tap.frequency_hz < 25
+        assert 0.02 < tap.damping < 0.2
+
+
+def test_half_the_step_hardly_moves_the_resonances(model, tmp_path):
+    text = model_path().read_text(encoding="utf-8")
+    finer = tmp_path / "finer.xml"
+    finer.write_text(text.replace('timestep="0.001"', 'timestep="0.0005"'), encoding="utf-8")
+    for coarse, fine in zip(tap_test(), tap_test(finer), strict=True):
+        assert coarse.frequency_hz == pytest.approx(fine.frequency_hz, rel=3e-3)
+        assert coarse.damping == pytest.approx(fine.damping, rel=5e-3)

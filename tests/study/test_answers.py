@@ -1,0 +1,155 @@
+"""What a study says of functions whose sensitivity is known in closed form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.html import inline
+from twin.study.answers import Answer, Index, answers, spread
+from twin.study.carry import carry
+from twin.study.design import points
+from twin.study.figures import figures
+from twin.study.report import write
+from twin.study.schema import METRICS, Study
+from twin.study.store import Store
+from twin.study.words import sentences
+from twin.study.work import Job, Row, Work
+
+KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
+Function = Callable[[float, float, float], float]
+
+
+def study(method: str, samples: int, low: float = -np.pi, high: float = np.pi, **more) -> Study:
+    parameters = {key: {"uniform": (low, high)} for key in KEYS}
+    about = {"title": "known", "scenario": "hold", "method": method, "samples": samples}
+    return Study.model_validate({**about, "parameters": parameters, **more})
+
+
+def answered(about: Study, function: Function, folder: Path) -> Answer:
+    """The answer of the whole pipeline, with a function in the place of the twin."""
+
+    def do(jobs: Sequence[Job]) -> list[Row]:
+        return [row(job, function) for job in jobs]
+
+    work = Work(about)
+    rows = carry(work, Store(folder), processes=1, do=do)
+    (found,) = answers(work, rows)
+    write(work, rows, [found], folder)
+    return found
+
+
+def row(job: Job, function: Function) -> Row:
+    start = json.loads(job.scenario)["plant"]["start"]
+    value = function(start["x_rate"], start["y_rate"], start["spin"])
+    good = np.isfinite(value)
+    outcome = {"key": job.key, "outcome": "finished" if good else "fell", "reason": ""}
+    return {**dict.fromkeys(METRICS), "tracking_error_percent": value if good else None, **outcome}
+
+
+def ishigami(a: float, b: float, c: float) -> float:
+    return float(np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))
+
+
+def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) -> None:
+    # Ishigami and Homma 1990 with a = 7, b = 0.1
+    found = answered(study("sobol", 1024), ishigami, tmp_path)
+    v1, v2, v13 = 0.5 * (1 + 0.1 * np.pi**4 / 5) ** 2, 49 / 8, 0.01 * np.pi**8 * 8 / 225
+    whole = v1 + v2 + v13
+    total = [index.value for index in found.indices]
+    first = [index.first for index in found.indices]
+    assert total == pytest.approx([(v1 + v13) / whole, v2 / whole, v13 / whole], abs=0.05)
+    assert first == pytest.approx([v1 / whole, v2 / whole, 0], abs=0.05)
+    assert all(index.decided for index in found.indices)
+
+
+def test_the_interval_of_an_index_holds_the_truth_in_small_samples(tmp_path) -> None:
+    found = answered(study("sobol", 64), lambda a, b, c: a + 2 * b + 0 * c, tmp_path)
+    for index, truth in zip(found.indices, (1 / 5, 4 / 5, 0), strict=True):
+        assert abs(index.value - truth) <= index.half + 1e-12
+    assert [index.decided for index in found.indices] == [True, True, False]
+
+
+def test_an_undecided_index_is_called_so_and_never_shown_as_a_number(tmp_path) -> None:
+    found = answered(study("sobol", 64), lambda a, b, c: a + 2 * b + 0 * c, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "undecided" in page
+    assert any(
+        "Undecided" in line and KEYS[2] in line for line in sentences(study("sobol", 64), [found])
+    )
+
+
+def test_morris_finds_the_slopes_of_a_linear_function_exactly(tmp_path) -> None:
+    found = answered(study("morris", 20, 0.0, 1.0), lambda a, b, c: 3 * a - 2 * b + 0 * c, tmp_path)
+    assert [index.value for index in found.indices] == pytest.approx([3, 2, 0], abs=1e-9)
+    assert [index.first for index in found.indices] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["lhs", "montecarlo"])
+def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path, method) -> None:
+    found = answered(study(method, 60), lambda a, b, c: np.exp(a) + 0 * b * c, tmp_path)
+    assert found.indices[0].value == pytest.approx(1)
+    assert [index.decided for index in found.indices] == [True, False, False]
+
+
+def test_one_at_a_time_curves_have_the_slope_of_the_function(tmp_path) -> None:
+    found = answered(study("oat", 5, 0.0, 1.0), lambda a, b, c: 4 * a - 0.5 * b + c, tmp_path)
+    assert [curve.slope for curve in found.curves] == pytest.approx([4, -0.5, 1])
+    assert [curve.needed for curve in found.curves] == pytest.approx([0.25, 2, 1])
+
+
+def test_failed_runs_are_counted_and_kept_out_of_the_averages() -> None:
+    whole = spread(np.array([1.0, 2.0, 3.0, np.nan, np.nan]))
+    assert (whole.median, whole.runs, whole.failed) == (2.0, 5, 2)
+    # Wilson's interval of 2 in 5
+    assert whole.chance == pytest.approx((0.118, 0.769), abs=1e-3)
+
+
+def test_a_study_none_of_whose_runs_finish_says_so_instead_of_numbers(tmp_path) -> None:
+    found = answered(study("lhs", 10), lambda *_: np.nan, tmp_path)
+    assert np.isnan(found.whole.median)
+    assert found.whole.failed == 10
+    assert found.indices == ()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "10 of 10 runs did not end well" in page
+    assert "nan" not in page.split("<h2>Compared")[1].lower()
+
+
+def test_blocks_of_a_sobol_design_with_a_failed_run_are_left_out_whole(tmp_path) -> None:
+    function = lambda a, b, c: np.nan if c > 3.0 else a + 2 * b  # noqa: E731
+    found = answered(study("sobol", 256), function, tmp_path)
+    assert any("left out" in note for note in found.notes)
+    assert found.indices[1].value == pytest.approx(0.8, abs=0.1)
+
+
+def test_every_variant_meets_the_same_points_and_seeds() -> None:
+    variants = [{"name": "one"}, {"name": "two", "set": ["plant.friction.rolling_mm=0.3"]}]
+    work = Work(study("lhs", 4, seeds=2, variants=variants))
+    met = {}
+    for name in ("one", "two"):
+        own = [task for task in work.tasks if task.variant == name]
+        starts = [json.loads(job.scenario)["plant"]["start"] for job in work.jobs(own)]
+        met[name] = [(t.point, t.seed, s) for t, s in zip(own, starts, strict=True)]
+    assert met["one"] == met["two"]
+    assert work.different == len(work.tasks) == 16
+
+
+def test_the_same_study_has_the_same_runs_every_time() -> None:
+    one, again = Work(study("sobol", 8)), Work(study("sobol", 8))
+    assert one.tasks == again.tasks
+    assert one.jobs(one.tasks) == again.jobs(again.tasks)
+
+
+def test_the_map_of_many_runs_is_no_larger_than_that_of_some() -> None:
+    sizes = []
+    for samples in (6_000, 24_000):
+        about = study("montecarlo", samples)
+        values = np.random.default_rng(1).uniform(size=samples)
+        indices = tuple(Index(key, 0.5, 0.1, np.nan, decided=True) for key in KEYS)
+        found = [Answer("one", spread(values), indices, values=values)]
+        sizes.append(len(inline(figures(about, found, points(about))["map"])))
+    assert sizes[1] < 1.2 * sizes[0] < 1e6

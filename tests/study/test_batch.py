@@ -1,0 +1,130 @@
+"""Runs that share a batch: each gives what it gives alone."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict, dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from controllers.state_feedback import LQR
+from twin.run.assemble import build_controller
+from twin.run.execute import run
+from twin.run.metrics import Metrics
+from twin.scenario import Scenario, load
+from twin.sim.plant.exact import ExactPlant
+from twin.study.alike import common
+from twin.study.batch import simulate
+
+LAWS = (
+    ("controller.kind=backstepping",),
+    (),
+    ("controller.kind=afl_integral",),
+    ("controller.kind=lqr",),
+    ("controller.kind=sliding_mode", "controller.betas=[1.5,3.0,5.0]"),
+)
+
+
+def scenarios(kind: str, count: int, duration: float) -> list[Scenario]:
+    rng = np.random.default_rng(3)
+    found = []
+    for index in range(count):
+        own = [
+            f"seed={index % 3}",
+            f"plant.friction.rolling_mm={rng.uniform(0.05, 0.4)}",
+            f"plant.friction.breakaway_ratio={rng.uniform(1.1, 2)}",
+            f"plant.servo.bandwidth_hz={rng.uniform(8, 50)}",
+            f"sensors.touch.dead_time={0.042 if index % 4 else rng.uniform(0.02, 0.07)}",
+        ]
+        if kind == "mujoco":
+            own.append(f"plant.spring.preload={rng.uniform(40, 140)}")
+        given = [f"plant.kind={kind}", f"duration={duration}", *LAWS[index % len(LAWS)], *own]
+        found.append(load("circle", [*given, "metrics.start=0.2"]))
+    return found
+
+
+def together(some: list[Scenario]) -> list[Metrics]:
+    return simulate(some, [build_controller(scenario) for scenario in some])
+
+
+@pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
+def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
+    all_of_them = scenarios(kind, 10, 0.24)
+    whole = together(all_of_them)
+    for some in ([0], [3, 7], list(range(9, -1, -1))):
+        assert together([all_of_them[i] for i in some]) == [whole[i] for i in some]
+
+
+@pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
+def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:
+    some = scenarios(kind, 5, 0.24)
+    for scenario, metrics in zip(some, together(some), strict=True):
+        alone = asdict(run(scenario).metrics)
+        for name, value in asdict(metrics).items():
+            same = isinstance(value, float)
+            assert value == (pytest.approx(alone[name], rel=1e-6) if same else alone[name])
+
+
+def test_a_ball_that_falls_leaves_its_neighbours_alone() -> None:
+    still = scenarios("lagrange", 3, 0.5)
+    flung = still[0].model_copy(
+        update={"plant": still[0].plant.model_copy(update={"start": thrown()})}
+    )
+    alone, beside = together(still), together([*still, flung])
+    assert beside[:3] == alone
+    assert beside[3].outcome != "finished"
+
+
+def thrown() -> object:
+    return load("circle", ["plant.start.x=0.34", "plant.start.x_rate=2.0"]).plant.start
+
+
+def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour() -> None:
+    good, bad = scenarios("lagrange", 4, 0.3)[::3]
+    broken = build_controller(bad)
+    broken.law = Broken()
+    found = simulate([good, bad], [build_controller(good), broken])
+    assert found[0] == together([good])[0]
+    assert (found[1].outcome, found[1].rms_error) == ("aborted", None)
+
+
+def test_numbers_that_run_away_are_an_outcome_of_their_own(monkeypatch) -> None:
+    some = sorted(scenarios("lagrange", 4, 0.3)[:2], key=lambda s: s.controller.kind)
+    advance, ticks = ExactPlant.advance, itertools.count()
+
+    def overflow(self: ExactPlant, *given: object) -> None:
+        advance(self, *given)
+        if next(ticks) > 50:
+            self._x[2:] = np.nan
+
+    alone = together(some[:1])
+    monkeypatch.setattr(ExactPlant, "advance", overflow)
+    found = together(some)
+    assert found[0] == alone[0]
+    assert (found[1].outcome, found[1].rms_error) == ("diverged", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Broken(LQR):
+    """A law that gives no number after 0.2 s."""
+
+    name: ClassVar[str] = "broken"
+
+    def control(self, t, x, reference, q):
+        out = super().control(t, x, reference, q)
+        return out * np.nan if t > 0.2 else out
+
+
+def test_what_a_batch_has_only_once_keeps_runs_apart() -> None:
+    base = load("circle")
+    for change in (
+        "duration=20",
+        "predictor.delay=0.03",
+        "rig.limits.rate_deg=20",
+        "plant.kind=lagrange",
+    ):
+        assert common(load("circle", [change])) != common(base)
+    for change in ("seed=4", "controller.kind=lqr", "plant.spring.preload=70", "reference.omega=1"):
+        assert common(load("circle", [change])) == common(base)

@@ -1,0 +1,187 @@
+"""Studies that are interrupted, cut differently, changed, or carried out elsewhere."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.errors import TwinError
+from twin.jobs import handed_out
+from twin.study import carry as carrying
+from twin.study.carry import carry, missing, remaining
+from twin.study.schema import Study, Variant
+from twin.study.store import Store
+from twin.study.work import Job, Row, Work, carry_out
+
+
+def study(
+    values: Sequence[float] = (0.1, 0.15, 0.2, 0.25), seeds: int = 2, law: str = "lqr"
+) -> Study:
+    return Study.model_validate(
+        {
+            "title": "short",
+            "scenario": "hold",
+            "set": ["plant.kind=lagrange", "duration=0.06", f"controller.kind={law}"],
+            "method": "grid",
+            "seeds": seeds,
+            "parameters": {"plant.friction.rolling_mm": {"values": list(values)}},
+        }
+    )
+
+
+def carried(about: Study, folder: Path, **how) -> pa.Table:
+    return carry(Work(about), Store(folder), **({"processes": 1} | how))
+
+
+def test_results_do_not_depend_on_how_the_work_is_cut_or_ordered(tmp_path, monkeypatch) -> None:
+    whole = carried(study(), tmp_path / "a").sort_by("key")
+    monkeypatch.setattr(carrying, "CHUNK", 3)
+    monkeypatch.setattr(carrying, "LEAST", 1)
+    shuffled = Work(study())
+    random.Random(1).shuffle(shuffled.tasks)
+    rows = carry(shuffled, Store(tmp_path / "b"), processes=1)
+    assert rows["key"].to_pylist() == [task.key for task in shuffled.tasks]
+    assert rows.sort_by("key") == whole
+
+
+@pytest.mark.parametrize(
+    ("runs", "processes", "largest"),
+    [(10, 1, 10), (10, 8, 10), (100, 2, 50), (1000, 2, 64), (2000, 2, 125), (10000, 2, 256)],
+)
+def test_every_process_has_work_and_many_runs_make_large_batches(runs, processes, largest) -> None:
+    task = Work(study()).tasks[0]
+    wanted = [task._replace(key=str(index)) for index in range(runs)]
+    chunks = missing(wanted, (), processes)
+    assert len(chunks[0]) == largest
+    assert sorted(int(task.key) for chunk in chunks for task in chunk) == list(range(runs))
+
+
+def test_any_executor_will_do_and_gives_the_same_bits(tmp_path) -> None:
+    with ThreadPoolExecutor(1) as executor:
+        assert carried(study(), tmp_path / "a", executor=executor) == carried(
+            study(), tmp_path / "b"
+        )
+
+
+def never(_: Sequence[Job]) -> list[Row]:
+    """In the place of the twin, where nothing is to be run."""
+    raise AssertionError
+
+
+def test_a_finished_study_runs_nothing_again(tmp_path) -> None:
+    first = carried(study(), tmp_path)
+    assert carried(study(), tmp_path, do=never) == first
+
+
+def test_a_changed_study_runs_only_what_changed(tmp_path) -> None:
+    carried(study(), tmp_path)
+    ran: list[Job] = []
+
+    def noted(some: Sequence[Job]) -> list[Row]:
+        ran.extend(some)
+        return carry_out(some)
+
+    carried(study((0.1, 0.15, 0.2, 0.3)), tmp_path, do=noted)
+    assert len(ran) == 2
+    carried(study(law="afl"), tmp_path, do=noted)
+    assert len(ran) == 2 + 8
+
+
+def test_a_study_that_dies_between_chunks_goes_on_where_it_stopped(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(carrying, "CHUNK", 2)
+    monkeypatch.setattr(carrying, "LEAST", 1)
+    calls = 0
+
+    def dies(some: Sequence[Job]) -> list[Row]:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise KeyboardInterrupt
+        return carry_out(some)
+
+    with pytest.raises(KeyboardInterrupt):
+        carried(study(), tmp_path, do=dies)
+    assert len(remaining(Work(study()).tasks, Store(tmp_path), 1)[1]) == 2
+    assert carried(study(), tmp_path) == carried(study(), tmp_path / "other")
+
+
+def test_what_a_killed_writer_left_behind_is_not_read(tmp_path) -> None:
+    whole = carried(study(), tmp_path)
+    (tmp_path / "chunks" / ".half-x1.parquet").write_bytes(b"PAR1 and no more")
+    assert carried(study(), tmp_path, do=never) == whole
+
+
+def test_a_run_kept_twice_counts_once(tmp_path) -> None:
+    whole = carried(study(), tmp_path)
+    (chunk,) = (tmp_path / "chunks").glob("*.parquet")
+    pq.write_table(pq.read_table(chunk).slice(0, 3), chunk.with_name("again.parquet"))
+    assert carried(study(), tmp_path, do=never) == whole
+
+
+def test_runs_that_are_the_same_are_carried_out_and_counted_once(tmp_path) -> None:
+    twice = study().model_copy(update={"variants": (Variant(name="a"), Variant(name="b"))})
+    told: list[tuple[int, int]] = []
+    work = Work(twice)
+    rows = carry(
+        work, Store(tmp_path), processes=1, progress=lambda done, bad: told.append((done, bad))
+    )
+    assert told == [(0, 0), (work.different, 0)] == [(0, 0), (8, 0)]
+    assert rows.num_rows == len(work.tasks) == 16
+    assert rows["key"].to_pylist() == [task.key for task in work.tasks]
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_no_more_is_handed_out_than_can_be_taken(most) -> None:
+    made, under_way = 0, []
+
+    def jobs() -> Iterator[tuple[int, int]]:
+        nonlocal made
+        for number in range(10):
+            made += 1
+            yield number, number
+
+    found = {}
+    with ThreadPoolExecutor(1) as executor:
+        for name, future in handed_out(executor, abs, jobs(), most):
+            under_way.append(made - len(found))
+            found[name] = future.result()
+    assert found == {number: number for number in range(10)}
+    assert max(under_way) == most
+
+
+class Flaky(Executor):
+    """Loses each chunk so often before it carries it out."""
+
+    def __init__(self, losses: int) -> None:
+        self.losses, self.lost = losses, 0
+
+    def submit(self, work, chunk):
+        future: Future[list[Row]] = Future()
+        if self.lost < self.losses:
+            self.lost += 1
+            future.set_exception(BrokenProcessPool("a worker died"))
+        else:
+            future.set_result(work(chunk))
+        return future
+
+
+def test_a_lost_chunk_is_tried_again_and_loses_nothing(tmp_path) -> None:
+    assert carried(study(), tmp_path / "a", executor=Flaky(2)) == carried(study(), tmp_path / "b")
+
+
+def test_a_chunk_that_is_lost_again_and_again_ends_the_study_with_one_line(tmp_path) -> None:
+    with pytest.raises(TwinError, match="1 chunks of runs were lost 3 times"):
+        carried(study(), tmp_path, executor=Flaky(99))
+
+
+def test_progress_counts_what_is_finished_and_what_failed(tmp_path) -> None:
+    told: list[tuple[int, int]] = []
+    carried(study(), tmp_path, progress=lambda done, bad: told.append((done, bad)))
+    assert told == [(0, 0), (8, 0)]

@@ -1,0 +1,246 @@
+import os
+import signal
+import socket
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.cli.scenarios import run as run_command
+from twin.errors import ScenarioError, TwinError, ViewError
+from twin.run.execute import run
+from twin.view import live, viewer
+from twin.view.ring import Ring
+from twin.view.tap import Tap
+from twin.view.terminal import work
+
+
+@pytest.fixture
+def tap(scenario):
+    made = Tap(work, (scenario(),))
+    yield made
+    made.close()
+
+
+def same(first, second):
+    return all(
+        np.array_equal(first.record[name], second.record[name]) for name in first.record.data
+    )
+
+
+@given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12), st.none() | st.integers(1, 9))
+@settings(max_examples=50)
+def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size, most):
+    ring = Ring(size, 2)
+    try:
+        ring.name(("n", "twice"))
+        read, written = [], 0
+        for burst in bursts:
+            for _ in range(burst):
+                ring.slot()[:] = written, 2 * written
+                ring.put()
+                written += 1
+            rows = ring.take(most)
+            assert most is None or len(rows) <= most
+            assert np.array_equal(rows[:, 1], 2 * rows[:, 0])
+            read += rows[:, 0].tolist()
+        read += ring.take()[:, 0].tolist()
+        assert ring.taken == written
+        assert read == sorted(set(read))
+        assert len(read) + ring.dropped == written
+    finally:
+        ring.close()
+
+
+def test_a_ring_that_is_not_overrun_drops_nothing():
+    ring = Ring(8, 1)
+    try:
+        ring.name(("n",))
+        for value in range(7):
+            ring.slot()[0] = value
+            ring.put()
+        assert ring.take()[:, 0].tolist() == list(range(7))
+        assert ring.dropped == 0
+    finally:
+        ring.close()
+
+
+def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
+    made = Tap(print, ())  # a process that reads nothing
+    try:
+        done = run(scenario(), watch=made.watch)
+        ring = made._ring
+        table = dict(zip(ring.columns, ring.take().T, strict=True))
+        assert np.array_equal(table["time"], done.record.time)
+        assert np.array_equal(table["true_theta"], done.record["state"][:, 0, 6])
+        assert np.array_equal(table["estimated_x"], done.record["estimate"][:, 0, 0])
+        assert np.array_equal(table["supervisor"], done.record["supervisor"][:, 0, 0])
+    finally:
+        made.close()
+
+
+@pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
+def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, tap, blow):
+    while not tap._ring.opened:
+        time.sleep(0.01)
+    os.kill(tap._process.pid, blow)
+    chosen = scenario("duration=1")
+    begin = time.monotonic()
+    watched = run(chosen, watch=tap.watch)
+    assert not tap.finish(wait=0.2)
+    assert time.monotonic() - begin < 30
+    assert same(watched, run(chosen))
+
+
+class Slow:
+    """In the place of an observing process: takes a few rows whenever it is waited for."""
+
+    exitcode = None
+
+    def __init__(self, ring):
+        self.ring = ring
+
+    def is_alive(self):
+        return self.exitcode is None
+
+    def join(self, _):
+        rows = self.ring.take(7)
+        if self.ring.done and not len(rows):
+            self.exitcode = 0
+
+
+def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario, monkeypatch):
+    with closing(Tap(print, ())) as made:  # a process that reads nothing
+        run(scenario("duration=0.2"), watch=made.watch)
+        with closing(Ring(*made._ring.address)) as ring, monkeypatch.context() as patch:
+            patch.setattr(made, "_process", Slow(ring))
+            assert made.finish()
+            assert ring.taken == 100
+
+
+def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        url = live.reach(live.address(f"127.0.0.1:{port}"))
+        chosen = scenario("duration=1")
+        shown = live.live(chosen, "run", url)
+        try:
+            watched = run(chosen, watch=shown.watch)
+            shown.finish(wait=0.5)
+        finally:
+            shown.close()
+    assert same(watched, run(chosen))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "viewer", "host:", ":9876", "host:99999", "http://a:1/b", "a b:1"]
+)
+def test_an_address_that_is_none_is_one_line(text):
+    with pytest.raises(ScenarioError, match="write HOST:PORT"):
+        live.address(text)
+
+
+def test_an_address_becomes_the_one_a_viewer_wants():
+    for text in ("rig-3.lab:9876", "rerun+http://rig-3.lab:9876/proxy"):
+        assert live.address(text) == "rerun+http://rig-3.lab:9876/proxy"
+
+
+def test_nobody_at_an_address_is_one_line():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(ViewError, match="no viewer there"):
+        live.reach(f"rerun+http://127.0.0.1:{port}/proxy")
+
+
+def test_a_taken_port_is_one_line():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with pytest.raises(ViewError, match=f"port {port}: Address already in use"):
+            viewer.page(port)
+
+
+@pytest.fixture
+def quick(tmp_path):
+    toml = tmp_path / "quick.toml"
+    toml.write_text(
+        'title = "quick"\nduration = 0.4\n[plant]\nkind = "lagrange"\n'
+        '[controller]\nkind = "lqr"\nrho = 300.0\nkappa = 0.3\n[reference]\nkind = "hold"\n'
+    )
+    return [str(toml), "--out", str(tmp_path / "out")]
+
+
+def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    done = CliRunner().invoke(run_command, [*quick, "--view"])
+    assert done.exit_code == 0, done.output
+    assert done.stderr.count("the run goes on without a view") == 1
+    assert (tmp_path / "out" / "run.parquet").is_file()
+
+
+def test_a_run_is_done_and_kept_though_the_port_is_taken(quick, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        done = CliRunner().invoke(run_command, [*quick, "--serve", str(server.getsockname()[1])])
+    assert done.exit_code == 0, done.output
+    assert "the run goes on without a view" in done.stderr
+    assert (tmp_path / "out" / "run.parquet").is_file()
+
+
+def test_a_recording_without_a_place_is_refused_before_the_run(quick, tmp_path):
+    done = CliRunner().invoke(run_command, [*quick, "--rrd", str(tmp_path / "no" / "a.rrd")])
+    assert isinstance(done.exception, TwinError)
+    assert "there is no such folder" in str(done.exception)
+    assert not (tmp_path / "out" / "run.parquet").exists()
+
+
+def test_a_recording_is_kept_beside_the_run(quick, tmp_path):
+    done = CliRunner().invoke(run_command, [*quick, "--rrd", str(tmp_path / "a.rrd")])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "a.rrd").stat().st_size > 10_000
+
+
+def test_two_ways_to_watch_are_refused(quick):
+    done = CliRunner().invoke(run_command, [*quick, "--view", "--serve"])
+    assert "choose one" in str(done.exception)
+
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
+    from twin.run.execute import save
+    from twin.run.replay import open_run
+    from twin.view.recording import write
+    from twin.view.streams import TIMELINE
+
+    chosen = scenario("duration=2")
+    other = run(scenario("duration=1"))
+    save(other, tmp_path / "other", {"other": other.motion})
+    write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
+    try:
+        with viewer.headless(tmp_path / "other.rrd") as client:
+            url = client.url
+            shown = live.live(chosen, "live", url)
+            try:
+                run(chosen, watch=shown.watch)
+                assert shown.finish(wait=20)
+                assert shown.dropped == 0
+            finally:
+                shown.close()
+            until = time.monotonic() + 20
+            found = []
+            while time.monotonic() < until and not found:
+                time.sleep(0.5)
+                found = [
+                    line
+                    for recording in client.get_state().recordings
+                    for line in recording.timelines
+                    if recording.store_id.startswith("Recording:ballplate") and line.end
+                ]
+            assert any(line.name == TIMELINE and line.end == 1_998_000_000 for line in found)
+    except ViewError as error:
+        pytest.skip(str(error))

@@ -1,0 +1,199 @@
+import os
+import subprocess
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.errors import RecordError, ViewError
+from twin.run.execute import run, save
+from twin.run.record import write_run
+from twin.run.replay import open_run, open_runs
+from twin.view import viewer
+from twin.view.recording import write
+from twin.view.viewer import program
+
+PROMISED = (
+    "mechanism/base/base",
+    "mechanism/cardan/plate/plate",
+    "mechanism/cardan/plate/ball/ball",
+    "mechanism/cardan/plate/trail",
+    "mechanism/cardan/plate/reference_path",
+    "mechanism/cardan/plate/force_ball",
+    "mechanism/cardan/cross_phi",
+    "mechanism/motor_phi/cam_phi",
+    "mechanism/cardan/plate/wheel_phi_disc",
+    "mechanism/spring/coil",
+    "mechanism/force_wheel_phi",
+    "mechanism/force_wheel_theta",
+    "plate_mm/screen",
+    "plate_mm/operating_area",
+    "plate_mm/friction_map",
+    "plate_mm/reference_path",
+    "plate_mm/reference",
+    "plate_mm/ball",
+    "plate_mm/estimate",
+    "plate_mm/measured",
+    "plate_mm/trail",
+    "position_x_mm/reference",
+    "position_y_mm/ball",
+    "error_mm/distance",
+    "angle_deg/phi",
+    "angle_deg/limit_high",
+    "rate_deg_per_s/theta",
+    "effort_rad_per_s2/phi",
+    "estimation_error_mm/x",
+    "delay_ms/age",
+    "wheel_force_N/wheel_phi",
+    "torque_Nm/torque_theta",
+    "supervisor",
+    "events",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    from twin.scenario import load
+
+    chosen = load(
+        "circle",
+        ("duration=1.2", "metrics.start=0", "baseline=false", "plant.surface.spread_percent=30"),
+    )
+    place = tmp_path_factory.mktemp("runs") / "circle"
+    done = run(chosen)
+    save(done, place, {"circle": done.motion})
+    return place
+
+
+def printed(path, *options):
+    command = [str(program()), "rrd", "print", *options, str(path)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, env=viewer.environment()
+    )
+    return done.stdout
+
+
+def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path):
+    write(tmp_path / "view.rrd", open_run(folder))
+    text = printed(tmp_path / "view.rrd")
+    missing = [entity for entity in PROMISED if f"/circle/{entity}" not in text]
+    assert missing == []
+    assert "log_time" not in text
+    assert "log_tick" not in text
+
+
+def test_a_recording_is_sound(folder, tmp_path):
+    write(tmp_path / "view.rrd", open_run(folder))
+    command = [str(program()), "rrd", "verify", str(tmp_path / "view.rrd")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_path):
+    runs = open_runs((folder, folder / "run.parquet"))
+    assert [each.name for each in runs] == ["circle", "circle~2"]
+    write(tmp_path / "view.rrd", runs)
+    text = printed(tmp_path / "view.rrd")
+    assert "/circle/position_x_mm/ball" in text
+    assert "2/position_x_mm/ball" in text
+
+
+def test_a_reopened_run_moves_exactly_as_the_run_itself(scenario, tmp_path):
+    done = run(scenario())
+    save(done, tmp_path / "one", {"one": done.motion})
+    (again,) = open_run(tmp_path / "one")
+    assert np.array_equal(again.motion.ball, done.motion.ball)
+    assert np.array_equal(again.motion.reference, done.motion.reference)
+    assert np.array_equal(again.motion.u, done.motion.u)
+
+
+def test_any_rig_of_several_can_be_opened(scenario, tmp_path):
+    from twin.run.assemble import assemble
+    from twin.run.loop import drive
+    from twin.run.record import Recorder
+
+    chosen = scenario()
+    rig, controller = assemble(chosen, rigs=3)
+    record = Recorder(200, 3, chosen.rig.period)
+    drive(rig, controller, chosen.duration, record)
+    write_run(tmp_path / "three", record, {"scenario": chosen.model_dump(mode="json")})
+    first, last = open_run(tmp_path / "three", (0, 2))
+    assert (first.name, last.name) == ("three-rig-0", "three-rig-2")
+    assert np.array_equal(last.motion.ball, record["state"][:, 2, 0::4])
+    with pytest.raises(RecordError, match=r"no rig 3 \(recorded: 0 to 2\)"):
+        open_run(tmp_path / "three", (3,))
+
+
+def test_a_missing_record_is_one_line(tmp_path):
+    with pytest.raises(RecordError, match="no such record"):
+        open_run(tmp_path)
+
+
+def test_a_file_that_is_no_parquet_is_one_line(tmp_path):
+    (tmp_path / "run.parquet").write_bytes(b"nonsense")
+    with pytest.raises(RecordError, match="not a readable Parquet file") as error:
+        open_run(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_foreign_parquet_file_is_one_line(tmp_path):
+    pq.write_table(pa.table({"a": [1.0]}), tmp_path / "run.parquet")
+    with pytest.raises(RecordError, match="not a record of ballplate"):
+        open_run(tmp_path)
+
+
+def test_a_record_of_another_version_is_one_line(tmp_path, scenario):
+    done = run(scenario())
+    tables = done.scenario.model_dump(mode="json")
+    tables["controller"]["kind"] = "of_the_future"
+    write_run(tmp_path, done.record, {"scenario": tables})
+    with pytest.raises(RecordError, match="another version"):
+        open_run(tmp_path)
+
+
+def test_a_recording_that_cannot_be_written_leaves_nothing(folder, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordError, match="cannot write"):
+        write(tmp_path / "file" / "view.rrd", open_run(folder))
+
+
+def test_without_a_display_a_window_is_refused_in_one_line(monkeypatch):
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ViewError, match="no display"):
+        viewer.window()
+
+
+def test_a_missing_viewer_is_one_line(monkeypatch, tmp_path):
+    monkeypatch.setattr("rerun_cli.__file__", str(tmp_path / "__init__.py"))
+    with pytest.raises(ViewError, match="viewer is missing"):
+        program()
+
+
+def test_the_viewer_is_told_to_report_nothing(monkeypatch):
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    told = viewer.environment()
+    assert told["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in told
+
+
+@pytest.mark.long
+def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tmp_path):
+    from twin.view.streams import TIMELINE
+
+    write(tmp_path / "view.rrd", open_run(folder))
+    try:
+        with viewer.headless(tmp_path / "view.rrd") as client:
+            client.set_time(TIMELINE, duration=1.0)
+            client.save_screenshot(str(tmp_path / "view.png"))
+            state = client.get_state()
+            warnings = [entry.message for entry in client.get_logs() if entry.level != "INFO"]
+    except ViewError as error:
+        pytest.skip(str(error))
+    ours = [line for line in warnings if "rasterizer" not in line and "examples" not in line]
+    assert ours == []
+    assert [report for view in state.views for report in view.reports] == []
+    assert len(state.views) > 8
+    assert os.path.getsize(tmp_path / "view.png") > 10_000  # noqa: PTH202

@@ -1,0 +1,126 @@
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.sim.plant.model import load_model
+from twin.view.scene import Scene
+from twin.view.turns import about, rolled, rotate, to_rig
+
+ANGLE = st.floats(-0.17, 0.17)
+MODEL = load_model()
+
+
+def forward(phi, theta, motor_phi, motor_theta):
+    """MuJoCo's own kinematics at these joint angles: an independent truth."""
+    data = mujoco.MjData(MODEL)
+    angles = {"phi": phi, "theta": theta, "cam_phi": motor_phi, "cam_theta": motor_theta}
+    for name, angle in angles.items():
+        data.qpos[MODEL.joint(name).qposadr[0]] = angle
+    mujoco.mj_kinematics(MODEL, data)
+    mujoco.mj_tendon(MODEL, data)
+    return data
+
+
+def poses(phi, theta, motor_phi, motor_theta, x=0.1, y=-0.05):
+    scene = Scene(MODEL, "/run/mechanism")
+    state = np.array([[x, 0, phi, 0, y, 0, theta, 0.0]])
+    turn = np.array([[0, 0, 0, 1.0]])
+    return scene, scene.poses(state, np.array([[motor_phi, motor_theta]]), turn)
+
+
+def chained(found, path, point):
+    """A point of an entity in rig axes, through all its parents."""
+    point = np.atleast_2d(np.asarray(point, float))
+    while path in found:
+        pose = found[path]
+        if pose.scale is not None:
+            point = point * pose.scale
+        point = rotate(pose.quaternion, point) + pose.translation
+        path = path.rpartition("/")[0]
+    return point[0]
+
+
+@given(ANGLE, ANGLE, st.floats(-1, 1), st.floats(-1, 1))
+def test_every_drawn_part_lies_where_the_engine_puts_it(phi, theta, motor_phi, motor_theta):
+    data = forward(phi, theta, motor_phi, motor_theta)
+    scene, found = poses(phi, theta, motor_phi, motor_theta)
+    for name, path in (
+        ("cam_phi", f"{scene.root}/motor_phi"),
+        ("cam_theta", f"{scene.root}/motor_theta"),
+        ("cross_phi", f"{scene.root}/cardan"),
+        ("wheel_theta_disc", scene.plate),
+        ("plate", scene.plate),
+    ):
+        beside = np.array([0.01, 0.02, 0.03])
+        own = MODEL.geom(name).pos + beside
+        turn = data.xmat[MODEL.geom(name).bodyid[0]].reshape(3, 3)
+        expected = data.geom(name).xpos + turn @ beside
+        assert chained(found, path, own) == pytest.approx(expected, abs=1e-9)
+
+
+@given(ANGLE, ANGLE)
+def test_the_spring_hangs_between_its_two_sites(phi, theta):
+    data = forward(phi, theta, 0, 0)
+    scene, found = poses(phi, theta, 0, 0)
+    assert chained(found, scene.spring, [0, 0, 0]) == pytest.approx(data.site("spring_base").xpos)
+    assert chained(found, scene.spring, [0, 0, 1]) == pytest.approx(
+        data.site("spring_plate").xpos, abs=1e-9
+    )
+    assert found[scene.spring].scale[0, 2] == pytest.approx(data.ten_length[0])
+
+
+def test_the_ball_touches_the_tilted_screen():
+    scene, found = poses(0.1, -0.08, 0, 0)
+    middle = chained(found, scene.ball, [0, 0, 0])
+    normal = to_rig(np.array([[0, 0, 1.0]]), np.array([0.1]), np.array([-0.08]))[0]
+    assert middle @ normal == pytest.approx(0.122 + 0.02)
+
+
+def test_a_wheel_is_pushed_away_from_the_middle_of_its_cam():
+    data = forward(0.05, 0.02, 0.25, 0.1)
+    scene = Scene(MODEL, "/m")
+    state = np.array([[0, 0, 0.05, 0, 0, 0, 0.02, 0.0]])
+    found = scene.wheels(state, np.array([[0.25, 0.1]]))
+    for axis, along in (("phi", 1), ("theta", 0)):
+        way = data.geom(f"wheel_{axis}").xpos - data.geom(f"cam_{axis}").xpos
+        way[along] = 0.0
+        assert found[axis][1][0] == pytest.approx(way / np.linalg.norm(way), abs=1e-9)
+
+
+def test_a_ball_that_rolled_once_around_lies_as_before():
+    way = np.linspace(0, 2 * np.pi * 0.02, 50)
+    path = np.column_stack((way, np.zeros(50)))
+    turns = rolled(np.array([0, 0, 0, 1.0]), path, 0.02)
+    assert np.abs(turns[-1]) == pytest.approx([0, 0, 0, 1], abs=1e-9)
+    assert rotate(turns[25:26], np.array([[0, 0, 1.0]]))[0, 0] == pytest.approx(
+        np.sin(way[25] / 0.02), abs=1e-9
+    )
+
+
+def test_a_ball_rolling_to_plus_x_turns_its_top_to_plus_x():
+    turns = rolled(np.array([0, 0, 0, 1.0]), np.array([[0, 0], [0.005, 0]]), 0.02)
+    assert rotate(turns[1:], np.array([[0, 0, 1.0]]))[0, 0] > 0.2
+
+
+def test_the_drawn_ball_rolls_as_the_simulated_one(scenario):
+    from twin.sim.plant.mechanism import Mechanism
+
+    plant = Mechanism(rolling=0.0)
+    plant.start(np.array([[0.0, 0.2, 0.05, -0.1]]))
+    adr = MODEL.joint("ball").qposadr[0]
+    path, before = [plant.state[0, 0::4].copy()], plant._qpos[0, adr + 3 : adr + 7].copy()
+    for _ in range(300):
+        plant.advance(np.zeros((1, 2)), 1)
+        path.append(plant.state[0, 0::4].copy())
+    w, x, y, z = plant._qpos[0, adr + 3 : adr + 7]
+    turn = rolled(np.array([*before[1:], before[0]]), np.array(path), 0.02)[-1]
+    assert abs(turn @ [x, y, z, w]) == pytest.approx(1, abs=1e-3)
+
+
+def test_a_turn_about_an_axis_is_that_of_the_engine():
+    quaternion = np.empty(4)
+    mujoco.mju_axisAngle2Quat(quaternion, np.array([0.0, 1.0, 0.0]), 0.3)
+    w, x, y, z = quaternion
+    assert about(np.array([0.0, 1.0, 0.0]), np.array([0.3]))[0] == pytest.approx([x, y, z, w])
