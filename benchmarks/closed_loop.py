@@ -24,7 +24,7 @@ from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.sim.rig import Bench
+from twin.sim.rig import SimulatedDevices
 
 PERIOD, STEPS = 0.002, 2
 
@@ -43,22 +43,24 @@ class Benchmark:
     def closed(self) -> float:
         """Seconds that the closed loop takes: observer, law, seam and recording on."""
         scenario = load("sine", [f"duration={self.seconds}", "metrics.start=0"])
-        rig, controller = assemble(scenario, rigs=self.rigs)
+        rig, controller = assemble(
+            [scenario.model_copy(update={"seed": seed}) for seed in range(self.rigs)]
+        )
         if not self.commands:
-            self._keep_commands(rig.bench)
+            self._keep_commands(rig.devices)
         record = Recorder(self.ticks, self.rigs, PERIOD, rig.channels)
         begin = time.perf_counter()
         drive(rig, controller, self.seconds, record)
         return time.perf_counter() - begin
 
-    def _keep_commands(self, bench: Bench) -> None:
-        original = bench.plant.advance
+    def _keep_commands(self, devices: SimulatedDevices) -> None:
+        original = devices.plant.advance
 
         def advance(rate: NDArray[np.floating], steps: int) -> None:
             self.commands.append(np.array(rate))
             original(rate, steps)
 
-        bench.plant.advance = advance  # type: ignore[method-assign]
+        devices.plant.advance = advance  # type: ignore[method-assign]
 
     def bare(self) -> float:
         """Seconds of a bare mj_step (one rig) or Batch.step loop under the same motor rates."""

@@ -18,41 +18,41 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import real_time
-from twin.devices.timing import Ledger
-from twin.emulator.screen import EmulatedScreen
+from twin.devices.timing import TimingLog
+from twin.emulator.screen import EmulatedScreen, ScreenLine
 
 PERIOD = 0.002
 
 
 def loop(
     seconds: float, spin: float, prioritised: bool, work: Callable[[], object]
-) -> tuple[Ledger, float]:
-    """Run an otherwise empty loop; return its ledger and the share of a processor it took."""
+) -> tuple[TimingLog, float]:
+    """Run an otherwise empty loop; return its timing and the share of a processor it took."""
     about: AbstractContextManager[object] = real_time() if prioritised else nullcontext()
     with about:
         clock = RealTimeClock(PERIOD, spin=spin)
         clock.start()
         begin = time.process_time()
         while clock.tick * PERIOD < seconds:
-            clock.ledger.begin()
+            clock.timing.begin()
             work()
-            clock.ledger.mark("work")
+            clock.timing.mark("work")
             clock.wait()
         busy = (time.process_time() - begin) / seconds
-    return clock.ledger, busy
+    return clock.timing, busy
 
 
-def show(name: str, ledger: Ledger, busy: float) -> None:
-    late = ledger.lateness.as_dict()
+def show(name: str, timing: TimingLog, busy: float) -> None:
+    late = timing.lateness.as_dict()
     print(
         f"{name:34} p50 {late['p50_us']:5} us  p99 {late['p99_us']:5} us  max {late['max_us']:6} us"
-        f"  missed {ledger.missed:3} of {ledger.ticks + ledger.missed}  processor {busy:6.1%}"
+        f"  missed {timing.missed:3} of {timing.ticks + timing.missed}  processor {busy:6.1%}"
     )
 
 
 def serve(pipe: Connection) -> None:
     """An emulated screen in a process of its own."""
-    with EmulatedScreen(lambda: [(0.1, 0.05)]) as screen:
+    with EmulatedScreen(ScreenLine(lambda: [(0.1, 0.05)])) as screen:
         pipe.send(str(screen.path))
         pipe.recv()
 
@@ -77,9 +77,9 @@ def main() -> None:
             ages.append(float(screen.read().age[0]))
             screen.faults()
 
-        ledger, busy = loop(seconds, 2e-4, True, read)
-        show("hybrid, priority, touch screen", ledger, busy)
-        work = ledger.stages["work"].as_dict()
+        timing, busy = loop(seconds, 2e-4, True, read)
+        show("hybrid, priority, touch screen", timing, busy)
+        work = timing.stages["work"].as_dict()
         print(f"read and faults of the screen: p50 {work['p50_us']} us, p99 {work['p99_us']} us")
         print(f"reports: {screen.reports}, oldest sample {1000 * max(ages):.1f} ms")
     ours.send(None)

@@ -26,10 +26,9 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from twin.paths import model_path
-from twin.run.assemble import build_controller
+from twin.run.batch import simulate
 from twin.scenario import load
 from twin.sim.plant.mechanism import Mechanism
-from twin.study.batch import simulate
 
 STEPS = 2
 TURN = 25
@@ -102,7 +101,7 @@ def study(rigs: int, seconds: float, more: Sequence[str]) -> None:
     """A batch of rigs under one controller."""
     one = load("circle", [*ALL_EFFECTS, *more, f"duration={seconds}"])
     scenarios = [one.model_copy(update={"seed": seed}) for seed in range(rigs)]
-    simulate(scenarios, [build_controller(one)] * rigs)
+    simulate(scenarios)
 
 
 def compare(

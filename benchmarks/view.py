@@ -16,8 +16,8 @@ from twin.run.record import Recorder
 from twin.run.replay import open_run
 from twin.scenario import load
 from twin.view import live, viewer
+from twin.view.live_process import LiveProcess
 from twin.view.recording import write
-from twin.view.tap import Tap
 from twin.view.terminal import work
 
 SECONDS = 8.0
@@ -57,10 +57,10 @@ def tick_costs(tap):
 
 def main():
     print(f"{os.cpu_count()} processors; circle on the mechanism, {SECONDS:g} s simulated")
-    taps = {"terminal": lambda chosen: Tap(work, (chosen,))}
+    taps = {"terminal": lambda chosen: LiveProcess(work, (chosen,))}
     try:
         opened = viewer.page(viewer.free_port())
-        taps["viewer"] = lambda chosen: live.live(chosen, "circle", opened.url)
+        taps["viewer"] = lambda chosen: live.show(chosen, "circle", opened.url)
     except ViewError as error:
         opened = None
         print(f"no viewer to measure with: {error}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import chain, wished
+from controllers.ballplate import desired
 from controllers.interfaces import Array, Law, Reference
 
 
@@ -35,12 +36,14 @@ class Backstepping(Law):
     c: tuple[float, float, float, float] = (1.0, 2.0, 2.5, 3.0)
     """Gains c1 to c4 in 1/s; the default is case 2 of Table 8.8."""
 
-    _map: Array = field(init=False, repr=False, compare=False)
-
     def __post_init__(self) -> None:
-        """Check the gains and gather what depends on them alone."""
+        """Check the gains."""
         if len(self.c) != 4 or not all(math.isfinite(gain) and gain > 0 for gain in self.c):
             raise ValueError(f"c must be 4 positive numbers, got {list(self.c)}")
+
+    @cached_property
+    def _map(self) -> Array:
+        """To e3, the bracket of alpha3 and its rate from the error and two derivatives, (3, 3)."""
         c1, c2, c3, _ = self.c
         # Rows: e1, e2, e3 (6.64a), (6.69a), (6.76a) from the tracking error and two derivatives.
         e1, e2, e3 = np.eye(3)
@@ -50,14 +53,14 @@ class Backstepping(Law):
         e1_rate, e2_rate, e3_rate = e2 - c1 * e1, e3 - c2 * e2 - e1, -c3 * e3 - e2
         bracket = np.array((2 * c1 - c1**3 + c2, c1**2 + c1 * c2 + c2**2 - 2, -(c1 + c2 + c3)))
         rows = (e3, bracket @ (e1, e2, e3), bracket @ (e1_rate, e2_rate, e3_rate))
-        object.__setattr__(self, "_map", np.array(rows).T)
+        return np.array(rows).T
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations (6.89), (6.95) in rad/s^2, shape (..., 2)."""
         c1, c2, c3, c4 = self.c
-        z, angle, rate, a = chain(self.model, x)
+        z, angle, rate, a = self.model.chain(x)
         r = reference(t)
-        mapped = (z[..., :3] - wished(r[:3])) @ self._map
+        mapped = (z[..., :3] - desired(r[:3])) @ self._map
         e3, bracket, bracket_rate = mapped[..., 0], mapped[..., 1], mapped[..., 2]
         alpha3 = (bracket + r[3]) / a
         e4 = rate - alpha3

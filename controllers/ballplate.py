@@ -13,14 +13,33 @@ from controllers.arrays import Array
 
 MEASURED = (0, 2, 4, 6)
 """Where the measurement y = (x, phi, y, theta) of (5.3) stands in the state (5.5)."""
+BALL = [0, 4]
+"""Where the ball's position x, y stands in the state."""
+ACCELERATION = [1, 5]
+"""Where the rate of the state has the ball's acceleration."""
+SIGN = np.array((1.0, -1.0))
+"""Sense in which a positive plate angle accelerates the ball along x and along y, (6.45)."""
 
 
-class Linear(NamedTuple):
+class LinearModel(NamedTuple):
     """x' = A x + B u, y = C x about the level plate, (5.35) with the sign of B[6, 2] corrected."""
 
     A: Array
     B: Array
     C: Array
+
+
+class Chain(NamedTuple):
+    """Both axes of the flat model in Brunovsky form: y^(4) = a (u - tan(angle) rate^2) (6.48)."""
+
+    z: Array
+    """Position and three derivatives of each axis, shape (..., 2, 4)."""
+    angle: Array
+    """Plate angles (phi, theta) in rad, shape (..., 2)."""
+    rate: Array
+    """Plate rates in rad/s, shape (..., 2)."""
+    a: Array
+    """Input gain +-k1 cos(angle) in m/s^2, shape (..., 2)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,10 +186,10 @@ class BallPlate:
         along_x = self.c1 * seen.x5 * seen.s3
         return along_x, self.c2 * seen.c3 - self.c1 * seen.x1 * seen.s3
 
-    def linear(self) -> Linear:
+    def linear(self) -> LinearModel:
         """Linear model about the level plate and the ball on the centre, (5.35)."""
         level = np.zeros(8)
-        return Linear(self.jacobian(level), self.g(level), np.eye(8)[list(MEASURED)])
+        return LinearModel(self.jacobian(level), self.g(level), np.eye(8)[list(MEASURED)])
 
     def flat(self, x: Array, u: Array) -> Array:
         """Rate of the state of the flat model (6.44), shape (..., 8)."""
@@ -181,6 +200,22 @@ class BallPlate:
         out[..., 5] = -self.k1 * np.sin(x[..., 6])
         out[..., 7] = u[..., 1]
         return out
+
+    def chain(self, x: Array) -> Chain:
+        """Brunovsky form of the flat model at the state x, shape (..., 8)."""
+        axes = x.reshape(*x.shape[:-1], 2, 4)
+        angle, rate = axes[..., 2], axes[..., 3]
+        k = self.k1 * SIGN
+        a = k * np.cos(angle)
+        z = axes.copy()
+        z[..., 2] = k * np.sin(angle)
+        z[..., 3] = a * rate
+        return Chain(z, angle, rate, a)
+
+
+def desired(r: Array) -> Array:
+    """The position and k - 1 derivatives of a reference, (k, ..., 2), as a chain, (..., 2, k)."""
+    return r.T if r.ndim == 2 else np.moveaxis(r, 0, -1)
 
 
 class _Seen(NamedTuple):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import chain, wished
+from controllers.ballplate import desired
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, gains_from, real_gains, require_stable, stable_poles
 
@@ -29,28 +29,29 @@ class AFL(Law):
     gains: tuple[float, ...] | None = None
     """The gains (p0, p1, p2, p3) themselves; given, they replace the poles."""
 
+    powers: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
+    """Power of s before which each gain stands in the polynomial s^4 + p3 s^3 + ... + p0 (6.56)."""
+
     p: Array = field(init=False, repr=False, compare=False)
-    """Gains (p0, p1, p2, p3) on the error and its derivatives, followed by p_I if there is one."""
+    """The gains, from the poles or as given."""
 
     def __post_init__(self) -> None:
         """Check the settings and turn the poles into gains."""
-        default = type(self).poles
-        integral = len(default) - 4  # p_I is last of the gains, yet first in the polynomial (6.61)
+        powers = list(self.powers)
         if self.gains is None:
-            object.__setattr__(self, "poles", stable_poles(self.poles, len(default)))
-            p = np.roll(gains_from(self.poles), -integral)
-        elif self.poles == default:
-            p = np.array(real_gains(self.gains, len(default)))
-            require_stable(np.roll(p, integral), self.gains)
+            p = gains_from(stable_poles(self.poles, len(powers)))[powers]
+        elif self.poles == type(self).poles:
+            p = np.array(real_gains(self.gains, len(powers)))
+            require_stable(p[np.argsort(powers)], self.gains)
         else:
             raise ValueError("gains replace poles: give either gains or poles")
         object.__setattr__(self, "p", p)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
-        z, _, rate, a = chain(self.model, x)
+        z, _, rate, a = self.model.chain(x)
         r = reference(t)
-        v = r[4] - (z - wished(r[:4])) @ self.p[:4]
+        v = r[4] - (z - desired(r[:4])) @ self.p[:4]
         if self.memory:
             v = v - self.p[4] * q
         out: Array = (v + z[..., 2] * rate * rate) / a
@@ -74,6 +75,8 @@ class AFLIntegral(AFL):
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.6."""
     gains: tuple[float, ...] | None = None
     """The gains (p0, p1, p2, p3, p_I) themselves; given, they replace the poles."""
+    powers: ClassVar[tuple[int, ...]] = (1, 2, 3, 4, 0)
+    """As of AFL, in the polynomial s^5 + p3 s^4 + ... + p0 s + p_I (6.61)."""
     integral_limit: float | None = None
     """Anti-windup: q grows no further than this in m s. None, as in the thesis: no limit."""
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import SIGN
+from controllers.ballplate import SIGN
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, stable_poles
 from controllers.state_feedback import optimal, placed, weights
@@ -73,6 +73,6 @@ class Feedforward(Law):
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations u_ff + K (x* - x) in rad/s^2, shape (..., 2)."""
-        wished, u = self.trajectory(reference(t))
-        out: Array = u + (wished - x) @ self.K.T
+        desired, u = self.trajectory(reference(t))
+        out: Array = u + (desired - x) @ self.K.T
         return out

@@ -1,79 +1,164 @@
-"""Several cases as the rigs of one batch: each group of rigs has its own law and reference."""
+"""N rigs of one batch, each with a law, an observer and a reference of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.interfaces import Law, Reference
+from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.stack import SampledReference
+
+Member = TypeVar("Member")
+Place = slice | NDArray[np.integer]
 
 
-@dataclass(frozen=True)
-class Paths(Reference):
-    """M references side by side: the value at t has the shape (5, *shape(t), M * each, 2)."""
-
-    members: tuple[Reference, ...]
-    each: int = 1
-    """Neighbouring rigs that follow the same reference."""
-
-    def __call__(self, t: float | Array) -> Array:
-        """Positions and four derivatives of every rig's reference."""
-        return np.stack([member(t) for member in self.members], axis=-2).repeat(self.each, axis=-2)
-
-
-@dataclass(frozen=True)
-class Now(Reference):
-    """What a reference is at the present instant, for a law that asks for no other."""
-
-    value: Array
-
-    def __call__(self, t: float | Array) -> Array:
-        """The value."""
-        return self.value
-
-
-class Fleet(Law):
-    """Laws side by side as one, each for a group of neighbouring rigs.
-
-    Neighbours that share one law object are calculated together.
+class Groups(Generic[Member]):
+    """The rigs that share a member, group by group.
 
     Args:
-        laws: The laws.
-        each: Rigs a law.
+        members: One per rig; one and the same object is shared.
     """
 
-    groups: list[tuple[slice, Law]]
+    def __init__(self, members: Sequence[Member]) -> None:
+        rigs: dict[int, list[int]] = {}
+        for rig, member in enumerate(members):
+            rigs.setdefault(id(member), []).append(rig)
+        self.each = [(_place(found), members[found[0]]) for found in rigs.values()]
+        """Where the rigs of a group stand along the axis of the rigs, and what they share."""
 
-    def __init__(self, laws: Sequence[Law], each: int = 1) -> None:
-        groups, begin = [], 0
-        for _, same in groupby(laws, key=id):
-            shared = list(same)
-            groups.append((slice(begin, begin + each * len(shared)), shared[0]))
-            begin += each * len(shared)
-        object.__setattr__(self, "groups", groups)
+
+def _place(rigs: Sequence[int]) -> Place:
+    """A slice for neighbours, which numpy takes without a copy; else their numbers."""
+    if rigs[-1] - rigs[0] == len(rigs) - 1:
+        return slice(rigs[0], rigs[-1] + 1)
+    return np.array(rigs)
+
+
+class SideBySide(Reference):
+    """M references as one, with the rigs' axis before the last: (5, *shape(t), M, 2).
+
+    Args:
+        members: The references.
+    """
+
+    def __init__(self, members: Sequence[Reference]) -> None:
+        self._members = tuple(members)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives of every reference."""
+        return np.stack([member(t) for member in self._members], axis=-2)
+
+
+class PerRigReference(SampledReference):
+    """The references of N rigs, each evaluated once however many rigs follow it.
+
+    Args:
+        members: One per rig; equal ones are evaluated once.
+        period: Control period in s.
+    """
+
+    def __init__(self, members: Sequence[Reference], period: float) -> None:
+        distinct = list(dict.fromkeys(members))
+        self.members = tuple(members)
+        super().__init__(SideBySide(distinct), period)
+        self._which = np.array([distinct.index(member) for member in members])
+        self._now: tuple[float, Array] | None = None
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
+        if isinstance(t, np.ndarray):
+            return super().__call__(t).take(self._which, axis=-2)
+        if self._now is None or self._now[0] != t:
+            self._now = t, super().__call__(t).take(self._which, axis=-2)
+        return self._now[1]
+
+
+class _PartOf(Reference):
+    """Some rigs' part of a reference, at any time."""
+
+    def __init__(self, whole: Reference, place: Place) -> None:
+        self._whole, self._place = whole, place
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives, shape (5, *shape(t), n, 2)."""
+        part: Array = self._whole(t)[..., self._place, :]
+        return part
+
+
+class PerRigLaw(Law):
+    """Laws side by side as one; rigs that share a law are calculated together.
+
+    Args:
+        laws: One per rig.
+    """
+
+    groups: Groups[Law]
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        object.__setattr__(self, "groups", Groups(laws))
         object.__setattr__(self, "memory", max(law.memory for law in laws))
         object.__setattr__(self, "model", laws[0].model)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """Plate accelerations in rad/s^2, shape (N, 2); the reference must be ``Paths``."""
-        r = reference(t)
+        """Plate accelerations in rad/s^2, shape (N, 2), for a reference of N rigs."""
         u = np.empty((len(x), 2))
-        for own, law in self.groups:
-            u[own] = law.control(t, x[own], Now(r[:, own]), q[own, : law.memory])
+        for own, law in self.groups.each:
+            u[own] = law.control(t, x[own], _PartOf(reference, own), q[own, : law.memory])
         return u
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Time derivative of the memory, shape (N, memory); 0 where a law has less of it."""
         slope = np.zeros_like(q)
-        if not self.memory:
-            return slope
-        r = reference(t)
-        for own, law in self.groups:
+        for own, law in self.groups.each:
             if law.memory:
                 mine = q[own, : law.memory]
-                slope[own, : law.memory] = law.memory_rate(t, x[own], Now(r[:, own]), mine)
+                part = _PartOf(reference, own)
+                slope[own, : law.memory] = law.memory_rate(t, x[own], part, mine)
         return slope
+
+
+class PerRigObserver(Observer):
+    """Observers side by side as one; rigs that share an observer are estimated together.
+
+    Args:
+        observers: One per rig; their estimates start with ``start``.
+    """
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self.groups = Groups(observers)
+        self.model, self.period = observers[0].model, observers[0].period
+
+    def start(self, x: Array) -> None:
+        """Begin at the states x, shape (N, 8)."""
+        super().start(x)
+        for own, observer in self.groups.each:
+            observer.start(x[own])
+
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in the measurements of N rigs and return their estimates, shape (N, 8)."""
+        state = measurement.state
+        x = np.empty((len(measurement.y), 8))
+        for own, observer in self.groups.each:
+            x[own] = observer.correct(
+                Measurement(
+                    measurement.time,
+                    measurement.y[own],
+                    measurement.age[own],
+                    measurement.touched[own],
+                    None if state is None else state[own],
+                )
+            )
+        self.x = x
+        return x
+
+    def predict(self, u: Array) -> None:
+        """Carry the estimates one period ahead under the applied inputs u, shape (N, 2)."""
+        x = np.empty_like(self.x)
+        for own, observer in self.groups.each:
+            observer.predict(u[own])
+            x[own] = observer.x
+        self.x = x

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from controllers.axes import SIGN, chain, wished
+from controllers.ballplate import SIGN, desired
 from controllers.interfaces import Array, Law, Reference
 
 POWERS = np.array((3.0, 4.0, 6.0))
@@ -37,9 +37,6 @@ class SlidingMode(Law):
     epsilon: float = 0.1
     """Width of the sigmoid s / (|s| + epsilon) (2.52)."""
 
-    _u: Array = field(init=False, repr=False, compare=False)
-    _beta: Array = field(init=False, repr=False, compare=False)
-
     def __post_init__(self) -> None:
         """Check the settings."""
         for name in ("alpha", "epsilon"):
@@ -48,17 +45,15 @@ class SlidingMode(Law):
                 raise ValueError(f"{name} must be a positive number, got {value}")
         if len(self.betas) != 3 or not all(math.isfinite(b) and b > 0 for b in self.betas):
             raise ValueError(f"betas must be 3 positive numbers, got {list(self.betas)}")
-        object.__setattr__(self, "_u", -self.alpha * SIGN)
-        object.__setattr__(self, "_beta", np.array(self.betas))
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        s = chain(self.model, x).z - wished(reference(t)[:4])
-        pull = self._beta * np.add.accumulate(np.abs(s[..., :3]) ** POWERS, axis=-1) ** ROOTS
+        s = self.model.chain(x).z - desired(reference(t)[:4])
+        pull = self.betas * np.add.accumulate(np.abs(s[..., :3]) ** POWERS, axis=-1) ** ROOTS
         psi = self._sigmoid(s[..., 0])
         for i in (1, 2, 3):
             psi = self._sigmoid(s[..., i] + pull[..., i - 1] * psi)
-        return self._u * psi
+        return -self.alpha * SIGN * psi
 
     def _sigmoid(self, s: Array) -> Array:
         """Smooth stand-in for the sign (2.52)."""

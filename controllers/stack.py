@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from controllers.interfaces import Array, Law, Measurement, Observer, Reference
 
 
+class ControlStep(NamedTuple):
+    """What a controller makes of one measurement.
+
+    Attributes:
+        estimate: State at the time of the measurement, shape (..., 8).
+        acceleration: Requested plate accelerations u in rad/s^2, shape (..., 2).
+        rate: Requested plate rates (phi', theta') in rad/s, shape (..., 2).
+    """
+
+    estimate: Array
+    acceleration: Array
+    rate: Array
+
+
 class Controller:
     """What drives a rig, simulated or real.
 
-    Once a period: ``command`` takes the measurement and gives the wished plate rates; ``applied``
-    must then be told the rates the rig really commanded, from which the observer predicts.
+    Once per period ``command`` turns the measurement into a step; ``applied`` must then be given
+    the rates the rig really commanded, from which the observer predicts.
 
     Args:
         law: The state feedback.
@@ -37,26 +53,27 @@ class Controller:
         self.observer.start(x)
         self.rate = np.zeros((*x.shape[:-1], 2))
         self.memory = np.zeros((*x.shape[:-1], self.law.memory))
-        self.u = np.zeros_like(self.rate)
 
-    def command(self, measurement: Measurement) -> Array:
-        """Wished plate rates (phi', theta') in rad/s, shape (..., 2).
-
-        The wished accelerations are left in ``u``, the estimate in ``observer.x``.
-        """
+    def command(self, measurement: Measurement) -> ControlStep:
+        """The estimate for a measurement, and what is requested of the rig."""
         t = measurement.time
         x = self.observer.correct(measurement)
-        self.u = self.law.control(t, x, self.reference, self.memory)
+        u = self.law.control(t, x, self.reference, self.memory)
         if self.law.memory:
             slope = self.law.memory_rate(t, x, self.reference, self.memory)
             self.memory = self.memory + self.period * slope
-        wished: Array = self.rate + self.period * self.u
-        return wished
+        return ControlStep(x, u, self.rate + self.period * u)
 
-    def applied(self, rate: Array) -> None:
-        """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2)."""
-        self.observer.predict((rate - self.rate) / self.period)
+    def applied(self, rate: Array) -> Array:
+        """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).
+
+        Returns:
+            The accelerations that they mean, rad/s^2, shape (..., 2).
+        """
+        acceleration: Array = (rate - self.rate) / self.period
+        self.observer.predict(acceleration)
         self.rate = rate
+        return acceleration
 
 
 class SampledReference(Reference):

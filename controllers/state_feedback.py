@@ -20,7 +20,7 @@ class _StateFeedback(Law):
     """u = K (x* - x) (6.8) on the model linearised about the level plate."""
 
     reference: Literal["position", "velocity"] = "velocity"
-    """Whether x* holds the wished position alone (6.9a) or its velocity too (6.9b)."""
+    """Whether x* holds the desired position alone (6.9a) or its velocity too (6.9b)."""
 
     K: Array = field(init=False, repr=False, compare=False)
     """Gain, shape (2, 8), in rad/s^2 per unit of the state."""
@@ -39,11 +39,11 @@ class _StateFeedback(Law):
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations K (x* - x) (6.8) in rad/s^2, shape (..., 2)."""
         r = reference(t)
-        wished = np.zeros((*r.shape[1:-1], 8))
-        wished[..., 0::4] = r[0]
+        desired = np.zeros((*r.shape[1:-1], 8))
+        desired[..., 0::4] = r[0]
         if self.reference == "velocity":
-            wished[..., 1::4] = r[1]
-        out: Array = (wished - x) @ self.K.T
+            desired[..., 1::4] = r[1]
+        out: Array = (desired - x) @ self.K.T
         return out
 
 

@@ -1,4 +1,4 @@
-"""Makes the pictures of the view in this folder anew: python docs/screenshots.py.
+"""Regenerates the pictures of the view in this folder: python docs/screenshots.py.
 
 Needs a Vulkan driver, which may be a software one (Debian: mesa-vulkan-drivers), and a minute.
 """
@@ -10,8 +10,7 @@ from twin.run.execute import run, save
 from twin.run.replay import open_runs
 from twin.scenario import load
 from twin.view.layout import LAYOUTS
-from twin.view.recording import write
-from twin.view.screenshot import screenshot
+from twin.view.recording import screenshot, write
 
 HERE = Path(__file__).parent
 UNEVEN = ("plant.surface.spread_percent=40", "plant.surface.slope_deg=0.1", "baseline=false")

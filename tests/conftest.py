@@ -1,7 +1,7 @@
-"""What every test may use, and who may run beside whom."""
+"""What every test may use, and which may not run beside others."""
 
-import fcntl
-from contextlib import contextmanager
+import subprocess
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -15,6 +15,8 @@ TABLES = {
     "controller": {"kind": "lqr", "rho": 300.0, "kappa": 0.3},
     "reference": {"kind": "hold", "x": 0.05, "y": -0.03},
 }
+
+NONE = pytest.ExitCode.NO_TESTS_COLLECTED
 
 # How fast a busy machine answers is no property of the code.
 settings.register_profile("twin", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -31,20 +33,22 @@ def scenario():
     return make
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item):
-    """A test with deadlines by the clock runs while the other processes' tests wait."""
-    alone = item.get_closest_marker("real_time") is not None
-    with turn(item.config.cache.mkdir("turns"), alone):
-        return (yield)
+def pytest_collection_modifyitems(config, items):
+    """Tests with deadlines by the clock are not for processes that others run beside."""
+    if hasattr(config, "workerinput"):
+        alone = [item for item in items if item.get_closest_marker("real_time")]
+        config.hook.pytest_deselected(items=alone)
+        items[:] = [item for item in items if item not in alone]
 
 
-@contextmanager
-def turn(locks, alone):
-    """Alone or beside others; who waits to be alone is next."""
-    with (locks / "gate").open("w") as gate, (locks / "turn").open("w") as place:
-        fcntl.flock(gate, fcntl.LOCK_EX)
-        fcntl.flock(place, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-        fcntl.flock(gate, fcntl.LOCK_UN)
-        yield
-        fcntl.flock(place, fcntl.LOCK_UN)  # at once, whatever the test has forked
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_sessionfinish(session, exitstatus):
+    """When all other tests are over and their processes gone, they run one by one."""
+    yield
+    config = session.config
+    if config.pluginmanager.hasplugin("dsession") and exitstatus in {0, 1, NONE}:
+        marks = f"({config.option.markexpr or 'real_time'}) and real_time"
+        again = (*config.invocation_params.args, "-n", "0", "-m", marks)
+        command = (sys.executable, "-m", "pytest", *again)
+        code = subprocess.call(command, cwd=config.invocation_params.dir)
+        session.exitstatus = max({exitstatus, code} - {NONE}, default=NONE)

@@ -1,7 +1,10 @@
 import importlib
+import json
 import re
+import shlex
 import tomllib
 from importlib.metadata import EntryPoint
+from itertools import pairwise, product
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from controllers.catalog import catalog
 from controllers.interfaces import Law
 from twin.cli import COMMANDS
 from twin.run.execute import run
+from twin.scenario import load
 from twin.scenario.rig import check_rig
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -82,15 +86,50 @@ def test_every_command_the_readme_shows_exists():
     assert set(re.findall(r"uv run ballplate (\w+)", README)) <= set(COMMANDS)
 
 
-def test_every_scenario_key_the_readme_changes_exists(scenario):
-    keys = set(re.findall(r"--set '?([\w.]+)=", README)) | set(
-        re.findall(r"--vary '([\w.]+)=", README)
-    )
-    tables = scenario().model_dump()
-    for key in keys:
-        first, *rest = key.split(".")
-        if first in {"controller", "observer", "reference", "parameters"}:
+def test_every_change_of_a_scenario_that_the_readme_shows_is_accepted(
+    snippet, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    fitted = tmp_path / "runs" / "identify-excite" / "parameters.toml"
+    fitted.parent.mkdir(parents=True)
+    fitted.write_text("[plant.friction]\nrolling_mm = 0.2\n", encoding="utf-8")
+    changed = set()
+    for line in re.findall(r"^uv run ballplate ((?:run|compare) .*)", README, re.MULTILINE):
+        _, scenario, *options = shlex.split(line, comments=True)
+        given = list(pairwise(options))
+        fixed = [text for option, text in given if option == "--set"]
+        varied = [text.partition("=") for option, text in given if option == "--vary"]
+        variants = [
+            [f"{key}={value}" for value in tomllib.loads(f"values = {values}")["values"]]
+            for key, _, values in varied
+        ]
+        for variant in product(*variants):
+            load(scenario, [*fixed, *variant])
+        changed |= {text.partition("=")[0] for text in fixed} | {key for key, *_ in varied}
+    assert changed == {
+        "controller.ball", "controller.kind", "parameters", "plant.friction.rolling_mm"
+    }  # fmt: skip
+
+
+def keys(table):
+    """All keys of a table and of the tables in it."""
+    inner = (keys(value) for value in table.values() if isinstance(value, dict))
+    return set(table).union(*inner)
+
+
+def test_every_table_and_key_of_the_readmes_list_exists(scenario):
+    tables = json.loads(scenario().model_dump_json())
+    rows = re.findall(r"^\| (`\[[\w.]+\]`.*?) \| (.*) \|$", README, re.MULTILINE)
+    assert len(rows) > 10
+    for names, text in rows:
+        path, *beside = re.findall(r"`\[?([\w.]+)\]?`", names)
+        first, *rest = path.split(".")
+        if first in {"controller", "observer", "reference", "predictor"}:
             continue
         node = tables[first]
-        for name in rest:
-            node = node[name]
+        if beside:
+            node = {name: node[name] for name in (*rest, *(each[1:] for each in beside))}
+        elif rest:
+            node = node[rest[0]]
+        named = set(re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", text)))
+        assert named - keys(node) == set(), path

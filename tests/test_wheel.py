@@ -42,6 +42,17 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
     assert not [name for name in names if "test" in name or name.startswith("src/")]
 
 
+def test_the_wheel_installs_these_names_and_no_others(wheel):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    data = f"{project['name']}-{project['version']}.dist-info"
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert tops == {"controllers", "scenarios", "twin", data}
+
+
+def test_the_packages_of_the_wheel_are_typed(wheel):
+    assert {"twin/py.typed", "controllers/py.typed"} <= set(zipfile.ZipFile(wheel).namelist())
+
+
 @pytest.mark.long
 def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_path):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

@@ -17,7 +17,7 @@ from controllers.poles import Pole
 from controllers.state_feedback import LQR, PolePlacement
 
 
-class Design(NamedTuple):
+class LinearDesign(NamedTuple):
     """A controller with the gains of the thesis.
 
     Attributes:
@@ -42,7 +42,7 @@ INTEGRAL = ((-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.
 STEPS = ((0.1, 1, 1.5, 2), (1, 2, 2.5, 3), (1, 4, 5, 6))
 
 
-def designs(model: BallPlate | None = None) -> list[Design]:
+def designs(model: BallPlate | None = None) -> list[LinearDesign]:
     """Every design of chapters 8 and 9 that has a linearisation: all but the sliding mode.
 
     Chapter 9 gives gains without poles; those beside them follow from its gains and the flat model.
@@ -53,19 +53,24 @@ def designs(model: BallPlate | None = None) -> list[Design]:
     """
     m = model or BallPlate()
     return [
-        *(Design("8.1", f"{p}", PolePlacement(model=m, poles=p), p) for p in PLACED),
-        *(Design(n, f"ρ={r}, κ={k}", LQR(model=m, rho=r, kappa=k)) for n, r, k in WEIGHTS),
-        *(Design("8.4", f"{p}", AFL(model=m, poles=p), p, flat=True) for p in TRACKING),
-        Design("9.2", "p=(180, 162, 66, 13)", AFL(model=m, gains=(180, 162, 66, 13)), flat=True),
-        *(Design("8.6", f"{p}", AFLIntegral(model=m, poles=p), p, flat=True) for p in INTEGRAL),
-        Design(
+        *(LinearDesign("8.1", f"{p}", PolePlacement(model=m, poles=p), p) for p in PLACED),
+        *(LinearDesign(n, f"ρ={r}, κ={k}", LQR(model=m, rho=r, kappa=k)) for n, r, k in WEIGHTS),
+        *(LinearDesign("8.4", f"{p}", AFL(model=m, poles=p), p, flat=True) for p in TRACKING),
+        LinearDesign(
+            "9.2", "p=(180, 162, 66, 13)", AFL(model=m, gains=(180, 162, 66, 13)), flat=True
+        ),
+        *(
+            LinearDesign("8.6", f"{p}", AFLIntegral(model=m, poles=p), p, flat=True)
+            for p in INTEGRAL
+        ),
+        LinearDesign(
             "9.4",
             "p=(200, 132, 51, 12), p_I=4",
             AFLIntegral(model=m, gains=(200, 132, 51, 12, 4)),
             flat=True,
         ),
-        *(Design("8.8", f"c={c}", Backstepping(model=m, c=c), flat=True) for c in STEPS),
-        Design("9.6", "c=(2, 3, 4, 5.5)", Backstepping(model=m, c=(2, 3, 4, 5.5)), flat=True),
+        *(LinearDesign("8.8", f"c={c}", Backstepping(model=m, c=c), flat=True) for c in STEPS),
+        LinearDesign("9.6", "c=(2, 3, 4, 5.5)", Backstepping(model=m, c=(2, 3, 4, 5.5)), flat=True),
     ]
 
 

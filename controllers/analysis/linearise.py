@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import BALL
 from controllers.interfaces import Law, Measurement, Observer
 from controllers.references.point import Hold
 from controllers.smith import Smith
 
-BALL = [0, 4]
 STEP = 1e-4
 ORIGIN = Hold()
 
@@ -28,7 +28,7 @@ class System(NamedTuple):
     C: Array
     D: Array
     period: float = 0.0
-    """Seconds a tick; 0 for continuous time."""
+    """Seconds per tick; 0 for continuous time."""
 
 
 def linear_law(law: Law) -> System:

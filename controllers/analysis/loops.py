@@ -1,7 +1,7 @@
 """Closed loops about the level plate: their poles, and how sensitive they are where one cuts them.
 
 ``state_feedback_loop`` is the design in continuous time with the full state, as the thesis does it;
-``sampled_loop`` is what runs: law, observer and predictor once a period, the input held between,
+``sampled_loop`` is what runs: law, observer and predictor once per period, the input held between,
 the ball measured a dead time late.
 """
 
@@ -16,7 +16,7 @@ from scipy.linalg import schur
 
 from controllers.analysis.linearise import System, linear_controller, linear_law, whole_periods
 from controllers.arrays import Array
-from controllers.ballplate import BallPlate
+from controllers.ballplate import ACCELERATION, BallPlate
 from controllers.interfaces import Law, Observer
 from controllers.observers.ideal import Ideal
 from controllers.observers.sampling import sample
@@ -27,8 +27,6 @@ Complex = NDArray[np.complexfloating]
 INPUTS = ("u1", "u2")
 STATES = ("x", "x'", "phi", "phi'", "y", "y'", "theta", "theta'")
 MEASUREMENTS = ("x", "phi", "y", "theta")
-ACCELERATION = [1, 5]
-"""Where the rate of the state has the ball's acceleration."""
 
 
 class Loop(NamedTuple):
@@ -39,7 +37,7 @@ class Loop(NamedTuple):
         B: From disturbances added at the cuts, shape (n, cuts).
         C: To the signals arriving at the cuts, shape (cuts, n).
         cuts: Their names: "u1", "u2", then the plant's outputs.
-        period: Seconds a tick; 0 for continuous time.
+        period: Seconds per tick; 0 for continuous time.
     """
 
     A: Array
@@ -47,6 +45,11 @@ class Loop(NamedTuple):
     C: Array
     cuts: tuple[str, ...]
     period: float
+
+    def eigenvalues(self) -> Complex:
+        """Eigenvalues of A, largest first; a sampled loop is stable with all in the unit circle."""
+        found: Complex = np.linalg.eigvals(self.A).astype(complex)
+        return found[np.argsort(-np.abs(found))]
 
     def poles(self) -> Complex:
         """Closed-loop poles in 1/s, slowest first: in a sampled loop log(z) / period of each z.
@@ -173,23 +176,6 @@ def _late(plant: System, dead_time: float) -> System:
     )
 
 
-def sampled_poles(
-    law: Law,
-    observer: Observer,
-    period: float | None = None,
-    model: BallPlate | None = None,
-    *,
-    dead_time: float = 0.0,
-) -> Complex:
-    """Eigenvalues z of the linearised sampled loop; stable if all are within the unit circle.
-
-    Arguments and errors are those of ``sampled_loop``.
-    """
-    loop = sampled_loop(law, observer, period, model, dead_time=dead_time)
-    z = np.linalg.eigvals(loop.A).astype(complex)
-    return z[np.argsort(-np.abs(z))]
-
-
 def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str | None:
     """One line with the poles outside the stable region, or None.
 
@@ -201,7 +187,7 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
         dead_time: Of the ball's measurement in s.
     """
     try:
-        z = sampled_poles(law, observer, dead_time=dead_time)
+        z = sampled_loop(law, observer, dead_time=dead_time).eigenvalues()
     except ValueError:
         return None
     outside = unstable(z)

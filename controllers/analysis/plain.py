@@ -11,19 +11,20 @@ import numpy as np
 from controllers.analysis.designs import assess, designs
 from controllers.analysis.loops import sampled_loop, unstable
 from controllers.analysis.margins import Margins, margins
-from controllers.analysis.neglected import size, terms
-from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Law, Observer
 from controllers.observers import Luenberger
 
-Row = dict[str, Any]
+PlainRow = dict[str, Any]
+"""A row of a table as JSON can hold it."""
 
 DEAD_TIME = 0.042
 """Dead time of the touch screen in s, Table A.2."""
 
 
-def design_rows(model: BallPlate, advance: Callable[[float], None] = lambda _: None) -> list[Row]:
+def design_rows(
+    model: BallPlate, advance: Callable[[float], None] = lambda _: None
+) -> list[PlainRow]:
     """Poles and margins of every linear design of the thesis, with the observer of (8.1).
 
     Args:
@@ -55,33 +56,7 @@ def design_rows(model: BallPlate, advance: Callable[[float], None] = lambda _: N
     return rows
 
 
-def neglected_rows(model: BallPlate, x: Array, u: Array) -> list[Row]:
-    """Terms the flat model leaves out beside the main ones along a motion, (6.42).
-
-    Args:
-        model: The exact model.
-        x: States, shape (K, 8).
-        u: Plate accelerations in rad/s^2, shape (K, 2).
-    """
-    parts = terms(model, x, u)
-    rows = []
-    for axis, equation in enumerate(("6.42a", "6.42b")):
-        for name in ("neglected", "unlisted"):
-            found = size(getattr(parts, name), parts.main)
-            rows.append(
-                {
-                    "equation": equation,
-                    "terms": name,
-                    "main_max": number(np.abs(parts.main[:, axis]).max()),
-                    "max": number(found.largest[axis]),
-                    "peak_ratio": number(found.peak_ratio[axis]),
-                    "rms_ratio": number(found.rms_ratio[axis]),
-                }
-            )
-    return rows
-
-
-def loop_row(law: Law, observer: Observer, dead_time: float) -> Row:
+def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
     """Poles and margins of one sampled loop, or under ``reason`` why there are none.
 
     Args:
@@ -103,7 +78,7 @@ def loop_row(law: Law, observer: Observer, dead_time: float) -> Row:
     }
 
 
-def margin_row(found: Margins | None) -> Row | None:
+def margin_row(found: Margins | None) -> PlainRow | None:
     """Margins by name; None for an unstable loop."""
     return None if found is None else {k: number(v) for k, v in found._asdict().items()}
 

@@ -15,7 +15,7 @@ from controllers.observers.innovation import OUTPUTS
 from controllers.observers.kalman import DISTURBANCE, NOISE, Kalman, check_positive
 from controllers.observers.sampling import check_period
 
-PLATE = np.array([False, True, False, True])
+OF_PLATE = np.array([False, True, False, True])
 """Which measurements are the plate's: they hold without a touch, too."""
 
 
@@ -23,7 +23,7 @@ PLATE = np.array([False, True, False, True])
 class ExtendedKalman(Observer):
     """Kalman filter that is linearised about its estimate every period.
 
-    Where the thesis solves an algebraic Riccati equation a tick (7.16), the covariance P of the
+    Where the thesis solves an algebraic Riccati equation per tick (7.16), the covariance P of the
     error follows the estimate. The noises being independent, the measurements are taken in one
     after the other, for which nothing need be inverted; with p the i-th column of P,
 
@@ -90,7 +90,7 @@ class ExtendedKalman(Observer):
         """Take in a measurement; without a touch only the plate angles correct."""
         x, P, y, R = self.x, self.P, measurement.y, self._R
         if not measurement.touched.all():
-            felt = measurement.touched[..., np.newaxis] | PLATE
+            felt = measurement.touched[..., np.newaxis] | OF_PLATE
             y, R = np.where(felt, y, x[..., OUTPUTS]), np.where(felt, R, math.inf)
         # rows of C P, and the innovation as a further column that is treated as they are
         W = np.empty((*x.shape[:-1], len(MEASURED), 9))

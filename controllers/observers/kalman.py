@@ -11,8 +11,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from controllers.arrays import Array
-from controllers.interfaces import Measurement, Observer
-from controllers.observers.innovation import innovation
+from controllers.observers.linear import LinearObserver
 from controllers.observers.sampling import sample
 from controllers.poles import listed
 
@@ -23,7 +22,7 @@ NOISE = (7.2538e-7, 1.5433e-10, 1.7721e-7, 1.1580e-10)
 
 
 @dataclass(kw_only=True)
-class Kalman(Observer):
+class Kalman(LinearObserver):
     """Linear observer with the gain that is best for white disturbance and noise.
 
     Q and R are intensities, as in (2.61) and (7.7). Sampled with the period T, the disturbance
@@ -50,14 +49,8 @@ class Kalman(Observer):
     R: tuple[float, float, float, float] = NOISE
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
 
-    A: Array = field(init=False, repr=False)
-    """State matrix of a step, shape (8, 8)."""
-    B: Array = field(init=False, repr=False)
-    """Input matrix of a step, shape (8, 2)."""
     S: Array = field(init=False, repr=False)
     """Covariance of the predicted state's error in the steady state, shape (8, 8)."""
-    L: Array = field(init=False, repr=False)
-    """Gain of the current form, shape (8, 4)."""
 
     def __post_init__(self) -> None:
         """Solve the Riccati equation."""
@@ -68,16 +61,6 @@ class Kalman(Observer):
         Q, R = np.diag(self.Q) / self.period, np.diag(self.R) / self.period
         self.S = predicted_covariance(self.A, self.B, C, Q, R)
         self.L = np.linalg.solve(C @ self.S @ C.T + R, C @ self.S).T
-        self._A, self._B, self._L = self.A.T, self.B.T, self.L.T
-
-    def correct(self, measurement: Measurement) -> Array:
-        """Take in a measurement; without a touch only the plate angles correct."""
-        self.x = self.x + innovation(measurement, self.x).dot(self._L)
-        return self.x
-
-    def predict(self, u: Array) -> None:
-        """Carry the estimate one period ahead."""
-        self.x = self.x.dot(self._A) + u.dot(self._B)
 
 
 def check_positive(name: str, values: Sequence[float], count: int) -> None:

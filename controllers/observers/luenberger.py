@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from scipy.signal import place_poles
 
 from controllers.arrays import Array
-from controllers.interfaces import Measurement, Observer
-from controllers.observers.innovation import OUTPUTS, innovation
+from controllers.observers.innovation import OUTPUTS
+from controllers.observers.linear import LinearObserver
 from controllers.observers.sampling import sample
 from controllers.poles import Pole, listed, stable_poles
 
 
 @dataclass(kw_only=True)
-class Luenberger(Observer):
+class Luenberger(LinearObserver):
     """Linear observer with the error dynamics of given poles.
 
-    Discrete in its current form: the estimate at a tick has that tick's measurement in it,
-
-        xhat[k] = xbar[k] + L (y[k] - C xbar[k]),    xbar[k+1] = A xhat[k] + B u[k],
-
-    with A, B the exact step of (5.35) over a period, so the error obeys A (I - L C) and a linear
+    With A, B the exact step of (5.35) over a period, the error obeys A (I - L C) and a linear
     plant is followed without bias. The two subsystems (x, phi) and (y, theta) are designed apart,
     each with eigenvalues exp(p T) for its continuous poles p. With two measurements each, poles do
     not fix L (nor do they fix the thesis's); the free part goes where Matlab's place, too, puts
@@ -41,13 +37,6 @@ class Luenberger(Observer):
     """Poles of the error in 1/s: four for each subsystem alike, or eight, for (x, phi) and then
     for (y, theta). By default (8.1)."""
 
-    A: Array = field(init=False, repr=False)
-    """State matrix of a step, shape (8, 8)."""
-    B: Array = field(init=False, repr=False)
-    """Input matrix of a step, shape (8, 2)."""
-    L: Array = field(init=False, repr=False)
-    """Gain of the current form, shape (8, 4)."""
-
     def __post_init__(self) -> None:
         """Design the gain."""
         A, B, _ = self.model.linear()
@@ -56,16 +45,6 @@ class Luenberger(Observer):
         for axis, mine in enumerate(axis_poles(self.poles)):
             states, outputs = slice(4 * axis, 4 * axis + 4), slice(2 * axis, 2 * axis + 2)
             self.L[states, outputs] = current_gain(self.A[states, states], mine, self.period)
-        self._A, self._B, self._L = self.A.T, self.B.T, self.L.T
-
-    def correct(self, measurement: Measurement) -> Array:
-        """Take in a measurement; without a touch only the plate angles correct."""
-        self.x = self.x + innovation(measurement, self.x).dot(self._L)
-        return self.x
-
-    def predict(self, u: Array) -> None:
-        """Carry the estimate one period ahead."""
-        self.x = self.x.dot(self._A) + u.dot(self._B)
 
 
 def axis_poles(poles: Sequence[Pole]) -> tuple[tuple[Pole, ...], tuple[Pole, ...]]:

@@ -10,14 +10,13 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import SIGN
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import innovation
 from controllers.observers.luenberger import axis_poles
 from controllers.observers.sampling import sample
 from controllers.poles import Pole, stable_poles
 
-SIGN = np.array([1.0, -1.0])
-"""x'' = k1 sin(phi), but y'' = -k1 sin(theta)."""
 STEEPEST = math.sin(math.radians(60))
 FASTEST = 10.0
 
@@ -26,7 +25,7 @@ FASTEST = 10.0
 class NonlinearLuenberger(Observer):
     """Observer of the ball's position and three derivatives, of which it makes the plate's state.
 
-    In the coordinates z of (6.51) the flat model (6.44) is a chain of four integrators an axis,
+    In the coordinates z of (6.51) the flat model (6.44) is a chain of four integrators per axis,
     driven by v of (6.49), so the linear observer (7.10) has the same error dynamics wherever the
     ball is. Its current form over a period, written in x like (7.11), is
 

@@ -7,11 +7,11 @@ from math import factorial
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PPoly, make_interp_spline
 
 from controllers.interfaces import Array, Reference
 from controllers.references.checks import finite, pair, positive
-from controllers.references.piecewise import Piecewise, at_rest, join, still
+from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,17 +35,18 @@ class Transition(Reference):
     duration: float = 3.0
     """Time it takes in s."""
 
-    _motion: Piecewise = field(init=False, repr=False, compare=False)
+    _motion: WithDerivatives = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the settings and join the two points."""
         start, end = pair("start", self.start), pair("end", self.end)
         time, duration = finite("time", self.time), positive("duration", self.duration)
-        pieces = (still(start), join(at_rest(start), at_rest(end), duration), still(end))
+        before, after = at_rest(start), at_rest(end)
+        pieces = (linear(before), join(before, after, duration), linear(after))
+        motion = in_turn((time, time, time + duration), pieces)
         object.__setattr__(self, "start", start)
         object.__setattr__(self, "end", end)
-        motion = Piecewise((time, time, time + duration), np.array(pieces))
-        object.__setattr__(self, "_motion", motion)
+        object.__setattr__(self, "_motion", WithDerivatives(motion))
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
@@ -78,8 +79,8 @@ class Path(Reference):
     """Time in s to gather full speed, and to shed it; at most half the duration on an open path.
     Default: a quarter of the duration."""
 
-    _curve: Piecewise = field(init=False, repr=False, compare=False)
-    _schedule: Piecewise = field(init=False, repr=False, compare=False)
+    _curve: WithDerivatives = field(init=False, repr=False, compare=False)
+    _schedule: WithDerivatives = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the settings, lay the curve and make the schedule."""
@@ -107,7 +108,7 @@ class Path(Reference):
         return out
 
 
-def _curve(points: Array, closed: bool) -> Piecewise:
+def _curve(points: Array, closed: bool) -> WithDerivatives:
     """Quintic spline through the points over the share of the polygon's length, 0 to 1."""
     least = 3 if closed else 2
     if len(points) < least:
@@ -125,21 +126,22 @@ def _curve(points: Array, closed: bool) -> Piecewise:
     straight = [(2, np.zeros(2)), (4, np.zeros(2))]
     ends = "periodic" if closed else (straight, straight)
     spline = make_interp_spline(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
-    pieces = [spline(share[:-1], nu=j) / factorial(j) for j in range(6)]
-    return Piecewise(share[:-1], np.stack(pieces, axis=1))
+    # PPoly.from_spline would do for one axis alone.
+    powers = [spline(share[:-1], nu=k) / factorial(k) for k in reversed(range(6))]
+    return WithDerivatives(PPoly(np.array(powers), share))
 
 
-def _schedule(time: float, duration: float, ramp: float, closed: bool) -> Piecewise:
+def _schedule(time: float, duration: float, ramp: float, closed: bool) -> WithDerivatives:
     """Share of the curve left behind over time, one column."""
     pace = 1 / duration if closed else 1 / (duration - ramp)
     # A ramp covers half of what full pace would.
     covered = pace * ramp / 2
-    full, cruise = at_rest((covered,)), still((covered,))
-    full[1] = cruise[1] = pace
-    pieces = [still((0.0,)), join(at_rest((0.0,)), full, ramp), cruise]
+    first, last, full = at_rest((0.0,)), at_rest((1.0,)), at_rest((covered,))
+    full[1] = pace
+    pieces = [linear(first), join(first, full, ramp), linear(full)]
     origins = [time, time, time + ramp]
     if not closed:
         full[0] = 1 - covered
-        pieces += [join(full, at_rest((1.0,)), ramp), still((1.0,))]
+        pieces += [join(full, last, ramp), linear(last)]
         origins += [time + duration - ramp, time + duration]
-    return Piecewise(origins, np.array(pieces))
+    return WithDerivatives(in_turn(origins, pieces))

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import factorial, perm
 
 import numpy as np
+from scipy.interpolate import BPoly, PPoly
 
 from controllers.arrays import Array
 
-TERMS = 10
-"""Coefficients of a polynomial of degree nine: five conditions at either end fix it."""
-SLOPES = np.array([[perm(j, k) for j in range(TERMS)] for k in range(5)], dtype=float)
-"""d^k(t^j)/dt^k = SLOPES[k, j] t^POWERS[k, j]."""
-POWERS = np.array([[max(j - k, 0) for j in range(TERMS)] for k in range(5)])
+DEGREE = 9
+"""Degree of the joins: five conditions at either end."""
 
 
 def join(start: Array, end: Array, duration: float) -> Array:
-    """Coefficients of the polynomial that takes one motion over into another, (D.2)-(D.4).
+    """Polynomial of degree nine that takes one motion over into another, (D.2)-(D.4).
 
     Args:
         start: Value and four derivatives at t = 0, shape (5, n).
@@ -25,40 +22,25 @@ def join(start: Array, end: Array, duration: float) -> Array:
         duration: Time in s, positive.
 
     Returns:
-        Coefficients of t^0 ... t^9, shape (10, n).
+        Coefficients of t^9 ... t^0, shape (10, n).
     """
-    scale = duration ** np.arange(TERMS)[:, None]
-    coefficients = np.zeros((TERMS, start.shape[1]))
-    for k in range(5):
-        coefficients[k] = start[k] * scale[k] / factorial(k)
-    rest = end * scale[:5] - SLOPES[:, :5] @ coefficients[:5]
-    coefficients[5:] = np.linalg.solve(SLOPES[:, 5:], rest)
-    return coefficients / scale
+    # Counted from the start: the rounding of a constant would be in all coefficients.
+    ends = np.array((start, end)) - at_rest(start[0])
+    bernstein = BPoly.from_derivatives(np.array((0.0, duration)), ends)
+    powers = PPoly.from_bernstein_basis(bernstein).c[:, 0]
+    powers[-1] += start[0]
+    return powers
 
 
-class Piecewise:
-    """Polynomials one after another; the first holds for all time before, the last ever after.
+def linear(start: Array) -> Array:
+    """Coefficients as of ``join`` of a motion that keeps its velocity.
 
     Args:
-        origins: Where each piece counts its time from, m of them.
-        pieces: Coefficients of t^0, t^1, ... of each piece, shape (m, up to 10, n); a piece is
-            left for the next at the next one's origin.
+        start: Value and at least one derivative at t = 0, shape (2 or more, n).
     """
-
-    def __init__(self, origins: Sequence[float], pieces: Array) -> None:
-        self.origins = np.array(origins, dtype=float)
-        self.pieces = pieces
-        self._slopes = SLOPES[:, : pieces.shape[1]]
-        self._powers = POWERS[:, : pieces.shape[1]]
-
-    def __call__(self, t: float | Array) -> Array:
-        """Value and four derivatives at t, shape (5, *shape(t), n)."""
-        t = np.asarray(t, dtype=float)
-        i = self.origins[1:].searchsorted(t, side="right")
-        tau = t - self.origins[i]
-        # One row of powers a derivative, times the coefficients of the piece t lies in.
-        out = (self._slopes * tau[..., None, None] ** self._powers) @ self.pieces[i]
-        return out if out.ndim == 2 else np.moveaxis(out, -2, 0)
+    out = np.zeros((DEGREE + 1, start.shape[1]))
+    out[-1], out[-2] = start[:2]
+    return out
 
 
 def at_rest(place: Sequence[float] | Array) -> Array:
@@ -68,8 +50,32 @@ def at_rest(place: Sequence[float] | Array) -> Array:
     return out
 
 
-def still(place: Sequence[float] | Array) -> Array:
-    """Coefficients of the constant polynomial, shape (10, n)."""
-    out = np.zeros((TERMS, len(place)))
-    out[0] = place
-    return out
+def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> PPoly:
+    """Polynomials one after another; the first holds for all time before, the last ever after.
+
+    Args:
+        origins: Where each piece counts its time from; it is left for the next at the next one's.
+        pieces: Coefficients of each piece, highest power first, each of shape (10, n).
+    """
+    # Two that coincide may be in the wrong order by rounding.
+    x = np.maximum.accumulate((*origins, origins[-1]))
+    return PPoly(np.stack(pieces, axis=1), x)
+
+
+class WithDerivatives:
+    """A piecewise polynomial evaluated together with its first four derivatives.
+
+    Args:
+        polynomial: Of values of shape (n,).
+    """
+
+    def __init__(self, polynomial: PPoly) -> None:
+        c = np.zeros((*polynomial.c.shape[:2], 5, polynomial.c.shape[2]))
+        for k in range(5):
+            derived = polynomial.derivative(k).c
+            c[-len(derived) :, :, k] = derived
+        self._all = PPoly(c, polynomial.x)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Value and four derivatives at t, shape (5, *shape(t), n)."""
+        return np.moveaxis(self._all(t), -2, 0)

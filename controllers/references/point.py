@@ -43,7 +43,7 @@ class Hold(Reference):
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Reference):
-    """The wished position jumps from one point to another, as in Tables 8.1 and 8.2.
+    """The desired position jumps from one point to another, as in Tables 8.1 and 8.2.
 
     The derivatives are zero everywhere, the jump itself included.
 

@@ -12,7 +12,7 @@ import numpy as np
 from controllers.interfaces import Array, Reference
 from controllers.references.checks import finite, not_zero, pair, positive
 from controllers.references.harmonic import Oscillation
-from controllers.references.piecewise import Piecewise, at_rest, join, still
+from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
 
 REVOLUTIONS = 0.75
 """Default length of the soft start in periods of the faster axis.
@@ -35,7 +35,7 @@ class _SoftStarted(Reference):
 
     _start: float = field(init=False, repr=False, compare=False)
     _motion: Oscillation = field(init=False, repr=False, compare=False)
-    _opening: Piecewise = field(init=False, repr=False, compare=False)
+    _opening: WithDerivatives = field(init=False, repr=False, compare=False)
 
     @abstractmethod
     def _settings(self) -> tuple[Oscillation, float]:
@@ -47,13 +47,12 @@ class _SoftStarted(Reference):
         start = REVOLUTIONS * 2 * math.pi / fastest if self.start is None else self.start
         if not (math.isfinite(start) and start >= 0):
             raise ValueError(f"start must be a number of seconds, 0 or more, got {start}")
-        rest = (0.0, 0.0)
-        pieces = [still(rest), still(rest)]
-        if start > 0:
-            pieces[1] = join(at_rest(rest), motion(start), start)
+        rest = at_rest((0.0, 0.0))
+        still = linear(rest)
+        pieces = (still, join(rest, motion(start), start) if start > 0 else still)
         object.__setattr__(self, "_start", start)
         object.__setattr__(self, "_motion", motion)
-        object.__setattr__(self, "_opening", Piecewise((0.0, 0.0), np.array(pieces)))
+        object.__setattr__(self, "_opening", WithDerivatives(in_turn((0.0, 0.0), pieces)))
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""

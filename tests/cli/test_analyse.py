@@ -26,7 +26,7 @@ def content():
 def quick(monkeypatch, content):
     """The same command with the slow, scenario-independent part remembered."""
     monkeypatch.setattr(module, "design_rows", lambda *_: content["designs"])
-    monkeypatch.setattr(module, "findings", lambda _: [])
+    monkeypatch.setattr(module, "check_claims", lambda _: [])
 
 
 def test_json_is_one_object_with_every_part(content):

@@ -6,7 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from twin.cli import main
+from twin.cli import main, output
+from twin.cli.options import titled
+from twin.run import overview_plot
+from twin.run.execute import run as run_scenario
+from twin.run.overview_plot import picture
 
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 KEYS = {
@@ -145,3 +149,101 @@ def test_without_arguments_it_says_how_to_begin(ballplate):
     code, out, _ = ballplate()
     assert code == 0
     assert "ballplate run circle" in out
+
+
+@pytest.mark.parametrize(
+    ("changes", "more"),
+    [
+        ((), ""),
+        (("controller.rho=90.0", "reference.x=0.1"), ", controller.rho=90.0, reference.x=0.1"),
+    ],
+)
+def test_what_was_changed_is_in_the_title_of_everything_a_run_leaves(
+    ballplate, tmp_path, monkeypatch, changes, more
+):
+    drawn = []
+    monkeypatch.setattr(overview_plot.Figure, "suptitle", lambda _, text, **__: drawn.append(text))
+    title = f"Step to (150, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
+    asked = [word for change in changes for word in ("--set", change)]
+    _, out, _ = ballplate("run", "step", *QUICK, *asked)
+    assert out.splitlines()[0] == title
+    folder = tmp_path / "runs" / "step"
+    assert json.loads((folder / "metrics.json").read_text())["scenario"] == title
+    assert [" ".join(text.split()) for text in drawn] == [title]
+    ballplate("report", str(folder))
+    assert f"<h1>{title}</h1>" in (folder / "report.html").read_text()
+
+
+def test_a_run_as_it_is_shipped_keeps_its_title(ballplate, tmp_path, scenario):
+    chosen = scenario("duration=0.2")
+    assert titled(chosen, ()).title == chosen.title
+    assert titled(chosen, ("title=mine", "duration=0.2")).title == f"{chosen.title} (duration=0.2)"
+    assert titled(chosen, ("duration=0.2",)).model_copy(update={"title": chosen.title}) == chosen
+
+
+def test_a_long_title_is_broken_and_cut_to_fit_the_picture(scenario):
+    motion = run_scenario(scenario()).motion
+    drawn = picture({"one": motion}, "word " * 200, (0.25, 0.15))
+    lines = drawn.get_suptitle().splitlines()
+    assert len(lines) == 3
+    assert lines[-1].endswith(" ...")
+    box = drawn._suptitle.get_window_extent()
+    assert 0 < box.x0 < box.x1 < drawn.bbox.x1
+
+
+def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp_path):
+    monkeypatch.setattr(output.console, "width", 80)
+    code, out, _ = ballplate(
+        "compare", "step", *QUICK, "--vary", "plant.friction.rolling_mm=[0, 0.1, 0.18, 0.3]"
+    )
+    assert code == 0
+    assert out.startswith("Comparison over plant.friction.rolling_mm (duration=0.2")
+    heading = next(line for line in out.splitlines() if line.startswith("┃"))
+    assert heading.replace("┃", " ").split() == ["0", "0.1", "0.18", "0.3", "unit"]
+    assert "…" not in out
+    kept = {path.name for path in (tmp_path / "runs" / "compare").iterdir() if path.is_dir()}
+    assert kept == {f"plant.friction.rolling_mm-{value}" for value in ("0", "0.1", "0.18", "0.3")}
+
+
+def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
+    _, out, _ = ballplate(
+        *("compare", "hold", "step", *QUICK),
+        *("--vary", "controller.rho=[100.0]", "--vary", "reference.x=[0.0, 0.1]"),
+    )
+    assert out.startswith("Comparison over controller.rho, reference.x (")
+    heading = next(line for line in out.splitlines() if line.startswith("┃"))
+    assert [each.strip() for each in heading.split("┃")[2:-2]] == [
+        "hold 100.0, 0.0",
+        "hold 100.0, 0.1",
+        "step 100.0, 0.0",
+        "step 100.0, 0.1",
+    ]
+
+
+def test_the_tracking_error_comes_first_in_a_table(ballplate):
+    _, out, _ = ballplate("run", "circle", *QUICK)
+    rows = [line.split("│")[1].strip() for line in out.splitlines() if line.startswith("│")]
+    assert rows[:3] == ["tracking error e_tt", "RMS error, x", "outcome"]
+    assert len(set(rows)) == len(rows)
+
+
+def test_the_two_runs_of_a_scenario_are_told_apart_while_they_go_on(ballplate):
+    _, _, err = ballplate("run", "circle", *QUICK[2:])
+    assert [line for line in err.splitlines() if line.endswith("...")] == [
+        "honest twin ...",
+        "clean model ...",
+    ]
+
+
+def test_progress_says_share_rate_and_time_left(monkeypatch):
+    now = iter((100.0, 102.0, 104.0))
+    monkeypatch.setattr(output, "monotonic", lambda: next(now))
+    counted = output.Meter(120, "runs")
+    assert counted.text(20, "0 failed") == "20 of 120 runs, 0 failed"  # done before
+    assert counted.text(30, "1 failed") == (
+        "30 of 120 runs, 5 per second, about 18 s left, 1 failed"
+    )
+    assert counted.text(120) == "120 of 120 runs, 25 per second"
+    now = iter((0.0, 3.0))
+    share = output.Meter(2.0)
+    assert [share.text(0.0), share.text(0.5)] == ["0%", "25%, about 9 s left"]

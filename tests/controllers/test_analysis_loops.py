@@ -9,7 +9,6 @@ from controllers.analysis import (
     instability,
     margins,
     sampled_loop,
-    sampled_poles,
     state_feedback_loop,
 )
 from controllers.analysis.linearise import System, linear_law
@@ -140,7 +139,7 @@ def test_poles_of_law_and_linear_observer_are_separate(observer):
         *np.linalg.eigvals(Ad - Bd @ law.K),
         *np.linalg.eigvals(Ad @ (np.eye(8) - observer.L @ C)),
     ]
-    z = sampled_poles(law, observer, T)
+    z = sampled_loop(law, observer, T).eigenvalues()
     assert same(z[np.abs(z) > 1e-6], expected, rtol=1e-8)
 
 
@@ -154,7 +153,7 @@ def test_the_ekf_about_the_level_plate_is_the_kalman_filter():
 def test_a_predictor_with_the_right_dead_time_leaves_the_poles_of_the_law(delay):
     law = LQR()
     Ad, Bd = sample(A, B, T)
-    z = sampled_poles(law, Smith(observer=Luenberger(), delay=delay), dead_time=delay)
+    z = sampled_loop(law, Smith(observer=Luenberger(), delay=delay), dead_time=delay).eigenvalues()
     for pole in np.linalg.eigvals(Ad - Bd @ law.K):
         assert np.abs(z - pole).min() < 1e-8
 
@@ -211,7 +210,9 @@ def test_the_linear_loop_moves_like_the_real_objects(law, make, delay):
 def test_with_the_ideal_observer_the_law_gets_the_state():
     law = LQR()
     Ad, Bd = sample(A, B, T)
-    assert same(sampled_poles(law, Ideal()), np.linalg.eigvals(Ad - Bd @ law.K), rtol=1e-8)
+    assert same(
+        sampled_loop(law, Ideal()).eigenvalues(), np.linalg.eigvals(Ad - Bd @ law.K), rtol=1e-8
+    )
 
 
 def test_gains_too_high_for_the_period_are_told_with_their_poles():

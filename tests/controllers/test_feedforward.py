@@ -36,8 +36,8 @@ def test_the_flat_model_started_on_the_trajectory_stays_on_it():
 def test_the_feedback_acts_on_the_way_from_the_trajectory():
     law, t = Feedforward(rho=100, kappa=0.1), 0.7
     x = np.random.default_rng(5).normal(size=8) * 0.1
-    wished, u = law.trajectory(FAST(t))
-    expected = u - LQR(rho=100, kappa=0.1).K @ (x - wished)
+    desired, u = law.trajectory(FAST(t))
+    expected = u - LQR(rho=100, kappa=0.1).K @ (x - desired)
     np.testing.assert_allclose(law.control(t, x, FAST, NOTHING), expected)
 
 

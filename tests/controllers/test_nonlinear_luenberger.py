@@ -165,26 +165,6 @@ def test_ball_that_is_not_felt_corrects_nothing():
     np.testing.assert_array_equal(x[0, [2, 3, 6, 7]], x[1, [2, 3, 6, 7]])
 
 
-@pytest.mark.parametrize("plate_observer", [False, True])
-def test_batch_gives_each_rig_what_it_gets_alone(plate_observer):
-    rng = np.random.default_rng(3)
-    start, u = rng.uniform(-0.2, 0.2, (2, 3, 8)), rng.normal(size=(2, 3, 2))
-    y = start[..., ::2] + 0.01
-
-    def final(start, y, u):
-        observer = NonlinearLuenberger(plate_observer=plate_observer)
-        observer.start(start)
-        for _ in range(3):
-            observer.correct(measured(y))
-            observer.predict(u)
-        return observer.x
-
-    together = final(start, y, u)
-    for rig in np.ndindex(2, 3):
-        alone = final(start[rig], y[rig], u[rig])
-        np.testing.assert_allclose(together[rig], alone, rtol=1e-12, atol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -6,7 +6,7 @@ from controllers.interfaces import Law, Measurement, Observer, Reference
 from controllers.references import Circle, Hold
 from controllers.stack import Controller, SampledReference
 from controllers.state_feedback import LQR
-from twin.run.assemble import build_controller
+from twin.run.control import build_controller
 from twin.run.execute import run
 from twin.scenario import load
 
@@ -28,23 +28,23 @@ def test_every_law_observer_and_reference_of_the_thesis_is_found_by_name():
     assert {"hold", "step", "sine", "circle", "lissajous", "path"} <= set(catalog(Reference))
 
 
-def test_the_wished_rate_is_the_integral_of_the_laws_acceleration():
+def test_the_requested_rate_is_the_integral_of_the_laws_acceleration():
     controller = build_controller(load("hold"))
     y = np.array([[0.01, 0.0, 0.0, 0.0]])
     controller.start(measurement(0, y))
     total = np.zeros((1, 2))
     for tick in range(20):
-        wished = controller.command(measurement(tick, y))
-        total = total + PERIOD * controller.u
-        assert wished == pytest.approx(total)
-        controller.applied(wished)
+        step = controller.command(measurement(tick, y))
+        total = total + PERIOD * step.acceleration
+        assert step.rate == pytest.approx(total)
+        assert controller.applied(step.rate) == pytest.approx(step.acceleration)
 
 
-def test_the_observer_predicts_from_what_was_applied_not_from_what_was_wished():
+def test_the_observer_predicts_from_what_was_applied_not_from_what_was_requested():
     controller = build_controller(load("hold"))
     y = np.array([[0.1, 0.0, 0.0, 0.0]])
     controller.start(measurement(0, y))
-    assert abs(controller.command(measurement(0, y))[0, 0]) > 0
+    assert abs(controller.command(measurement(0, y)).rate[0, 0]) > 0
     controller.applied(np.zeros((1, 2)))
     assert controller.observer.x[0, 3] == 0.0
 

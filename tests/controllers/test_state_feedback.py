@@ -27,12 +27,12 @@ def polynomial(matrix):
 
 @settings(max_examples=80)
 @given(x=four_poles, y=four_poles)
-def test_placement_puts_the_poles_of_each_axis_where_they_are_wished(x, y):
+def test_placement_puts_the_poles_of_each_axis_where_they_are_requested(x, y):
     K = PolePlacement(poles=(*x, *y)).K
     closed = A - B @ K
     for axis, poles in ((slice(0, 4), x), (slice(4, 8), y)):
-        wished = np.poly(poles)
-        np.testing.assert_allclose(polynomial(closed[axis, axis]), wished, rtol=1e-7, atol=1e-9)
+        desired = np.poly(poles)
+        np.testing.assert_allclose(polynomial(closed[axis, axis]), desired, rtol=1e-7, atol=1e-9)
 
 
 @settings(max_examples=50)
@@ -44,11 +44,11 @@ def test_the_gains_solve_the_equations_of_the_thesis(poles):
         PolePlacement(poles=poles).K[0, :4],
         PolePlacement(poles=poles).K[1, 4:],
     )
-    wished = np.poly(poles)[1:]
+    desired = np.poly(poles)[1:]
     x = (-c2 * k12 + k14, -c2 * k11 + k13, c1g * k12, c1g * k11)
     y = (c2 * k22 + k24, c2 * k21 + k23, -c1g * k22, -c1g * k21)
-    np.testing.assert_allclose(x, wished, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(y, wished, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(x, desired, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(y, desired, rtol=1e-9, atol=1e-9)
 
 
 def test_a_pole_may_be_repeated():
@@ -95,16 +95,16 @@ def test_the_axes_do_not_act_on_each_other(law):
     np.testing.assert_allclose(law.K[1, :4], 0, atol=1e-9)
 
 
-@pytest.mark.parametrize("wish", ["position", "velocity"])
-def test_the_reference_state_is_the_one_asked_for(wish):
-    law, path, t = LQR(reference=wish), Sine(amplitude=(0.1, 0.05), omega=(1, 2)), 0.7
+@pytest.mark.parametrize("kind", ["position", "velocity"])
+def test_the_reference_state_is_the_one_asked_for(kind):
+    law, path, t = LQR(reference=kind), Sine(amplitude=(0.1, 0.05), omega=(1, 2)), 0.7
     r = path(t)
-    wished = np.zeros(8)
-    wished[[0, 4]] = r[0]
-    if wish == "velocity":
-        wished[[1, 5]] = r[1]
+    desired = np.zeros(8)
+    desired[[0, 4]] = r[0]
+    if kind == "velocity":
+        desired[[1, 5]] = r[1]
     x = np.random.default_rng(3).normal(size=8)
-    np.testing.assert_allclose(law.control(t, x, path, NOTHING), -law.K @ (x - wished))
+    np.testing.assert_allclose(law.control(t, x, path, NOTHING), -law.K @ (x - desired))
 
 
 def test_a_ball_at_rest_on_its_point_needs_no_input():

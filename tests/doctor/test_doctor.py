@@ -11,15 +11,14 @@ from twin.cli.doctor import doctor
 from twin.devices.akd.config import AkdConfig
 from twin.doctor import drives
 from twin.doctor.cams import measure
+from twin.doctor.check import CheckStatus, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time, delay
-from twin.doctor.finding import Verdict
-from twin.emulator.can_rehearsal import Rehearsal
-from twin.emulator.rehearsal import RehearsedRig
-from twin.emulator.screen_line import FRAME
-from twin.emulator.virtual import VirtualBench
+from twin.emulator.lockstep import LockstepDrives, LockstepRig
+from twin.emulator.screen import FRAME
+from twin.emulator.virtual import EmulatedPlant
 from twin.errors import TwinError
-from twin.hal.cams import CamTable, Direct
+from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
 from twin.run.assemble import build_limits
 from twin.scenario import load
@@ -28,18 +27,18 @@ from twin.scenario.rig import check_rig
 RIG = check_rig({"touch": {"port": "/dev/null"}}, "test")
 
 
-def verdicts(findings):
-    return {finding.what: finding for finding in findings}
+def by_name(results):
+    return {result.what: result for result in results}
 
 
 def examined(config=None, act=lambda rig: None):
-    with Rehearsal(config) as rig:
+    with LockstepDrives(config) as rig:
         act(rig)
         found = list(drives.bus(rig.servos.config, rig.servos))
         if rig.servos.axes:
             found += drives.torque(rig.servos)
-            found += drives.motion(rig.servos, Direct(5.0))
-        return verdicts(found)
+            found += drives.motion(rig.servos, FixedRatio(5.0))
+        return by_name(found)
 
 
 def with_axis(**changes):
@@ -50,7 +49,7 @@ def with_axis(**changes):
 
 def test_healthy_drives_pass_every_check():
     found = examined()
-    assert {finding.verdict for finding in found.values()} == {Verdict.PASS}
+    assert {result.status for result in found.values()} == {CheckStatus.PASS}
     assert "stopped by themselves" in found["heartbeat"].seen
     assert "phi encoder" in found
 
@@ -66,9 +65,9 @@ def test_healthy_drives_pass_every_check():
 )
 def test_a_wrong_direction_or_scale_fails_and_names_what_to_change(changes, advice):
     found = examined(with_axis(**changes))
-    assert found["phi encoder"].verdict is Verdict.FAIL
+    assert found["phi encoder"].status is CheckStatus.FAIL
     assert advice in found["phi encoder"].advice
-    assert found["theta encoder"].verdict is Verdict.PASS
+    assert found["theta encoder"].status is CheckStatus.PASS
 
 
 def test_a_drive_that_goes_on_without_heartbeat_fails():
@@ -76,31 +75,40 @@ def test_a_drive_that_goes_on_without_heartbeat_fails():
         for drive in rig.drives:
             drive.store.set(0x1016, 1, 0)
 
-    with Rehearsal() as rig:
+    with LockstepDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         deaf(rig)
-        found = verdicts(drives.torque(rig.servos))
-    assert found["heartbeat"].verdict is Verdict.FAIL
+        found = by_name(drives.torque(rig.servos))
+    assert found["heartbeat"].status is CheckStatus.FAIL
+
+
+def test_a_result_keeps_its_keys_in_json():
+    assert warned("timer", "late", "close other programs").as_dict() == {
+        "what": "timer",
+        "verdict": "warn",
+        "seen": "late",
+        "advice": "close other programs",
+    }
 
 
 def test_an_absent_drive_is_named_with_what_to_do():
     found = examined(act=lambda rig: rig.bus.drives.pop())
-    (finding,) = found.values()
-    assert finding.verdict is Verdict.FAIL
-    assert "drive theta (node 2)" in finding.seen
-    assert finding.advice
+    (result,) = found.values()
+    assert result.status is CheckStatus.FAIL
+    assert "drive theta (node 2)" in result.seen
+    assert result.advice
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [0.02, 0.08])
 def test_the_dead_time_is_measured_to_5_ms(scenario, late):
     chosen = scenario(f"sensors.touch.dead_time={late}", "plant.friction.rolling_mm=0.18")
-    bench = VirtualBench(chosen)
+    plant = EmulatedPlant(chosen)
     limits = build_limits(chosen.rig.limits)
-    rig = RehearsedRig(bench, transmission=bench.transmission, limits=limits)
-    (finding,) = dead_time(rig, late)
-    assert finding.verdict is Verdict.PASS
-    measured = float(finding.seen.split()[0]) / 1000
+    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+    (result,) = dead_time(rig, late)
+    assert result.status is CheckStatus.PASS
+    measured = float(result.seen.split()[0]) / 1000
     assert abs(measured - (late + FRAME / 2)) < 0.005
 
 
@@ -117,9 +125,9 @@ def test_a_known_delay_is_found_from_a_made_up_way():
 
 
 def test_what_nobody_has_confirmed_is_said(scenario):
-    found = verdicts(computer(scenario(), RIG))
+    found = by_name(computer(scenario(), RIG))
     assert "plate_counts" in found["settings of the drives"].seen
-    assert found["cam table"].verdict is Verdict.WARN
+    assert found["cam table"].status is CheckStatus.WARN
 
 
 @pytest.mark.parametrize(
@@ -155,12 +163,12 @@ def test_on_the_wire_nothing_fails_but_what_a_busy_machine_may_spoil():
 @pytest.mark.long
 def test_the_cams_of_a_rig_are_measured_to_a_count_of_its_encoders():
     quiet = ("disturbance.variance=[0,0]", "plant.friction.rolling_mm=0")
-    bench = VirtualBench(load("circle", quiet))
+    plant = EmulatedPlant(load("circle", quiet))
     true = CamTable.from_file(model_path("cams.json"))
     wrong = CamTable(true.grid, 1.04 * true.angles + 0.01 * true.angles[..., ::-1] ** 2)
-    with Rehearsal() as rig:
-        bench.attach(rig.drives)
-        rig.bus.moved = bench.advance
+    with LockstepDrives() as rig:
+        plant.attach(rig.drives)
+        rig.bus.moved = plant.advance
         found = measure(rig.servos, wrong, reach=np.radians(5), lines=5)
     assert found.before_deg > 0.15
     plate = np.radians(np.stack(np.meshgrid([-4, 0, 3], [-3, 0, 4]), axis=-1))
@@ -173,5 +181,5 @@ def test_a_measured_table_is_read_back_from_its_file(tmp_path):
     file = tmp_path / "measured.json"
     CamTable(true.grid, true.angles, {"made": "measured on a rig"}).save(file)
     rig = check_rig({"touch": {"port": "x"}, "cams": str(file)}, "test")
-    found = verdicts(computer(load("circle"), rig))
-    assert found["cam table"].verdict is Verdict.PASS
+    found = by_name(computer(load("circle"), rig))
+    assert found["cam table"].status is CheckStatus.PASS

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.emulator.can_frame import Frame
+from twin.emulator.can_faults import Frame
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power, PowerStage
 from twin.emulator.drive_settings import DriveSettings

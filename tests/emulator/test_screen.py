@@ -4,10 +4,9 @@ import time
 
 import pytest
 
-from twin.emulator.screen import EmulatedScreen
+from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.emulator.screen_faults import Damage, ScreenFault
-from twin.emulator.screen_line import ScreenLine
 
 pytestmark = pytest.mark.real_time
 

@@ -9,7 +9,16 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.explain import explain as command
-from twin.explain.divide import ALL, NONE, Case, attempt, divide, explain, plan, summary
+from twin.explain.attribution import (
+    ALL,
+    NONE,
+    EffectCase,
+    attempt,
+    attribute,
+    explain,
+    plan,
+    summary,
+)
 from twin.explain.effects import EFFECTS, changed, exact, present, with_typical, without
 from twin.scenario import load
 
@@ -99,7 +108,7 @@ def test_of_a_single_effect_alone_and_all_are_the_same_run(clean):
 
 def test_of_a_single_effect_shares_add_up_to_the_whole(clean):
     found = explain(changed(clean, [{"plant.friction.rolling_mm": 0.2}]), processes=1)
-    (part,) = found.parts
+    (part,) = found.contributions
     assert part.effect.name == "friction"
     assert part.share + found.base == pytest.approx(1.0)
     assert found.rest == pytest.approx(0.0, abs=1e-12)
@@ -109,14 +118,14 @@ def case(error, **changes):
     error = np.asarray(error, float)
     rms = float(np.sqrt((error**2).sum(axis=1).mean()))
     values = {"outcome": "finished", "percent": None, "rms": rms} | changes
-    return Case(error=error, distance=np.hypot(*error.T), **values)
+    return EffectCase(error=error, distance=np.hypot(*error.T), **values)
 
 
 def test_errors_at_right_angles_divide_by_their_squares(clean):
     # what two effects add in different directions: 3 along x, 4 along y of a whole of length 5
     scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
     x, y, nothing = [[3.0, 0.0]], [[0.0, 4.0]], [[0.0, 0.0]]
-    found = divide(
+    found = attribute(
         scenario,
         {
             ALL: case([[3.0, 4.0]]),
@@ -127,7 +136,7 @@ def test_errors_at_right_angles_divide_by_their_squares(clean):
             "-level": case(x),
         },
     )
-    assert {part.effect.name: part.share for part in found.parts} == pytest.approx(
+    assert {part.effect.name: part.share for part in found.contributions} == pytest.approx(
         {"friction": 9 / 25, "level": 16 / 25}
     )
     assert found.rest == pytest.approx(0.0)
@@ -137,9 +146,9 @@ def test_effects_that_only_act_together_are_given_to_none_of_them(clean):
     scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2, "plant.level_deg": (0.05, 0.0)}])
     whole, nothing = case([[1.0, 0.0]]), case([[0.0, 0.0]])
     each = dict.fromkeys(("+friction", "+level", "-friction", "-level"), nothing)
-    found = divide(scenario, {ALL: whole, NONE: nothing, **each})
+    found = attribute(scenario, {ALL: whole, NONE: nothing, **each})
     # last in, each brings all of it; first in, nothing: half and half, and none is left over
-    assert [part.share for part in found.parts] == pytest.approx([0.5, 0.5])
+    assert [part.share for part in found.contributions] == pytest.approx([0.5, 0.5])
     assert found.rest == pytest.approx(0.0)
 
 
@@ -147,8 +156,8 @@ def test_a_run_that_was_cut_short_has_no_share_and_says_why(clean):
     scenario = changed(clean, [{"plant.friction.rolling_mm": 0.2}])
     lost = case([[0.1, 0.0]], outcome="fell at 1.0 s", rms=None)
     good = case([[0.1, 0.0]])
-    found = divide(scenario, {ALL: good, NONE: good, "+friction": good, "-friction": lost})
-    assert found.parts[0].share is None
+    found = attribute(scenario, {ALL: good, NONE: good, "+friction": good, "-friction": lost})
+    assert found.contributions[0].share is None
     assert found.rest is None
     assert summary(found)["effects"]["friction"]["without"]["outcome"] == "fell at 1.0 s"
 

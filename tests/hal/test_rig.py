@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.emulator.rehearsal import RehearsedRig
-from twin.emulator.virtual import VirtualBench
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.virtual import EmulatedPlant
 from twin.hal.states import State
 from twin.run.assemble import assemble, build_limits
 
@@ -24,10 +24,10 @@ SIMULATED = ("lagrange", "mujoco")
 def build(kind, scenario):
     """Two simulated rigs, or one of the hardware's kind on emulated devices."""
     if kind != "emulated":
-        return assemble(scenario(f"plant.kind={kind}", *QUIET), rigs=2).rig
+        return assemble([scenario(f"plant.kind={kind}", *QUIET)] * 2).rig
     chosen = scenario("plant.kind=mujoco", *QUIET)
-    bench, limits = VirtualBench(chosen), build_limits(chosen.rig.limits)
-    return RehearsedRig(bench, transmission=bench.transmission, limits=limits)
+    plant, limits = EmulatedPlant(chosen), build_limits(chosen.rig.limits)
+    return LockstepRig(plant, transmission=plant.transmission, limits=limits)
 
 
 @pytest.fixture(params=[*SIMULATED, "emulated"])
@@ -49,8 +49,12 @@ def both(rig, rate):
     return np.full((count(rig), 2), rate)
 
 
+def true_state(rig):
+    return rig.devices.state if hasattr(rig, "devices") else rig.plant.devices.state
+
+
 def true_plate(rig):
-    return getattr(rig.bench, "bench", rig.bench).state[:, 2::4]
+    return true_state(rig)[:, 2::4]
 
 
 def turn(rig, rate, periods):
@@ -131,14 +135,14 @@ def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(s
     with simulated:
         simulated.start()
         measurement = turn(simulated, np.full((2, 2), 0.1), 100)
-        assert measurement.y == pytest.approx(simulated.bench.state[:, 0::2])
+        assert measurement.y == pytest.approx(simulated.devices.state[:, 0::2])
 
 
 def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simulated):
     drift, gain, added = 0.03, 8.0, 0.0
-    simulated.bench._drift = np.full((2, 2), drift * simulated.bench.plant.ratio)
-    simulated.bench._disturbance.silent = False
-    simulated.bench._disturbance.draw = lambda: 0.0
+    simulated.devices._drift = np.full((2, 2), drift * simulated.devices.plant.ratio)
+    simulated.devices._disturbance.silent = False
+    simulated.devices._disturbance.draw = lambda: 0.0
     with simulated:
         simulated.start()
         measured = simulated.read().y

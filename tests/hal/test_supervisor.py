@@ -28,7 +28,7 @@ def measured(ball, plate=(0.0, 0.0)):
 
 @settings(max_examples=200)
 @given(WISHES, st.integers(1, 40))
-def test_whatever_is_wished_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
+def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_limits(wishes, hold):
     supervisor = running()
     before = np.zeros((2, 2))
     for wish in wishes:

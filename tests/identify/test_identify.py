@@ -6,6 +6,7 @@ import csv
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -13,14 +14,14 @@ from click.testing import CliRunner
 from controllers.ballplate import BallPlate
 from twin.cli.identify import identify as command
 from twin.errors import ScenarioError
-from twin.identify.columns import COLUMNS, LogError
+from twin.identify.bootstrap import estimate
 from twin.identify.identify import identify
-from twin.identify.log import read
-from twin.identify.motion import servo
+from twin.identify.levenberg_marquardt import TOLERANCE, minimise
+from twin.identify.log import COLUMNS, LogError, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
-from twin.identify.replay import STEP, Field, replay
+from twin.identify.plate_motion import servo_response
+from twin.identify.replay import STEP, AccelerationField, replay
 from twin.identify.report import page, parameters
-from twin.identify.scores import estimate
 from twin.run.execute import run, save
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
@@ -219,7 +220,7 @@ def shifted_back(time):
         ({"measured_x": scaled(-1)}, "measured_x accelerates against measured_phi"),
         ({"measured_x": scaled(0.1)}, "measured_x accelerates .* times as much"),
         ({"applied_phi_acc": scaled(57.3)}, "measured_phi moves .* times as far"),
-        ({"touched": scaled(0)}, "never felt the ball"),
+        ({"touched": scaled(0)}, "never detected the ball"),
         ({"measured_x": scaled(0), "measured_y": scaled(0)}, "too quiet"),
     ],
 )
@@ -267,6 +268,36 @@ def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path, content, suffix)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        b"[1, 2]",
+        b"{",
+        b"\xff",
+        b"[" * 5000,
+        b'{"scenario": 3}',
+        b'{"scenario": {"plant": []}}',
+        b'{"scenario": {"plant": {"kind": ["mujoco"]}}}',
+        b'{"scenario": {"plant": {"ball": {"mass": "heavy"}}}}',
+        b'{"scenario": {"rig": {"period": null}}}',
+    ],
+)
+def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(folder, tmp_path, metadata):
+    table = pq.read_table(folder / "run.parquet").replace_schema_metadata({"ballplate": metadata})
+    pq.write_table(table, tmp_path / "foreign.parquet")
+    with pytest.raises(LogError, match=r"foreign\.parquet: its metadata") as caught:
+        read(tmp_path / "foreign.parquet")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
+    names = [name for name, column in COLUMNS.items() if column.required]
+    table = pa.table({name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in names})
+    pq.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(LogError, match="measured_y: is not one column of numbers"):
+        read(tmp_path / "log.parquet")
+
+
 def test_an_unknown_parameter_is_refused_with_those_known():
     with pytest.raises(LogError, match="no 'frction'") as caught:
         chosen("rolling,frction")
@@ -289,13 +320,15 @@ def test_the_command_writes_its_files_and_prints_one_json_object(folder, tmp_pat
     assert result.return_value == 0
     told = json.loads(result.stdout)
     assert [each["name"] for each in told["parameters"]] == ["rolling", "wheels"]
+    assert told["fit"]["reason"] in {"converged", "step limit reached"}
+    assert 0 < told["fit"]["steps"] <= told["fit"]["step_limit"]
     assert {path.name for path in out.iterdir()} == {"report.html", "parameters.toml"}
 
 
 def test_a_servo_solves_its_first_order_equation():
     period, lag, parts = 0.002, 0.02, 2000
     command = np.random.default_rng(0).normal(0, 0.2, (50, 1))
-    angle, speed = servo(command, period, lag)
+    angle, speed = servo_response(command, period, lag)
     truth, step = np.zeros(2), period / parts
     for k in range(50):
         assert angle[k, 0] == pytest.approx(truth[0], abs=1e-7)
@@ -315,13 +348,30 @@ def test_a_replay_rolls_as_the_exact_plant_does():
         plant.advance(np.array([[0.05 * np.sin(swing[0] * t), 0.04 * np.sin(swing[1] * t)]]), 4)
         states.append(plant.state.copy())
     states = np.array(states)[:, 0]
-    field = Field.of(model, states[None, :, 2::4], states[None, :, 3::4])
+    field = AccelerationField.of(model, states[None, :, 2::4], states[None, :, 3::4])
     start = states[0, [0, 4, 1, 5]][:, None, None]
     places, _ = replay(field, model, friction, np.zeros((2, 1, 1)), start)
     assert STEP == 0.004
     way = np.abs(np.diff(states[:, 0::4], axis=0)).sum()
     assert way > 0.1
     assert np.abs(places[:, :, 0, 0] - states[:, 0::4]).max() < 0.005 * way
+
+
+def test_a_minimisation_says_why_it_stopped(found):
+    fit = found.fit
+    long = minimise(fit.problem, fit.theta[None], fit.starts, 300)
+    assert long.termination.reason == "converged"
+    assert 2 <= long.termination.steps < 300
+    assert "converged after" in str(long.termination)
+    again = minimise(fit.problem, long.theta, long.starts, 300)
+    assert again.termination.steps == 2
+    assert long.cost[0] - again.cost[0] <= 2 * TOLERANCE * long.cost[0]
+    away = fit.theta.copy()
+    away[fit.problem.names.index("rolling")] *= 2
+    short = minimise(fit.problem, away[None], fit.starts, 1)
+    assert short.termination.reason == "step limit reached"
+    assert short.termination.steps == short.termination.step_limit == 1
+    assert "limit of 1 steps" in str(short.termination)
 
 
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():
@@ -333,5 +383,5 @@ def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_sa
         step = np.linalg.solve(normal.sum(axis=0), np.einsum("wmi,wm->i", slopes, r))
         left = r - slopes @ step
         fit = estimate(truth + step, normal, np.einsum("wmi,wm->wi", slopes, left))
-        covered += int(abs(fit.value[0] - truth[0]) <= fit.spread[0])
+        covered += int(abs(fit.value[0] - truth[0]) <= fit.half_width[0])
     assert 180 <= covered <= 199

@@ -7,11 +7,10 @@ from twin.identify.identify import identify
 from twin.identify.log import MECHANISM_GRIP, MECHANISM_LAG, Log
 from twin.identify.parameters import DEFAULT
 from twin.jobs import results
-from twin.run import assemble
+from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.sim.plant.friction import Friction
 
 pytestmark = pytest.mark.long
 
@@ -27,19 +26,23 @@ def trials(batch):
     bandwidth, delay = BATCHES[batch]
     rng = np.random.default_rng(SEED + batch)
     rolling, ratio = rng.uniform(1.2e-4, 3e-4, EACH), rng.uniform(1.2, 2.0, EACH)
-    scenario = load(
-        "excite",
-        (
-            f"seed={SEED + batch}",
-            f"plant.servo.bandwidth_hz={bandwidth}",
-            f"sensors.touch.dead_time={delay}",
-        ),
-    )
-    assemble.build_friction = lambda _: Friction(rolling=rolling, breakaway_ratio=ratio)
-    rig, controller = assemble.assemble(scenario, rigs=EACH, threads=1)
-    period = scenario.rig.period
-    record = Recorder(round(scenario.duration / period), EACH, period, rig.channels)
-    drive(rig, controller, scenario.duration, record)
+    common = (f"plant.servo.bandwidth_hz={bandwidth}", f"sensors.touch.dead_time={delay}")
+    scenarios = [
+        load(
+            "excite",
+            (
+                *common,
+                f"plant.friction.rolling_mm={1000 * rolling[k]}",
+                f"plant.friction.breakaway_ratio={ratio[k]}",
+            ),
+        )
+        for k in range(EACH)
+    ]
+    seeds = [np.random.SeedSequence(SEED + batch, spawn_key=(k,)) for k in range(EACH)]
+    rig, controller = assemble(scenarios, threads=1, seeds=seeds)
+    duration, period = scenarios[0].duration, rig.period
+    record = Recorder(round(duration / period), EACH, period, rig.channels)
+    drive(rig, controller, duration, record)
     found = []
     for k in range(EACH):
         measured = record["measured"][:, k]

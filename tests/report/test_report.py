@@ -8,10 +8,10 @@ from click.testing import CliRunner
 
 from twin.cli.report import report as command
 from twin.errors import RecordError
-from twin.report.findings import Findings, spectrum
+from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
-from twin.report.words import verdict
+from twin.report.summary import summary
 from twin.run.execute import run, save
 from twin.run.replay import Replay, open_run
 from twin.scenario.load import check
@@ -35,7 +35,7 @@ def made(ball, tables=TABLES, **columns):
         for part in ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate"):
             rows[f"{kind}_{part}"] = np.zeros(len(time))
     for axis in ("phi", "theta"):
-        for kind in ("wished", "applied"):
+        for kind in ("requested", "applied"):
             rows[f"{kind}_{axis}_acc"] = np.zeros(len(time))
     for kind in ("true", "estimated"):
         rows[f"{kind}_x"], rows[f"{kind}_y"] = ball(time).T
@@ -56,7 +56,7 @@ def on_x(values):
 
 
 def test_lag_and_gain_of_a_known_motion_are_found():
-    found = Findings.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0))))
+    found = Diagnosis.of(made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0))))
     assert found.lag == pytest.approx(0.18, abs=1e-3)
     assert found.gain == pytest.approx(0.9, abs=1e-3)
     assert found.rest < 1e-4
@@ -64,30 +64,30 @@ def test_lag_and_gain_of_a_known_motion_are_found():
 
 def test_a_resting_reference_has_no_lag():
     tables = {**TABLES, "reference": {"kind": "hold"}}
-    found = Findings.of(made(lambda t: on_x(0.01 * np.sin(t)), tables))
+    found = Diagnosis.of(made(lambda t: on_x(0.01 * np.sin(t)), tables))
     assert (found.lag, found.gain, found.rest) == (None, None, None)
 
 
 def test_the_error_is_the_root_mean_square_from_the_start_of_the_metrics():
-    found = Findings.of(made(lambda t: reference(t) + on_x(np.where(t < 6, 0.2, 0.004))))
+    found = Diagnosis.of(made(lambda t: reference(t) + on_x(np.where(t < 6, 0.2, 0.004))))
     assert found.rms == pytest.approx(0.004)
 
 
 def test_cut_effort_is_counted_and_told():
     some = made(reference)
-    wished = some.rows["wished_phi_acc"].copy()
-    wished[:2500] = 9.0
-    cut = made(reference, wished_phi_acc=wished)
-    assert Findings.of(cut).cut == pytest.approx(0.25)
-    assert any("cut the control effort 25.0%" in line for line in verdict(cut, Findings.of(cut)))
-    assert any("No limit was in the way" in line for line in verdict(some, Findings.of(some)))
+    requested = some.rows["requested_phi_acc"].copy()
+    requested[:2500] = 9.0
+    cut = made(reference, requested_phi_acc=requested)
+    assert Diagnosis.of(cut).cut == pytest.approx(0.25)
+    assert any("cut the control effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
+    assert any("No limit was in the way" in line for line in summary(some, Diagnosis.of(some)))
 
 
 def test_a_fall_is_told_first_and_with_its_reason():
     some = made(reference)
     metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
     fell = Replay(**{**vars(some), "metrics": metrics})
-    assert verdict(fell, Findings.of(fell))[0] == (
+    assert summary(fell, Diagnosis.of(fell))[0] == (
         "The ball fell off the plate after 3.25 s: ball left the plate."
     )
 

@@ -28,7 +28,8 @@ def test_a_rig_among_three_does_exactly_what_it_does_alone(scenario, kind):
         f"plant.kind={kind}", "controller.kind=afl", "controller.poles=[-2,-2.5,-3,-4]"
     )
     alone = run(chosen).record
-    rig, controller = assemble(chosen, rigs=3)
+    others = [chosen.model_copy(update={"seed": seed}) for seed in (1, 2)]
+    rig, controller = assemble([chosen, *others])
     together = Recorder(200, 3, chosen.rig.period)
     drive(rig, controller, chosen.duration, together)
     for name in alone.data:
@@ -41,7 +42,7 @@ def test_the_number_of_threads_changes_nothing(scenario):
     chosen = scenario("plant.kind=mujoco")
     records = []
     for threads in (1, 2):
-        rig, controller = assemble(chosen, rigs=4, threads=threads)
+        rig, controller = assemble([chosen] * 4, threads=threads)
         records.append(Recorder(200, 4, chosen.rig.period))
         drive(rig, controller, chosen.duration, records[-1])
     for name in records[0].data:
@@ -96,11 +97,11 @@ def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
 ):
     chosen = scenario(f"plant.kind={kind}", "duration=2")
     rig, controller = assemble(chosen)
-    plant, advance = rig.bench.plant, rig.bench.plant.advance
+    plant, advance = rig.devices.plant, rig.devices.plant.advance
 
     def run_away(rate, steps):
         advance(rate, steps)
-        if rig.bench.time == pytest.approx(0.5):
+        if rig.devices.time == pytest.approx(0.5):
             (plant._x if kind == "lagrange" else plant._qvel)[:] = 1e300
 
     monkeypatch.setattr(plant, "advance", run_away)
@@ -129,7 +130,7 @@ def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp
     done = run(chosen)
     assert done.outcome.ending is Ending.ABORTED
     assert done.record.length == 49
-    assert np.abs(rig.bench.state[0, 2::4]).max() < 1e-3
+    assert np.abs(rig.devices.state[0, 2::4]).max() < 1e-3
     save(done, tmp_path, {"run": done.motion})
     assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "aborted"
 

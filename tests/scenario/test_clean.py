@@ -5,7 +5,7 @@ import pytest
 from twin.run.execute import run
 from twin.scenario import load
 from twin.scenario.clean import clean
-from twin.scenario.plant import MECHANISM_ONLY, Plant
+from twin.scenario.plant import MECHANISM_ONLY, PlantTable
 from twin.scenario.schema import Scenario
 
 OF_THE_RIG = {
@@ -31,6 +31,8 @@ OF_THE_RIG = {
     "plant.surface.height_um": "[[0.0, 9.0], [5.0, 0.0]]",
     "plant.servo.bandwidth_hz": "10.0",
     "plant.servo.backlash_deg": "0.1",
+    "plant.servo.vibration": "0.5",
+    "plant.servo.vibration_hz": "20.0",
     "plant.servo.speed_limit": "100.0",
     "plant.servo.torque_limit": "4.0",
     "plant.wheels.stiffness": "60000.0",
@@ -40,6 +42,7 @@ OF_THE_RIG = {
     "plant.start.spin": "20.0",
     "rig.cams": "ratio",
     "rig.cam_error_percent": "[3.0, 3.0]",
+    "rig.cam_coupling_percent": "2.0",
     "sensors.noise_hold": "0.01",
     "sensors.touch.dead_time": "0.08",
     "sensors.touch.dead_time_spread": "0.002",
@@ -86,7 +89,7 @@ def test_another_rig_has_the_same_clean_model(key, value):
 def test_a_clean_model_is_a_scenario_that_can_be_written_and_read():
     found = clean(load("circle", ("plant.start.spin=3.0", "plant.start.x=0.1")))
     assert Scenario.model_validate_json(found.model_dump_json()) == found
-    assert found.plant.start == Plant().start.model_copy(update={"x": 0.1})
+    assert found.plant.start == PlantTable().start.model_copy(update={"x": 0.1})
 
 
 def test_on_the_clean_model_nothing_but_discretisation_keeps_the_ball_from_the_circle():

@@ -1,3 +1,4 @@
+import pickle
 import tomllib
 
 import pytest
@@ -92,7 +93,34 @@ def test_an_override_leaves_the_original_alone():
     assert MINIMAL["controller"]["rho"] == 300.0
 
 
-@given(st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(), st.booleans()))
+@given(
+    st.one_of(
+        st.floats(allow_nan=False, allow_infinity=False),
+        st.integers(-(2**63), 2**63 - 1),
+        st.booleans(),
+    )
+)
 def test_any_toml_value_survives_an_override(value):
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     assert override({}, [f"a.b={text}"]) == {"a": {"b": tomllib.loads(f"v={text}")["v"]}}
+
+
+@pytest.mark.parametrize("name", ["circle", "sine"])
+def test_a_shorter_run_is_judged_from_the_same_share_of_it_on(name):
+    whole = load(name)
+    short = load(name, ["duration=5"])
+    share = whole.metrics.start / whole.duration
+    assert share > 0
+    assert short.metrics.start == pytest.approx(5 * share)
+    assert load(name, [f"duration={whole.duration - 1}"]).metrics.start == whole.metrics.start
+
+
+def test_a_start_that_is_given_is_kept_or_refused():
+    assert load("circle", ["duration=5", "metrics.start=4.5"]).metrics.start == 4.5
+    with pytest.raises(ScenarioError, match=r"metrics.start: 5 s is not before the end"):
+        load("circle", ["duration=5", "metrics.start=5"])
+
+
+def test_a_scenario_can_be_sent_to_another_process():
+    chosen = load("circle", ["plant.friction.rolling_mm=0.1", "sensors.touch.grid=64"])
+    assert pickle.loads(pickle.dumps(chosen)) == chosen

@@ -1,24 +1,32 @@
 """The level from a log: a rig that stands askew, and the foot to raise."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.calibrate import level
+from twin.cli.calibrate import FEET, advice, level
+from twin.identify.parameters import BALL
+from twin.identify.verdict import ParameterVerdict
 from twin.run.execute import run, save
 from twin.scenario import load
 
 TILT = (0.12, -0.07)
 
 
+def excite(path, *settings):
+    """A run folder of the excitation."""
+    done = run(load("excite", settings))
+    save(done, path, {"run": done.motion})
+    return path
+
+
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("level") / "excite"
-    done = run(load("excite", ("duration=24", f"plant.level_deg={list(TILT)}")))
-    save(done, path, {"run": done.motion})
-    return path
+    return excite(path, "duration=24", f"plant.level_deg={list(TILT)}")
 
 
 def test_the_tilt_of_the_base_is_found_to_a_hundredth_of_a_degree(log):
@@ -34,3 +42,38 @@ def test_the_low_side_is_the_one_to_raise(log):
     assert "raise the +x side by 2." in result.stdout
     assert "raise the +y side by 1." in result.stdout
     assert 1000 * np.tan(np.radians(0.12)) == pytest.approx(2.1, abs=0.05)
+
+
+def test_on_a_level_rig_there_is_nothing_to_do(tmp_path):
+    log = excite(tmp_path / "excite", "duration=24")
+    result = CliRunner().invoke(level, [str(log)], standalone_mode=False)
+    assert result.return_value == 0
+    for line, name in zip(result.stdout.splitlines(), ("phi", "theta"), strict=True):
+        said = re.fullmatch(rf"level_{name}: level within (0\.00\d+) deg: nothing to do", line)
+        assert said
+        assert float(said[1]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "word", "says"),
+    [
+        (0.001, -0.001, 0.003, "identified", "level within 0.003 deg: nothing to do"),
+        (-0.001, -0.004, 0.002, "identified", "level within 0.004 deg: nothing to do"),
+        (0.01, -0.2, 0.22, "not identifiable", "too uncertain to level by; roll more"),
+        (0.3, 0.2, 0.4, "not identifiable", "raise the +x side by 5.24 mm per metre along x"),
+        (-0.3, -0.31, -0.29, "identified", "raise the -x side by 5.24 mm per metre along x"),
+        (None, None, None, "not identifiable", "roll more"),
+    ],
+)
+def test_advice_needs_an_interval_without_zero(value, low, high, word, says):
+    found = ParameterVerdict(
+        about=BALL["level_phi"],
+        name="level_phi",
+        value=value,
+        low=low,
+        high=high,
+        word=word,
+        why="" if word == "identified" else "roll more",
+    )
+    assert advice(found, FEET[0]).endswith(says)
+    assert ("raise" in advice(found, FEET[0])) == (value is not None and low * high > 0)

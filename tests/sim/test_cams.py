@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.optimize import fsolve
 
 from twin.errors import ModelError
-from twin.hal.cams import CamTable, Direct
+from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
-from twin.sim.calibration import residual, sweep_cams
+from twin.sim.calibration import static_error, sweep_cams
 from twin.sim.plant.mechanism import Mechanism
 
 STIFFNESS = 80e3
@@ -77,13 +77,13 @@ def test_the_table_closes_the_geometry_too(table):
 
 
 def test_integrated_rates_bring_both_axes_within_a_twentieth_of_a_degree(table):
-    left = residual(table, lines=6)
+    left = static_error(table, lines=6)
     assert left.max_deg < 0.05
     assert left.poses == 36
 
 
 def test_one_table_per_axis_leaves_the_cross_coupling_over(table):
-    separate = residual(table.per_axis(), lines=4)
+    separate = static_error(table.per_axis(), lines=4)
     assert 0.2 < separate.max_deg < 0.4
 
 
@@ -163,5 +163,5 @@ def test_a_file_that_is_no_table_is_refused_in_one_line(tmp_path, text):
 
 def test_direct_transmission_only_multiplies():
     plate = np.array([[0.1, -0.2]])
-    assert np.array_equal(Direct().motor(plate), plate)
-    assert np.array_equal(Direct(5.0).motor(plate), 5 * plate)
+    assert np.array_equal(FixedRatio().motor(plate), plate)
+    assert np.array_equal(FixedRatio(5.0).motor(plate), 5 * plate)

@@ -12,6 +12,7 @@ from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
+from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
 
 BALL = BallPlate()
@@ -36,7 +37,7 @@ def test_at_the_start_the_plate_is_level_and_the_ball_where_it_was_put():
 
 
 def test_a_ball_started_in_motion_rolls_from_the_first_step_on():
-    plant = Mechanism(rolling=0.0)
+    plant = Mechanism(friction=Friction(rolling=0.0))
     speed = np.array([0.3, -0.2])
     plant.start(np.array([[0.0, speed[0], 0.0, speed[1]]]))
     for _ in range(100):
@@ -110,7 +111,8 @@ def test_any_number_of_threads_gives_the_same_bits(threads):
     rates = rng.uniform(-2, 2, (50, 5, 2))
     start = np.zeros((5, 4))
     start[:, 0] = np.linspace(-0.2, 0.2, 5)
-    plants = [Mechanism(rigs=5, threads=n, rolling=np.linspace(0, 4e-4, 5)) for n in (1, threads)]
+    friction = Friction(rolling=np.linspace(0, 4e-4, 5))
+    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, threads)]
     for plant in plants:
         plant.start(start)
         for rate in rates:
@@ -121,9 +123,9 @@ def test_any_number_of_threads_gives_the_same_bits(threads):
 
 def test_a_rig_among_many_moves_as_it_does_alone():
     rolling = np.array([0.0, 1.8e-4, 4e-4])
-    many = Mechanism(rigs=3, rolling=rolling)
+    many = Mechanism(rigs=3, friction=Friction(rolling=rolling))
     many.start(np.tile([0.1, 0.05, 0.0, 0.0], (3, 1)))
-    alone = [Mechanism(rolling=value) for value in rolling]
+    alone = [Mechanism(friction=Friction(rolling=value)) for value in rolling]
     for plant in alone:
         plant.start(np.array([[0.1, 0.05, 0.0, 0.0]]))
     for k in range(200):
@@ -136,7 +138,7 @@ def test_a_rig_among_many_moves_as_it_does_alone():
 
 def test_a_rolling_ball_slows_down_with_the_friction_of_its_own_rig():
     lever = np.array([0.0, 1e-4, 2e-4, 4e-4])
-    plant = Mechanism(rigs=4, rolling=lever)
+    plant = Mechanism(rigs=4, friction=Friction(rolling=lever))
     plant.start(np.tile([-0.1, 0.2, 0.0, 0.0], (4, 1)))
     plant.advance(np.zeros((4, 2)), 500)
     slowing = (0.2 - plant.state[:, 1]) / 0.5
@@ -291,15 +293,18 @@ def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, says
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"rigs": 0}, {"step": 0.0}, {"step": math.nan}, {"rolling": -1e-4}, {"rolling": math.inf}],
-)
+@pytest.mark.parametrize("wrong", [{"rigs": 0}, {"step": 0.0}, {"step": math.nan}], ids=str)
 def test_impossible_numbers_are_refused(wrong):
     with pytest.raises(ModelError):
         Mechanism(**wrong)
 
 
+@pytest.mark.parametrize("rolling", [-1e-4, math.inf])
+def test_impossible_friction_is_refused(rolling):
+    with pytest.raises(ModelError, match="rolling must be at least 0"):
+        Mechanism(friction=Friction(rolling=rolling))
+
+
 def test_a_rolling_friction_too_small_to_simulate_is_refused():
     with pytest.raises(ModelError, match="rolling friction"):
-        Mechanism(rolling=1e-6)
+        Mechanism(friction=Friction(rolling=1e-6))

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from twin.html import inline
-from twin.study.answers import Answer, Index, answers, spread
+from twin.study.answers import Answer, SensitivityIndex, answers, spread
 from twin.study.carry import carry
 from twin.study.design import points
 from twin.study.figures import figures
 from twin.study.report import write
 from twin.study.schema import METRICS, Study
 from twin.study.store import Store
-from twin.study.words import sentences
+from twin.study.summary import sentences
 from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
@@ -149,7 +149,7 @@ def test_the_map_of_many_runs_is_no_larger_than_that_of_some() -> None:
     for samples in (6_000, 24_000):
         about = study("montecarlo", samples)
         values = np.random.default_rng(1).uniform(size=samples)
-        indices = tuple(Index(key, 0.5, 0.1, np.nan, decided=True) for key in KEYS)
+        indices = tuple(SensitivityIndex(key, 0.5, 0.1, np.nan, decided=True) for key in KEYS)
         found = [Answer("one", spread(values), indices, values=values)]
         sizes.append(len(inline(figures(about, found, points(about))["map"])))
     assert sizes[1] < 1.2 * sizes[0] < 1e6

@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 
 from controllers.state_feedback import LQR
-from twin.run.assemble import build_controller
+from twin.run.batch import alike, simulate
 from twin.run.execute import run
-from twin.run.metrics import Metrics
 from twin.scenario import Scenario, load
 from twin.sim.plant.exact import ExactPlant
-from twin.study.alike import common
-from twin.study.batch import simulate
 
 LAWS = (
     ("controller.kind=backstepping",),
@@ -45,22 +42,18 @@ def scenarios(kind: str, count: int, duration: float) -> list[Scenario]:
     return found
 
 
-def together(some: list[Scenario]) -> list[Metrics]:
-    return simulate(some, [build_controller(scenario) for scenario in some])
-
-
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
     all_of_them = scenarios(kind, 10, 0.24)
-    whole = together(all_of_them)
+    whole = simulate(all_of_them)
     for some in ([0], [3, 7], list(range(9, -1, -1))):
-        assert together([all_of_them[i] for i in some]) == [whole[i] for i in some]
+        assert simulate([all_of_them[i] for i in some]) == [whole[i] for i in some]
 
 
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:
     some = scenarios(kind, 5, 0.24)
-    for scenario, metrics in zip(some, together(some), strict=True):
+    for scenario, metrics in zip(some, simulate(some), strict=True):
         alone = asdict(run(scenario).metrics)
         for name, value in asdict(metrics).items():
             same = isinstance(value, float)
@@ -72,7 +65,7 @@ def test_a_ball_that_falls_leaves_its_neighbours_alone() -> None:
     flung = still[0].model_copy(
         update={"plant": still[0].plant.model_copy(update={"start": thrown()})}
     )
-    alone, beside = together(still), together([*still, flung])
+    alone, beside = simulate(still), simulate([*still, flung])
     assert beside[:3] == alone
     assert beside[3].outcome != "finished"
 
@@ -81,12 +74,12 @@ def thrown() -> object:
     return load("circle", ["plant.start.x=0.34", "plant.start.x_rate=2.0"]).plant.start
 
 
-def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour() -> None:
+def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour(monkeypatch) -> None:
+    monkeypatch.setattr("controllers.state_feedback.Broken", Broken, raising=False)
     good, bad = scenarios("lagrange", 4, 0.3)[::3]
-    broken = build_controller(bad)
-    broken.law = Broken()
-    found = simulate([good, bad], [build_controller(good), broken])
-    assert found[0] == together([good])[0]
+    broken = load("circle", ["controller.kind=broken"]).controller
+    found = simulate([good, bad.model_copy(update={"controller": broken})])
+    assert found[0] == simulate([good])[0]
     assert (found[1].outcome, found[1].rms_error) == ("aborted", None)
 
 
@@ -99,9 +92,9 @@ def test_numbers_that_run_away_are_an_outcome_of_their_own(monkeypatch) -> None:
         if next(ticks) > 50:
             self._x[2:] = np.nan
 
-    alone = together(some[:1])
+    alone = simulate(some[:1])
     monkeypatch.setattr(ExactPlant, "advance", overflow)
-    found = together(some)
+    found = simulate(some)
     assert found[0] == alone[0]
     assert (found[1].outcome, found[1].rms_error) == ("diverged", None)
 
@@ -122,9 +115,16 @@ def test_what_a_batch_has_only_once_keeps_runs_apart() -> None:
     for change in (
         "duration=20",
         "predictor.delay=0.03",
-        "rig.limits.rate_deg=20",
+        "plant.friction.dwell_time=0.1 plant.friction.breakaway_ratio=1.5",
         "plant.kind=lagrange",
     ):
-        assert common(load("circle", [change])) != common(base)
-    for change in ("seed=4", "controller.kind=lqr", "plant.spring.preload=70", "reference.omega=1"):
-        assert common(load("circle", [change])) == common(base)
+        assert alike(load("circle", change.split())) != alike(base)
+    for change in (
+        "seed=4",
+        "controller.kind=lqr",
+        "plant.spring.preload=70",
+        "reference.omega=1",
+        "rig.limits.rate_deg=20",
+        "sensors.touch.grid=64",
+    ):
+        assert alike(load("circle", [change])) == alike(base)

@@ -157,3 +157,28 @@ def test_a_scheduler_where_nobody_listens_is_one_line(study) -> None:
     code, _, err = study("", "", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "no scheduler answers there" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "expected"),
+    [
+        ("key", [1, 2], "key: must be string, is int64; delete this chunk"),
+        ("rms_error", ["a", "b"], "rms_error: must be double, is string; delete this chunk"),
+        ("outcome", [b"a", b"b"], "outcome: must be string, is binary; delete this chunk"),
+        ("outcome", pa.nulls(2, pa.string()), "outcome: missing in a row; delete this chunk"),
+        ("key", pa.nulls(2, pa.string()), "key: missing in a row; delete this chunk"),
+    ],
+)
+def test_a_chunk_of_wrong_types_is_one_line_that_names_the_column(
+    study, tmp_path, name, values, expected
+) -> None:
+    assert study()[0] == 0
+    (chunk,) = (tmp_path / "runs" / "study-short" / "chunks").glob("*.parquet")
+    table = pq.read_table(chunk)
+    place = table.schema.get_field_index(name)
+    pq.write_table(table.set_column(place, name, pa.array(values)), chunk)
+    code, _, err = study()
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1
+    assert chunk.name in err
+    assert expected in err

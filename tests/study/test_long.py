@@ -47,7 +47,7 @@ set = ["controller.kind=backstepping"]
 """
 MAIN = (
     "import sys; from twin.study import carry, cluster; carry.CHUNK, carry.LEAST = 8, 1; "
-    "cluster.PATIENCE = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
+    "cluster.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
 )
 
 
@@ -58,7 +58,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def start(
-    folder: Path, *arguments: str, patience: float = clusters.PATIENCE
+    folder: Path, *arguments: str, patience: float = clusters.TIMEOUT
 ) -> subprocess.Popen[bytes]:
     study = ["study", "short.toml", "--out", "out", *arguments]
     return subprocess.Popen(
@@ -201,7 +201,7 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
 def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     folder, monkeypatch
 ) -> None:
-    monkeypatch.setattr(clusters, "PATIENCE", 3.0)
+    monkeypatch.setattr(clusters, "TIMEOUT", 3.0)
     work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:

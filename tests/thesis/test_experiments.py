@@ -6,23 +6,37 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from controllers.backstepping import Backstepping
+from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.references.point import Step
+from controllers.references.soft import Circle
+from controllers.sliding_mode import SlidingMode
+from controllers.state_feedback import LQR
 from twin.cli.reproduce import reproduce as command
 from twin.errors import ScenarioError
-from twin.run.assemble import build_controller
+from twin.run.control import build_controller
 from twin.scenario.load import load, shipped
-from twin.thesis.experiments.batch import simulate
-from twin.thesis.experiments.fit import ARMS, Fit, best, fitted, identified, write
-from twin.thesis.experiments.goals import goals
+from twin.thesis.experiments.batch import noise, on_rig, rolling, simulate
+from twin.thesis.experiments.fit import ARMS, FrictionFit, best, fitted, identified, write
 from twin.thesis.experiments.hypotheses import HYPOTHESES, circles, measured, summary
 from twin.thesis.experiments.judge import e_tt
-from twin.thesis.experiments.predict import rows
-from twin.thesis.experiments.rig import Rig
-from twin.thesis.experiments.tables import chosen, tables
+from twin.thesis.experiments.predict import goals, rows
+from twin.thesis.experiments.tables import EARLY, chosen, tables
 
 KEYS = {
     "table", "row", "column", "thesis", "predicted", "frictionless", "calibration", "note",
     "low", "high",
 }  # fmt: skip
+
+
+LAWS = {
+    ("9.1",): LQR(rho=100.0, kappa=0.1),
+    ("9.2", "9.3"): AFL(gains=(180.0, 162.0, 66.0, 13.0)),
+    ("9.4", "9.5"): AFLIntegral(gains=(200.0, 132.0, 51.0, 12.0, 4.0)),
+    ("9.6", "9.7"): Backstepping(c=(2.0, 3.0, 4.0, 5.5)),
+    ("9.8", "9.9"): SlidingMode(alpha=1.5, epsilon=0.3, betas=(1.5, 3.0, 5.0)),
+}
+"""The thesis's laws of chapter 9 by table."""
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +54,22 @@ def test_a_table_that_does_not_exist_is_refused_by_name():
         chosen(["9.10"])
 
 
-def test_every_experiment_has_a_scenario_with_the_same_law_path_and_predictor():
-    found = [name for name in shipped() if name.startswith("thesis/9_")]
+def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
+    found = {name for name in shipped() if name.startswith("thesis/9_")}
+    assert found == {experiment.scenario for experiment in chosen()}
     assert len(found) == 25
+    laws = {name: law for names, law in LAWS.items() for name in names}
     for experiment in chosen():
-        omega = "" if experiment.omega is None else f"_{round(100 * experiment.omega):03d}"
-        scenario = load(f"thesis/{experiment.table.replace('.', '_')}{omega}")
+        scenario = load(experiment.scenario)
         controller = build_controller(scenario)
-        assert controller.law == experiment.law()
-        assert controller.reference.original == experiment.path()
-        assert (scenario.predictor is not None) == experiment.predicted
+        assert controller.law == laws[experiment.table]
+        if experiment.table == "9.1":
+            path = Step(end=(0.15, 0.15))
+        else:
+            path = Circle(amplitude=0.15, omega=float(experiment.name.split()[-1]))
+        assert controller.reference.original == path
+        assert (scenario.predictor is not None) == (experiment.table in EARLY)
+        assert scenario.predictor is None or scenario.predictor.delay == 0.042
         assert scenario.plant.kind == "mujoco"
         assert scenario.plant.friction.rolling_mm / 1000 == pytest.approx(identified().rolling)
 
@@ -102,12 +122,12 @@ def test_a_written_fit_reads_back_as_it_was(tmp_path):
 
     write(identified(), tmp_path / "fit.toml")
     data = tomllib.loads((tmp_path / "fit.toml").read_text())
-    assert Fit(**{**data, "residual": tuple(data["residual"])}) == identified()
+    assert FrictionFit(**{**data, "residual": tuple(data["residual"])}) == identified()
 
 
 def test_experiments_side_by_side_go_as_each_does_alone():
     pair = [next(row for row in chosen([name])) for name in ("9.3", "9.4")]
-    rigs = [Rig(rolling=0.1e-3, noise=0.0), Rig(rolling=0.2e-3, noise=0.0)]
+    rigs = [{**rolling(arm), **noise(0.0)} for arm in (0.1e-3, 0.2e-3)]
     together = simulate(pair, rigs, mechanism=False, duration=0.6)
     for i, experiment in enumerate(pair):
         for k, rig in enumerate(rigs):
@@ -116,10 +136,26 @@ def test_experiments_side_by_side_go_as_each_does_alone():
             np.testing.assert_allclose(together[i][k].estimate, alone.estimate, atol=1e-9)
 
 
+def test_what_is_peculiar_to_a_rig_lies_over_the_scenario_and_an_epsilon_only_over_sliding_modes():
+    rig = {**rolling(0.15e-3), **noise(10.0), "controller.epsilon": 0.15}
+    sliding, other = (
+        on_rig(name, rig, mechanism=False, duration=3.0)
+        for name in ("thesis/9_8_050", "thesis/9_2_050")
+    )
+    assert build_controller(sliding).law == replace(LAWS["9.8", "9.9"], epsilon=0.15)
+    assert build_controller(other).law == LAWS["9.2", "9.3"]
+    for scenario in (sliding, other):
+        assert scenario.plant.friction.rolling_mm == pytest.approx(0.15)
+        assert scenario.sensors.touch.variance == pytest.approx((7.2538e-6, 1.7721e-6))
+        assert (scenario.plant.kind, scenario.duration) == ("lagrange", 3.0)
+    with pytest.raises(ScenarioError, match="unknown key"):
+        on_rig("thesis/9_1", {"plant.servo.lag": 0.05}, mechanism=False, duration=3.0)
+
+
 def test_a_run_that_ended_early_has_no_tracking_error():
     experiment = chosen(["9.8"])[0]
     ((trace,),) = simulate(
-        [experiment], [Rig(level=(0.1, 0.1), noise=0.0)], mechanism=False, duration=4.0
+        [experiment], [{"plant.level_deg": (5.0, 5.0)}], mechanism=False, duration=4.0
     )
     assert math.isnan(e_tt(trace))
 
@@ -137,9 +173,9 @@ def test_a_perfect_prediction_reaches_every_goal_but_what_the_thesis_itself_brea
 
 
 def test_the_measured_errors_lie_two_points_higher_without_predictor():
-    effect = summary(HYPOTHESES[0], 0.0, measured())
-    assert effect.mean == effect.worst == effect.sliding == effect.calibration == 0
-    assert effect.gap == pytest.approx(2.4, abs=0.5)
+    result = summary(HYPOTHESES[0], 0.0, measured())
+    assert result.mean == result.worst == result.sliding == result.calibration == 0
+    assert result.gap == pytest.approx(2.4, abs=0.5)
     assert len(circles()) == 24
 
 

@@ -9,14 +9,13 @@ from click.testing import CliRunner
 from twin.cli import reproduce as module
 from twin.cli.reproduce import reproduce
 from twin.errors import ScenarioError, TwinError
-from twin.thesis.reproduce.cases import Case
-from twin.thesis.reproduce.compare import Verdict, compare
-from twin.thesis.reproduce.exact import exact
-from twin.thesis.reproduce.measures import COLUMNS, Trace, judge
-from twin.thesis.reproduce.pool import findings
+from twin.thesis.reproduce.cases import SimulationCase
+from twin.thesis.reproduce.compare import Agreement, compare
+from twin.thesis.reproduce.continuous import exact
+from twin.thesis.reproduce.jobs import ReproductionJob, carry_out, plan, row_results
+from twin.thesis.reproduce.measures import COLUMNS, SimulationTrace, judge
 from twin.thesis.reproduce.sampled import sampled
 from twin.thesis.reproduce.tables import chosen, tables
-from twin.thesis.reproduce.work import Job, carry_out, plan
 
 KEYS = {
     "table",
@@ -43,7 +42,7 @@ def by_place(found):
 @pytest.fixture(scope="module")
 def steps():
     """Table 8.1 computed in every way."""
-    found = by_place(findings(plan(chosen(["8.1"])), 1, lambda _: None))
+    found = by_place(row_results(plan(chosen(["8.1"])), 1, lambda _: None))
     return chosen(["8.1"]), found
 
 
@@ -57,14 +56,14 @@ def test_all_251_numbers_of_the_21_tables_are_there():
 def test_every_remark_and_setting_belongs_to_something():
     for table in tables().values():
         for row in table.rows:
-            Case(**row.setup)
+            SimulationCase(**row.setup)
             assert set(row.cells) <= set(COLUMNS)
             assert {*row.notes, *row.exceptions} <= set(row.cells)
 
 
 def test_table_8_1_agrees_with_the_thesis_in_every_way_of_computing_it(steps):
     for cell in compare(*steps):
-        assert cell.verdict is Verdict.AGREES
+        assert cell.verdict is Agreement.AGREES
         for value in (cell.exact, cell.sampled, cell.mujoco):
             spread = 7 if cell.column == "t_ss" else 5
             assert value.value == pytest.approx(cell.thesis, rel=spread / 100, abs=1e-9)
@@ -90,9 +89,9 @@ def test_a_cell_out_of_bounds_differs_unless_a_reason_is_known(steps):
     (table,), found = steps
     plain = compare([altered(table, "u1_max")], found)
     excused = compare([altered(table, "u1_max", exceptions={"u1_max": "copied"})], found)
-    assert [cell.column for cell in plain if cell.verdict is Verdict.DIFFERS] == ["u1_max"]
-    (cell,) = (cell for cell in excused if cell.verdict is not Verdict.AGREES)
-    assert cell.verdict is Verdict.EXCEPTION
+    assert [cell.column for cell in plain if cell.verdict is Agreement.DIFFERS] == ["u1_max"]
+    (cell,) = (cell for cell in excused if cell.verdict is not Agreement.AGREES)
+    assert cell.verdict is Agreement.EXCEPTION
     assert cell.note.startswith("copied")
 
 
@@ -100,19 +99,19 @@ def test_a_settling_time_outside_what_could_be_read_differs(steps):
     (table,), found = steps
     row = replace(table.rows[1], cells={**table.rows[1].cells, "t_ss": 3.2})
     cells = compare([replace(table, rows=(table.rows[0], row, table.rows[2]))], found)
-    assert [c.column for c in cells if c.verdict is Verdict.DIFFERS] == ["t_ss"]
+    assert [c.column for c in cells if c.verdict is Agreement.DIFFERS] == ["t_ss"]
 
 
 def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
     (table,), found = steps
-    monkeypatch.setattr(module, "findings", lambda *_: found.values())
+    monkeypatch.setattr(module, "row_results", lambda *_: found.values())
     assert call("8.1").return_value == 0
     monkeypatch.setattr(module, "chosen", lambda _: [altered(table, "u1_max")])
     assert call("8.1").return_value == 1
 
 
 def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
-    monkeypatch.setattr(module, "findings", lambda *_: steps[1].values())
+    monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
     assert all(set(cell) >= KEYS for cell in cells)
@@ -131,7 +130,7 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
 
 
 def test_the_document_has_its_tables_notes_and_figures(steps, monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "findings", lambda *_: steps[1].values())
+    monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
     path = tmp_path / "docs" / "reproduction.md"
     assert call("8.1", "--doc", str(path)).return_value == 0
     text = path.read_text(encoding="utf-8")
@@ -141,7 +140,7 @@ def test_the_document_has_its_tables_notes_and_figures(steps, monkeypatch, tmp_p
 
 
 def test_a_row_gives_the_same_alone_and_among_others():
-    case = replace(Case(**tables()["8.12"].rows[1].setup), seeds=2, duration=0.3)
+    case = replace(SimulationCase(**tables()["8.12"].rows[1].setup), seeds=2, duration=0.3)
     other = replace(case, reference={"kind": "hold", "x": -0.1})
     for way in (exact, sampled, partial(sampled, mechanism=True)):
         (alone,), (_, among) = way([case]), way([other, case])
@@ -150,9 +149,9 @@ def test_a_row_gives_the_same_alone_and_among_others():
 
 
 def test_a_failing_job_ends_in_one_line_that_names_it():
-    broken = Job("exact", (("8.1", 99),), 1.0)
+    broken = ReproductionJob("exact", (("8.1", 99),), 1.0)
     with pytest.raises(TwinError, match=r"^table 8\.1, exact: IndexError: [^\n]*$"):
-        list(findings([broken], 1, lambda _: None))
+        list(row_results([broken], 1, lambda _: None))
 
 
 def trace(x, **parts):
@@ -168,10 +167,10 @@ def trace(x, **parts):
         "estimate": state,
         **parts,
     }
-    return Trace(**filled)
+    return SimulationTrace(**filled)
 
 
-CASE = Case(duration=1.0, controller={}, reference={})
+CASE = SimulationCase(duration=1.0, controller={}, reference={})
 
 
 def test_the_overshoot_is_relative_to_the_value_at_the_end():

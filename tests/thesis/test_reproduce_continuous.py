@@ -1,37 +1,45 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
 from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.interfaces import Law
 from controllers.observers import ExtendedKalman, Ideal, Kalman, Luenberger, NonlinearLuenberger
-from controllers.per_rig import Fleet, Paths
+from controllers.per_rig import PerRigLaw, PerRigReference
 from controllers.references import Sine
-from twin.hal.cams import Direct
+from twin.hal.cams import FixedRatio
+from twin.sim.drives import DriveModel
+from twin.sim.encoders import EncoderModel
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.sensors import EncoderModel, TouchModel
-from twin.thesis.reproduce.cases import Case
-from twin.thesis.reproduce.continuous import Loop
-from twin.thesis.reproduce.estimators import ConstantGain, continuous, kalman_gain
-from twin.thesis.reproduce.exact import exact, full_state, with_observer
-from twin.thesis.reproduce.noise import (
+from twin.sim.rig import SimulatedDevices
+from twin.sim.touch import TouchModel
+from twin.thesis.reproduce.cases import (
     BALL,
     DISTURBANCE,
     PLATE,
-    SeededBench,
+    SimulationCase,
     draw,
+    laws,
+    paths,
     repeated,
     streams,
 )
+from twin.thesis.reproduce.continuous import ContinuousLoop, exact, full_state, with_observer
+from twin.thesis.reproduce.estimators import ConstantGain, continuous, kalman_gain
+from twin.thesis.reproduce.sampled import sampled
 
 MODEL = BallPlate()
 AXES = {"kind": "sine", "amplitude": 0.15, "omega": 1.0, "wave": ["sin", "cos"]}
-FULL = Case(duration=3.0, controller={"kind": "afl"}, reference=AXES)
-OBSERVED = Case(duration=3.0, controller={"kind": "afl"}, reference=AXES, observer={"kind": "ekf"})
+FULL = SimulationCase(duration=3.0, controller={"kind": "afl"}, reference=AXES)
+OBSERVED = SimulationCase(
+    duration=3.0, controller={"kind": "afl"}, reference=AXES, observer={"kind": "ekf"}
+)
+OTHER = {"kind": "afl_integral"}
 
 
 def observed(**changes):
-    from dataclasses import replace
-
     return replace(OBSERVED, **changes)
 
 
@@ -58,9 +66,9 @@ def test_the_delayed_ball_is_the_ball_of_a_dead_time_ago():
             return super().rate(x, memory, u, e)
 
     seen = []
-    loop = Loop(
-        law=Fleet([AFL()]),
-        reference=Paths((Sine(omega=1.0),)),
+    loop = ContinuousLoop(
+        law=AFL(),
+        reference=PerRigReference([Sine(omega=1.0)], 0.01),
         rigs=1,
         estimator=Watch(MODEL, np.zeros((8, 4)), exact=True),
         dead_time=0.042,
@@ -69,7 +77,7 @@ def test_the_delayed_ball_is_the_ball_of_a_dead_time_ago():
     x, _, _ = loop.run(2.0)
     times = 0.01 * np.arange(201)
     whole = np.array(seen[::4])  # the first of four stages is at the step itself
-    fine, _, _ = Loop(
+    fine, _, _ = ContinuousLoop(
         law=loop.law, reference=loop.reference, rigs=1, estimator=loop.estimator, step=0.002
     ).run(2.0)
     at = np.rint((times - 0.042) / 0.002).astype(int)
@@ -77,44 +85,77 @@ def test_the_delayed_ball_is_the_ball_of_a_dead_time_ago():
     assert np.abs(x).max() > 0.1
 
 
-def test_noise_is_what_the_simulated_bench_draws_and_the_same_for_every_case():
+def test_noise_is_what_the_simulated_devices_draw_and_the_same_for_every_case():
     period, hold, rigs = 0.01, 0.1, 3
-    bench = SeededBench(
+    devices = SimulatedDevices(
         ExactPlant(rigs=2 * rigs, step=period),
-        streams(rigs, 2),
         period=period,
         touch=TouchModel(dead_time=0.0, grid=0, variance=BALL),
         encoders=EncoderModel(counts=0, variance=PLATE),
-        disturbance=DISTURBANCE,
+        drives=DriveModel(disturbance=DISTURBANCE),
         hold=10,
+        seeds=streams(rigs, 2),
     )
     noise = repeated(draw(2.0, rigs, hold), 2)
     assert noise.measured.shape == (21, 2 * rigs, 4)
     rate = np.zeros((2 * rigs, 2))
     for tick in range(200):
         interval = tick // 10
-        ball = bench.read().position - bench.state[:, 0::4]
-        plate = bench.plate() - bench.state[:, 2::4]
+        ball = devices.read().position - devices.state[:, 0::4]
+        plate = devices.plate() - devices.state[:, 2::4]
         assert ball == pytest.approx(noise.measured[interval][:, 0::2], abs=1e-15)
         assert plate == pytest.approx(noise.measured[interval][:, 1::2], abs=1e-15)
-        bench.wait()
+        devices.wait()
         rate += period * noise.disturbance[interval]
-        assert bench.state[:, 3::4] == pytest.approx(rate, abs=1e-15)
+        assert devices.state[:, 3::4] == pytest.approx(rate, abs=1e-15)
 
 
 @pytest.mark.parametrize(("law", "other"), [(AFL(), AFLIntegral()), (AFLIntegral(), AFL())])
-def test_a_fleet_gives_each_group_of_rigs_its_own_law_and_path(law, other):
-    paths = Sine(omega=0.5), Sine(omega=1.0, wave=("sin", "cos"))
-    fleet, both = Fleet([law, other], 2), Paths(paths, 2)
+def test_each_group_of_rigs_has_its_own_law_and_path(law, other):
+    sines = Sine(omega=0.5), Sine(omega=1.0, wave=("sin", "cos"))
+    each = PerRigLaw([law, law, other, other])
+    both = PerRigReference([sines[0], sines[0], sines[1], sines[1]], 0.25)
     rng = np.random.default_rng(1)
     x, q = rng.normal(0, 0.1, (4, 8)), rng.normal(0, 0.1, (4, 2))
-    u, slope = (getattr(fleet, name)(0.7, x, both, q) for name in ("control", "memory_rate"))
-    for one, path, own in zip((law, other), paths, (slice(2), slice(2, 4)), strict=True):
+    u, slope = (getattr(each, name)(0.75, x, both, q) for name in ("control", "memory_rate"))
+    for one, path, own in zip((law, other), sines, (slice(2), slice(2, 4)), strict=True):
         mine = q[own, : one.memory]
-        assert u[own] == pytest.approx(one.control(0.7, x[own], path, mine), abs=1e-15)
-        rate = one.memory_rate(0.7, x[own], path, mine)
+        assert u[own] == pytest.approx(one.control(0.75, x[own], path, mine), abs=1e-15)
+        rate = one.memory_rate(0.75, x[own], path, mine)
         assert slope[own, : one.memory] == pytest.approx(rate, abs=1e-15)
         assert not slope[own, one.memory :].any()
+
+
+def test_the_laws_and_paths_of_cases_stand_run_by_run_and_are_shared_where_equal():
+    cases = [replace(OBSERVED, seeds=2), replace(OBSERVED, seeds=1, controller=OTHER)]
+    first, second, third = laws(cases)
+    assert first is second
+    assert third == AFLIntegral()
+    assert len({id(law) for law in laws([*cases, cases[0]])}) == 2
+    reference = paths([cases[0], replace(cases[1], reference={"kind": "hold", "x": 0.1})], 0.01)
+    assert reference(np.array([0.3]))[0, 0].shape == (3, 2)
+    assert reference(0.3)[0, 2] == pytest.approx([0.1, 0.0])
+
+
+def test_under_continuous_control_a_law_asked_ahead_gets_the_reference_of_that_time():
+    class Ahead(Law):
+        def control(self, t, x, reference, q):
+            seen.append((t, reference(t + 0.25)[0], reference(np.array([t, t + 1.0]))[0]))
+            return np.zeros((len(x), 2))
+
+    seen = []
+    sines = [Sine(omega=1.0), Sine(omega=2.0)]
+    ContinuousLoop(
+        law=PerRigLaw([Ahead()] * 2),
+        reference=PerRigReference(sines, 0.01),
+        rigs=2,
+        estimator=ConstantGain(MODEL, np.zeros((8, 4)), exact=True),
+        step=0.01,
+    ).run(0.1)
+    for t, ahead, both in seen:
+        for rig, sine in enumerate(sines):
+            assert ahead[rig] == pytest.approx(sine(t + 0.25)[0], abs=1e-15)
+            assert both[:, rig] == pytest.approx(sine(np.array([t, t + 1.0]))[0], abs=1e-15)
 
 
 def error_matrix(estimator):
@@ -159,8 +200,6 @@ def test_an_observer_without_a_continuous_form_is_refused():
 
 
 def test_direct_transmission_and_law_agree_on_the_sampled_exact_plant():
-    from twin.thesis.reproduce.sampled import sampled
-
     truth, (found,) = full_state(FULL), sampled([FULL])
-    assert Direct().ratio == 1.0
+    assert FixedRatio().ratio == 1.0
     assert np.abs(found.state[:, 0] - truth.state[:, 0]).max() < 2e-3

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from twin.errors import TwinError
-from twin.thesis.reproduce.cases import Case
-from twin.thesis.reproduce.compare import Verdict, compare
-from twin.thesis.reproduce.exact import with_observer
+from twin.thesis.reproduce.cases import SimulationCase
+from twin.thesis.reproduce.compare import Agreement, compare
+from twin.thesis.reproduce.continuous import with_observer
+from twin.thesis.reproduce.jobs import ReproductionJob, plan, row_results
 from twin.thesis.reproduce.measures import COLUMNS, judge
-from twin.thesis.reproduce.pool import findings
 from twin.thesis.reproduce.sampled import sampled
 from twin.thesis.reproduce.tables import chosen, tables
-from twin.thesis.reproduce.work import Job, plan
 
 pytestmark = pytest.mark.long
 
@@ -29,12 +28,12 @@ def by_place(found):
 def cells():
     """One run of the whole command."""
     wanted = chosen([])
-    return compare(wanted, by_place(findings(plan(wanted), None, lambda _: None)))
+    return compare(wanted, by_place(row_results(plan(wanted), None, lambda _: None)))
 
 
 def test_no_cell_differs_without_a_known_reason(cells):
     assert len(cells) == 251
-    assert [cell for cell in cells if cell.verdict is Verdict.DIFFERS] == []
+    assert [cell for cell in cells if cell.verdict is Agreement.DIFFERS] == []
 
 
 def test_every_exception_is_needed(cells):
@@ -45,7 +44,7 @@ def test_every_exception_is_needed(cells):
         for column in row.exceptions
     ]
     needed = [
-        (cell.table, cell.row, cell.column) for cell in cells if cell.verdict is Verdict.EXCEPTION
+        (cell.table, cell.row, cell.column) for cell in cells if cell.verdict is Agreement.EXCEPTION
     ]
     assert needed == excused
 
@@ -86,13 +85,13 @@ def indicators(traces, cases, name):
 
 @pytest.mark.parametrize("name", ["8.15", "8.20"])
 def test_half_the_step_changes_no_indicator_by_more_than_a_thousandth(name):
-    cases = [replace(Case(**row.setup), seeds=1) for row in tables()[name].rows]
+    cases = [replace(SimulationCase(**row.setup), seeds=1) for row in tables()[name].rows]
     whole, half = (indicators(with_observer(cases, h), cases, name) for h in (0.01, 0.005))
     assert whole == pytest.approx(half, rel=1e-3)
 
 
 def test_the_sampled_loop_tends_to_the_continuous_one_with_its_period():
-    cases = [replace(Case(**row.setup), seeds=1) for row in tables()["8.18"].rows]
+    cases = [replace(SimulationCase(**row.setup), seeds=1) for row in tables()["8.18"].rows]
     truth = indicators(with_observer(cases, 0.005), cases, "8.18")
     slow, fast = (
         np.abs(indicators(sampled(cases, period=T), cases, "8.18") / truth - 1).max()
@@ -104,15 +103,15 @@ def test_the_sampled_loop_tends_to_the_continuous_one_with_its_period():
 
 def test_two_processes_find_what_one_finds():
     jobs = plan(chosen(["8.1"]))
-    one, two = (by_place(findings(jobs, count, lambda _: None)) for count in (1, 2))
+    one, two = (by_place(row_results(jobs, count, lambda _: None)) for count in (1, 2))
     assert one.keys() == two.keys()
     assert all(two[key].values == found.values for key, found in one.items())
 
 
 def test_a_job_that_fails_in_another_process_ends_in_one_line():
-    broken = Job("exact", (("8.1", 99),), 1.0)
+    broken = ReproductionJob("exact", (("8.1", 99),), 1.0)
     with pytest.raises(TwinError, match=r"^table 8\.1, exact: IndexError: [^\n]*$"):
-        list(findings([broken] * 2, 2, lambda _: None))
+        list(row_results([broken] * 2, 2, lambda _: None))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")

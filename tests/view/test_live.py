@@ -14,14 +14,14 @@ from twin.cli.scenarios import run as run_command
 from twin.errors import ScenarioError, TwinError, ViewError
 from twin.run.execute import run
 from twin.view import live, viewer
-from twin.view.ring import Ring
-from twin.view.tap import Tap
+from twin.view.live_process import LiveProcess
+from twin.view.shared_ring_buffer import SharedRingBuffer
 from twin.view.terminal import work
 
 
 @pytest.fixture
 def tap(scenario):
-    made = Tap(work, (scenario(),))
+    made = LiveProcess(work, (scenario(),))
     yield made
     made.close()
 
@@ -35,7 +35,7 @@ def same(first, second):
 @given(st.lists(st.integers(0, 9), max_size=20), st.integers(2, 12), st.none() | st.integers(1, 9))
 @settings(max_examples=50)
 def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, size, most):
-    ring = Ring(size, 2)
+    ring = SharedRingBuffer(size, 2)
     try:
         ring.name(("n", "twice"))
         read, written = [], 0
@@ -57,7 +57,7 @@ def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, si
 
 
 def test_a_ring_that_is_not_overrun_drops_nothing():
-    ring = Ring(8, 1)
+    ring = SharedRingBuffer(8, 1)
     try:
         ring.name(("n",))
         for value in range(7):
@@ -70,7 +70,7 @@ def test_a_ring_that_is_not_overrun_drops_nothing():
 
 
 def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
-    made = Tap(print, ())  # a process that reads nothing
+    made = LiveProcess(print, ())  # a process that reads nothing
     try:
         done = run(scenario(), watch=made.watch)
         ring = made._ring
@@ -114,9 +114,9 @@ class Slow:
 
 
 def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario, monkeypatch):
-    with closing(Tap(print, ())) as made:  # a process that reads nothing
+    with closing(LiveProcess(print, ())) as made:  # a process that reads nothing
         run(scenario("duration=0.2"), watch=made.watch)
-        with closing(Ring(*made._ring.address)) as ring, monkeypatch.context() as patch:
+        with closing(SharedRingBuffer(*made._ring.address)) as ring, monkeypatch.context() as patch:
             patch.setattr(made, "_process", Slow(ring))
             assert made.finish()
             assert ring.taken == 100
@@ -127,7 +127,7 @@ def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
         port = silent.getsockname()[1]
         url = live.reach(live.address(f"127.0.0.1:{port}"))
         chosen = scenario("duration=1")
-        shown = live.live(chosen, "run", url)
+        shown = live.show(chosen, "run", url)
         try:
             watched = run(chosen, watch=shown.watch)
             shown.finish(wait=0.5)
@@ -161,16 +161,6 @@ def test_a_taken_port_is_one_line():
         port = server.getsockname()[1]
         with pytest.raises(ViewError, match=f"port {port}: Address already in use"):
             viewer.page(port)
-
-
-@pytest.fixture
-def quick(tmp_path):
-    toml = tmp_path / "quick.toml"
-    toml.write_text(
-        'title = "quick"\nduration = 0.4\n[plant]\nkind = "lagrange"\n'
-        '[controller]\nkind = "lqr"\nrho = 300.0\nkappa = 0.3\n[reference]\nkind = "hold"\n'
-    )
-    return [str(toml), "--out", str(tmp_path / "out")]
 
 
 def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeypatch):
@@ -224,7 +214,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     try:
         with viewer.headless(tmp_path / "other.rrd") as client:
             url = client.url
-            shown = live.live(chosen, "live", url)
+            shown = live.show(chosen, "live", url)
             try:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)

@@ -114,7 +114,7 @@ def test_any_rig_of_several_can_be_opened(scenario, tmp_path):
     from twin.run.record import Recorder
 
     chosen = scenario()
-    rig, controller = assemble(chosen, rigs=3)
+    rig, controller = assemble([chosen.model_copy(update={"seed": seed}) for seed in range(3)])
     record = Recorder(200, 3, chosen.rig.period)
     drive(rig, controller, chosen.duration, record)
     write_run(tmp_path / "three", record, {"scenario": chosen.model_dump(mode="json")})
@@ -164,6 +164,24 @@ def test_without_a_display_a_window_is_refused_in_one_line(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(ViewError, match="no display"):
         viewer.window()
+
+
+def test_a_viewer_that_dies_while_it_loads_is_one_line(monkeypatch, folder):
+    class Dying:
+        """A viewer without a graphics driver: it answers, and is gone at the first file."""
+
+        def get_state(self):
+            return None
+
+        def open(self, _):
+            raise ConnectionError("transport error")
+
+    monkeypatch.setattr(viewer.ViewerClient, "connect", lambda _: Dying())
+    with (
+        pytest.raises(ViewError, match="ended by itself; it needs a Vulkan driver"),
+        viewer.headless(folder / "run.parquet"),
+    ):
+        pass
 
 
 def test_a_missing_viewer_is_one_line(monkeypatch, tmp_path):

@@ -10,6 +10,7 @@ from importlib.metadata import version
 import click
 
 from twin.errors import TwinError
+from twin.installation import problem
 
 COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
@@ -28,6 +29,9 @@ COMMANDS = {
     "calibrate": "twin.cli.calibrate:calibrate",
 }
 """Command name to where it is defined; imported only when called, to start fast."""
+
+LONGEST_LINE = 1000
+"""Characters of a message: what it quotes may be of any length."""
 
 
 class Commands(click.Group):
@@ -60,8 +64,12 @@ def ballplate() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code; a user's mistake is one line."""
     _end_in_order()
+    wrong = problem()
+    if wrong:
+        sys.exit(_fail(wrong))
     try:
         code = ballplate.main(arguments, prog_name="ballplate", standalone_mode=False)
+        _warn_of_broken_files()
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
         code = 0
@@ -71,6 +79,12 @@ def main(arguments: list[str] | None = None) -> None:
         code = _fail("interrupted", 1)
     except TwinError as error:
         code = _fail(str(error))
+    except Exception as error:
+        catalog = sys.modules.get("controllers.catalog")
+        line = catalog.blamed(error) if catalog else None
+        if line is None or sys.flags.dev_mode:
+            raise
+        code = _fail(line, 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -82,7 +96,15 @@ def _end_in_order() -> None:
             signal.signal(number, signal.default_int_handler)
 
 
+def _warn_of_broken_files() -> None:
+    """Name the files of laws, observers and references that could not be imported."""
+    catalog = sys.modules.get("controllers.catalog")
+    for line in catalog.broken() if catalog else ():
+        click.echo(f"ballplate: warning: not imported: {line}", err=True)
+
+
 def _fail(message: str, code: int = 2) -> int:
     line = " ".join(message.split())
-    click.echo(f"ballplate: {line}", err=True)
+    shown = line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}..."
+    click.echo(f"ballplate: {shown}", err=True)
     return code

@@ -1,4 +1,4 @@
-"""The command analyse: what the thesis claims about the system and its loops, and what holds."""
+"""The command analyse: the thesis's claims on the system and its loops, checked."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from controllers.analysis import designs, findings
-from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row, neglected_rows
+from controllers.analysis import designs
+from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row
 from controllers.ballplate import BallPlate
-from twin.cli.options import JSON, SETTING
+from twin.cli.options import JSON, SETTING, titled
 from twin.cli.output import console, print_json, progress
-from twin.run.assemble import build_controller
+from twin.run.control import build_controller
 from twin.run.execute import run as run_scenario
 from twin.scenario import Scenario, load
 from twin.scenario.clean import clean
+from twin.thesis.claims import check_claims, neglected_rows
 
-Row = dict[str, Any]
+Numbers = dict[str, Any]
+"""A part of what ``--json`` prints."""
 
 CUTS = {
     "full_state_at_u1": "full state, continuous, cut at u1",
@@ -34,14 +36,15 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @SETTING
 @JSON
 def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
-    """Analyse the system and its loops beside the thesis, chapters 5 and 6.2.1.
+    """Analyse the system and its control loops and compare with the thesis, chapters 5 and 6.2.1.
 
-    SCENARIO [sine] gives the motion whose neglected terms are measured, and a loop to judge.
+    SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
+    analyse.
     """
-    chosen = load(scenario, overrides)
+    chosen = titled(load(scenario, overrides), overrides)
     model = BallPlate()
     with progress("analysis", len(designs(model)) + 1) as advance:
-        structure = [finding._asdict() for finding in findings(model)]
+        structure = [claim._asdict() for claim in check_claims(model)]
         rows = design_rows(model, advance)
         neglected = _neglected(chosen, model)
         loop = _loop(chosen)
@@ -57,7 +60,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     _print_loop(loop)
 
 
-def _neglected(scenario: Scenario, model: BallPlate) -> Row:
+def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
     record = run_scenario(clean(scenario)).record
     x, u = record["state"][:, 0], record["applied"][:, 0]
@@ -69,7 +72,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Row:
     }
 
 
-def _loop(scenario: Scenario) -> Row:
+def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
@@ -82,7 +85,7 @@ def _loop(scenario: Scenario) -> Row:
     }
 
 
-def _print_structure(rows: Sequence[Row]) -> None:
+def _print_structure(rows: Sequence[Numbers]) -> None:
     table = _table("Structure, chapters 5 and 6.2.1", "eq.", "", "thesis", "here", "agrees", "note")
     words = {True: "yes", False: "[bold red]no[/bold red]", None: ""}
     for row in rows:
@@ -91,7 +94,7 @@ def _print_structure(rows: Sequence[Row]) -> None:
     console.print(table)
 
 
-def _print_poles(rows: Sequence[Row]) -> None:
+def _print_poles(rows: Sequence[Numbers]) -> None:
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
     columns = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
     table = _table("Closed-loop poles in 1/s about the level plate, full state", *columns)
@@ -109,14 +112,14 @@ def _print_poles(rows: Sequence[Row]) -> None:
     console.print("The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44).")
 
 
-def _print_margins(rows: Sequence[Row], cut: str, title: str) -> None:
+def _print_margins(rows: Sequence[Numbers], cut: str, title: str) -> None:
     table = _table(f"Margins: {title}", "table", "", *MARGINS)
     for row in rows:
         table.add_row(row["table"], _name(row), *_margins(row["margins"][cut]))
     console.print(table)
 
 
-def _print_neglected(found: Row, title: str) -> None:
+def _print_neglected(found: Numbers, title: str) -> None:
     columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
     table = _table(f"Terms the flat model leaves out, Figure 8.6: {title}, clean model", *columns)
     for when in ("whole", "steady"):
@@ -132,7 +135,7 @@ def _print_neglected(found: Row, title: str) -> None:
     console.print(table)
 
 
-def _print_loop(found: Row) -> None:
+def _print_loop(found: Numbers) -> None:
     parts = [found["controller"], found["observer"]]
     if found["predictor"] is not None:
         parts.append(f"predictor {1000 * found['predictor']:g} ms")
@@ -153,7 +156,7 @@ def _print_loop(found: Row) -> None:
 MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
 
 
-def _margins(row: Row | None) -> list[str]:
+def _margins(row: Numbers | None) -> list[str]:
     if row is None:
         return ["unstable"]
     gain = f"{_shown(row['gain_down'] or 0.0)} to {_shown(row['gain_up'])}"
@@ -165,7 +168,7 @@ def _table(title: str, *columns: str) -> Table:
     return Table(*columns, title=title, title_justify="left", header_style="bold")
 
 
-def _name(row: Row) -> str:
+def _name(row: Numbers) -> str:
     return f"{row['controller']} {row['settings']}"
 
 

@@ -1,4 +1,4 @@
-"""The command calibrate: measure what a rig needs to know of its own mechanism."""
+"""The command calibrate: the cam table and the level of a rig."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from twin.hal.cams import CamTable
 from twin.identify.identify import identify
 from twin.identify.log import read
 from twin.identify.report import interval
-from twin.identify.verdict import IDENTIFIED
+from twin.identify.verdict import IDENTIFIED, ParameterVerdict
 from twin.paths import model_path
 from twin.run.record import write_whole
 from twin.scenario import load
-from twin.sim.calibration import Residual, residual, sweep_cams, tap_test
+from twin.sim.calibration import StaticError, static_error, sweep_cams, tap_test
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
@@ -30,26 +30,33 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 
 @click.group()
 def calibrate() -> None:
-    """Measure what a rig needs to know of its own mechanism."""
+    """Calibrate the cam table and the level of a rig."""
 
 
 @calibrate.command()
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Table file [cams.json beside the model]."
 )
-@click.option("--check", is_flag=True, help="Only measure the table that is there.")
-@click.option("--rig", metavar="FILE", help="On the rig of a file, or emulated; ball off, level.")
+@click.option("--check", is_flag=True, help="Only check the existing table.")
 @click.option(
-    "--reach", type=click.FloatRange(0.5, 8), default=6.0, help="With --rig: how far, deg [6]."
+    "--rig",
+    metavar="FILE",
+    help="Rig file, or `emulated`; ball off, plate level.",
 )
 @click.option(
-    "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points along an axis [9]."
+    "--reach",
+    type=click.FloatRange(0.5, 8),
+    default=6.0,
+    help="With --rig: largest angle, deg [6].",
+)
+@click.option(
+    "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
 )
 @JSON
 def cams(
     out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
 ) -> None:
-    """Sweep the mechanism, store its cam table, and measure what error is left."""
+    """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     if rig is not None:
         _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
         return
@@ -63,8 +70,8 @@ def cams(
             write_whole(path, table.save)
         advance(1)
         found = {
-            "two-dimensional table": residual(table),
-            "one table per axis": residual(table.per_axis()),
+            "two-dimensional table": static_error(table),
+            "one table per axis": static_error(table.per_axis()),
         }
         advance(2)
         resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
@@ -90,9 +97,9 @@ def cams(
 @click.argument("log", type=click.Path(path_type=Path))
 @JSON
 def level(log: Path, *, as_json: bool) -> int:
-    """Find from a recorded run how far the base stands off level, and what to do about it.
+    """Estimate from a recorded run how far the base is off level, and say how to correct it.
 
-    LOG is a run of the rig, best of the scenario `excite`: a run folder, run.parquet or CSV.
+    LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
@@ -100,18 +107,29 @@ def level(log: Path, *, as_json: bool) -> int:
     if as_json:
         print_json([each.as_dict() for each in found.verdicts])
     else:
-        for each, (along, lower, upper) in zip(found.verdicts, FEET, strict=True):
-            if each.value is None:
-                console.print(f"{each.name}: {each.why}", markup=False)
-                continue
-            rise = 1000 * math.tan(math.radians(abs(each.value)))
-            side = lower if each.value > 0 else upper
-            console.print(
-                f"{each.name}: {each.value:+.4f} deg ({interval(each)}, 95 %): "
-                f"raise the {side} side by {rise:.2f} mm for every metre along {along}",
-                markup=False,
-            )
+        for each, foot in zip(found.verdicts, FEET, strict=True):
+            console.print(f"{each.name}: {advice(each, foot)}", markup=False)
     return int(any(each.word != IDENTIFIED for each in found.verdicts))
+
+
+def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
+    """What to do about the level of one axis, in words.
+
+    Args:
+        found: The tilt about the axis in deg.
+        foot: Its entry of ``FEET``.
+    """
+    if found.value is None or found.low is None or found.high is None:
+        return found.why
+    known = f"{found.value:+.4f} deg ({interval(found)}, 95 %)"
+    if found.low <= 0 <= found.high:
+        if found.word == IDENTIFIED:
+            return f"level within {max(-found.low, found.high):.2g} deg: nothing to do"
+        return f"{known}: too uncertain to level by; {found.why}"
+    along, lower, upper = foot
+    rise = 1000 * math.tan(math.radians(abs(found.value)))
+    side = lower if found.value > 0 else upper
+    return f"{known}: raise the {side} side by {rise:.2f} mm per metre along {along}"
 
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
@@ -140,7 +158,7 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
     console.print(f'written to {path}; name it in the rig file: cams = "{path}"')
 
 
-def _show(found: dict[str, Residual]) -> None:
+def _show(found: dict[str, StaticError]) -> None:
     table = Table(
         "static plate-angle error", "max [deg]", "RMS [deg]", "poses", header_style="bold"
     )

@@ -1,4 +1,4 @@
-"""The command doctor: what a rig's bring-up needs, line by line."""
+"""The command doctor: the checks before a rig is brought up, line by line."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ import click
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json
 from twin.cli.rigs import EMULATED
+from twin.doctor.check import Ask, CheckResult, CheckStatus
 from twin.doctor.examine import examine
-from twin.doctor.finding import Ask, Finding, Verdict
 from twin.emulator.serve import emulated
 from twin.scenario import Scenario, load
 from twin.scenario.rig import RigFile, check_rig, read_rig
 
-COLOURS = {Verdict.PASS: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red"}
+COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
 
 
 @click.command()
-@click.option("--rig", metavar="FILE", default=EMULATED, help="Rig file, or emulated [emulated].")
-@click.option("--scenario", default="circle", help="What the rig is to run [circle].")
 @click.option(
-    "--move", is_flag=True, help="Let the drives have torque and the plate tilt by a degree."
+    "--rig",
+    metavar="FILE",
+    default=EMULATED,
+    help="Rig file [`emulated`, the virtual rig].",
 )
+@click.option("--scenario", default="circle", help="Scenario that the rig is to run [circle].")
+@click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @SETTING
 @JSON
@@ -38,27 +41,27 @@ def doctor(
     reset: bool,
     as_json: bool,
 ) -> int:
-    """Find and check everything that a rig's bring-up needs, and say what to do."""
+    """Check everything that a rig needs before it is brought up, and say what to do."""
     chosen = load(scenario, overrides)
-    found: list[Finding] = []
+    found: list[CheckResult] = []
     with rig_file(rig, chosen) as (file, ask):
-        for finding in examine(chosen, file, ask, move=move, reset=reset):
-            found.append(finding)
+        for result in examine(chosen, file, ask, move=move, reset=reset):
+            found.append(result)
             if not as_json:
-                _print(finding)
-    counts = {verdict: sum(each.verdict is verdict for each in found) for verdict in Verdict}
+                _print(result)
+    counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     if as_json:
-        print_json([{**each._asdict(), "verdict": str(each.verdict)} for each in found])
+        print_json([each.as_dict() for each in found])
     else:
-        console.print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
-    return 1 if counts[Verdict.FAIL] else 0
+        console.print(", ".join(f"{count} {status}" for status, count in counts.items()))
+    return 1 if counts[CheckStatus.FAIL] else 0
 
 
-def _print(finding: Finding) -> None:
-    colour = COLOURS[finding.verdict]
-    console.print(f"[{colour}]{finding.verdict}[/{colour}]  {finding.what}: ", end="")
-    advice = f" -> {finding.advice}" if finding.advice else ""
-    console.print(f"{finding.seen}{advice}", markup=False, soft_wrap=True)
+def _print(result: CheckResult) -> None:
+    colour = COLOURS[result.status]
+    console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
+    advice = f" -> {result.advice}" if result.advice else ""
+    console.print(f"{result.seen}{advice}", markup=False, soft_wrap=True)
 
 
 @contextmanager

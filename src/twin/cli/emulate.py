@@ -25,7 +25,7 @@ from twin.scenario import load
     "--protocol",
     type=click.Choice([str(protocol) for protocol in Protocol]),
     default=str(Protocol.MICROTOUCH),
-    help="What the touch screen speaks [microtouch].",
+    help="Protocol of the touch screen [microtouch].",
 )
 @click.option(
     "--write",
@@ -37,7 +37,7 @@ from twin.scenario import load
 def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path) -> int:
     """Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys.
 
-    It runs the plant of a scenario in real time. Type sto and release for its STO button, lift
+    It simulates a scenario's plant in real time. Type sto and release for its STO button, lift
     and put for the ball, unplug and plug for the screen; Ctrl-C ends it.
     """
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
@@ -48,7 +48,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
         come_forward()
         threading.Thread(target=_listen, args=(rig,), daemon=True).start()
         try:
-            rig.served.run()
+            rig.server.run()
         except KeyboardInterrupt:
             console.print("ended")
     return 0

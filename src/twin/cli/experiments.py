@@ -1,4 +1,4 @@
-"""What the command reproduce does with chapter 9: fit to Table 9.3, predict the rest, tell why."""
+"""What the command reproduce does with chapter 9: fit, predict, test hypotheses, document."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from rich.table import Table
 from twin.cli.output import console, print_json, progress
 from twin.report.numbers import shown
 from twin.thesis.experiments import fit as fitting
-from twin.thesis.experiments.goals import goals
-from twin.thesis.experiments.hypotheses import effects
+from twin.thesis.experiments.hypotheses import evaluated
 from twin.thesis.experiments.judge import UNITS
-from twin.thesis.experiments.predict import Row, rows
+from twin.thesis.experiments.predict import Prediction, goals, rows
 from twin.thesis.experiments.report import write_doc
 
 
-def predict(tables: Sequence[str]) -> list[Row]:
+def predict(tables: Sequence[str]) -> list[Prediction]:
     """Predict the tables of these numbers."""
     with progress("predicting", 1.0) as advance:
         return rows(tables, advance)
@@ -30,14 +29,14 @@ def document(path: Path) -> int:
     with progress("fitting, predicting, trying hypotheses", 3.0) as advance:
         found = fitting.fits(advance)
         predicted = rows((), lambda share: advance(1 + share))
-        tried = effects(lambda share: advance(2 + share))
+        tried = evaluated(lambda share: advance(2 + share))
     write_doc(path, predicted, found, tried)
     console.print(f"written to {path}")
     return 0
 
 
 def fit(*, keep: bool, as_json: bool) -> int:
-    """Choose the reading, fit the friction to Table 9.3 and tell the result."""
+    """Choose the reading, fit the friction to Table 9.3 and print the result."""
     with progress("fitting", 1.0) as advance:
         result = fitting.fit(advance)
     if keep:
@@ -55,7 +54,7 @@ def fit(*, keep: bool, as_json: bool) -> int:
     return 0
 
 
-def show(predicted: list[Row], *, whole: bool) -> None:
+def show(predicted: list[Prediction], *, whole: bool) -> None:
     """Print the cells, thesis beside twin, and for the whole chapter the goals."""
     out = Table("table", "row", "quantity", "thesis", "predicted", "frictionless", "")
     for row in predicted:

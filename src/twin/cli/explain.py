@@ -1,4 +1,4 @@
-"""The command explain: which effect makes how much of a scenario's error."""
+"""The command explain: how much of a scenario's error each effect causes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import os
 from pathlib import Path
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
-from twin.cli.options import JSON, SETTING, check_writable
+from twin.cli.options import JSON, SETTING, check_writable, titled
 from twin.cli.output import console, print_json, progress
-from twin.explain.divide import Case, Explanation, plan, summary
-from twin.explain.divide import explain as explain_scenario
+from twin.explain.attribution import EffectCase, Explanation, plan, summary
+from twin.explain.attribution import explain as explain_scenario
 from twin.explain.effects import EFFECTS, present, with_typical
-from twin.explain.picture import draw
+from twin.explain.plot import draw
 from twin.run.record import write_json
 from twin.scenario import load
 
@@ -26,15 +27,15 @@ PROCESSES = min(2, os.cpu_count() or 1)
 @click.option(
     "--typical",
     is_flag=True,
-    help="First give the effects that the scenario lacks the size a real rig may have.",
+    help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/explain-SCENARIO].")
 @JSON
 def explain(
     scenario: str, overrides: tuple[str, ...], out: Path | None, *, typical: bool, as_json: bool
 ) -> int:
-    """Run a scenario with all effects, without each, and with each alone: who makes the error?"""
-    chosen = load(scenario, overrides)
+    """Attribute the tracking error to effects: run with all, without each, and with each alone."""
+    chosen = titled(load(scenario, overrides), overrides)
     if typical:
         chosen = with_typical(chosen)
     folder = out or Path("runs") / f"explain-{Path(scenario).stem}"
@@ -56,25 +57,25 @@ def explain(
 def _show(found: Explanation) -> None:
     percent = found.whole.percent is not None
     what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
-    console.print(f"[bold]{found.scenario.title}[/bold]: {what}")
+    console.print(f"[bold]{escape(found.scenario.title)}[/bold]: {what}")
     table = Table(
         "effect", "all but this", "change", "this alone", "change", "share", header_style="bold"
     )
     for column in table.columns[1:]:
         column.justify = "right"
 
-    def size(case: Case | None) -> float | None:
+    def size(case: EffectCase | None) -> float | None:
         if case is None:
             return None
         return case.percent if percent else None if case.rms is None else 1000 * case.rms
 
-    def shown(case: Case, base: Case) -> tuple[str, str]:
+    def shown(case: EffectCase, base: EffectCase) -> tuple[str, str]:
         value, start = size(case), size(base)
         if value is None:
             return case.outcome.split(" at ", maxsplit=1)[0], "-"
         return f"{value:.2f}", "-" if start is None else f"{value - start:+.2f}"
 
-    for part in found.parts:
+    for part in found.contributions:
         share = "-" if part.share is None else f"{100 * part.share:z.1f} %"
         less, alone = shown(part.without, found.whole), shown(part.alone, found.none)
         table.add_row(part.effect.label, *less, *alone, share)

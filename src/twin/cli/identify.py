@@ -13,10 +13,10 @@ from twin.identify.identify import SHARE, Identification
 from twin.identify.identify import identify as identify_log
 from twin.identify.log import read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
-from twin.identify.report import digits, interval, sentences, summary, write
+from twin.identify.report import digits, interval, sentences, write
 from twin.identify.verdict import IDENTIFIED
 
-ALL = f"Of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
+ALL = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
 @click.command()
@@ -27,7 +27,7 @@ ALL = f"Of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
     type=click.FloatRange(0, 0.8),
     default=round(1 - SHARE, 2),
     show_default=True,
-    help="Share of the log that no fit sees.",
+    help="Share of the log held out from the fit.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/identify-LOG].")
 @JSON
@@ -36,9 +36,9 @@ def identify(
 ) -> int:
     """Fit friction, dead time, drives and level to a recorded run.
 
-    LOG is a run folder, a run.parquet, or a CSV file with named columns. Best recorded with the
-    scenario `excite`. Writes report.html and parameters.toml; exit code 1 if the log shows none of
-    the parameters.
+    LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
+    the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
+    be identified.
     """
     wanted = chosen(names)
     folder = out or Path("runs") / f"identify-{log.stem if log.suffix else log.name}"
@@ -48,7 +48,7 @@ def identify(
         found = identify_log(recorded, wanted, 1 - hold_out, advance)
     write(found, folder)
     if as_json:
-        print_json(summary(found))
+        print_json(found.as_dict())
     else:
         _show(found)
         console.print(f"written to {folder}/")

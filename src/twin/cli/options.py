@@ -1,12 +1,17 @@
-"""Options that several commands have, and the check of where they write."""
+"""Options that several commands have, what they do to a title, and the check of outputs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twin.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from twin.scenario import Scenario
 
 SETTING = click.option(
     "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."
@@ -14,17 +19,30 @@ SETTING = click.option(
 PLANT = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),
-    help="The mechanism, or the exact equations.",
+    help="Simulate the mechanism, or the exact equations.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 
 
+def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
+    """The scenario with what was changed in its title, so that the title says what ran.
+
+    Args:
+        scenario: With the overrides in force.
+        overrides: ``KEY=VALUE`` each, as given; one of the title itself says nothing more.
+    """
+    changed = [text for text in overrides if text.partition("=")[0].strip() != "title"]
+    if not changed:
+        return scenario
+    return scenario.model_copy(update={"title": f"{scenario.title} ({', '.join(changed)})"})
+
+
 def check_writable(folder: Path, option: str = "--out") -> None:
-    """Find out before the work whether the results can be kept.
+    """Check before the work that the results can be written.
 
     Args:
         folder: Where they go; made if it does not exist.
-        option: What named it.
+        option: The option that named it.
 
     Raises:
         ScenarioError: If the folder cannot be made or written.

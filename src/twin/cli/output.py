@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from time import monotonic
-from typing import Any
+from typing import Any, Protocol
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from twin.report.numbers import LABELS as INDICATORS
 from twin.report.numbers import shown
 
-LABELS = {**INDICATORS, "real_time_factor": ("faster than real time", "×")}
-"""Indicator to the words and the unit it is printed with."""
+FIRST = ("tracking_error_percent", "rms_error")
+"""Indicators at the top of a table."""
+LABELS = {
+    **{key: INDICATORS[key] for key in FIRST},
+    **INDICATORS,
+    "judged_from": ("steady tracking from", "s"),
+    "real_time_factor": ("faster than real time", "×"),
+}
+"""Indicator to the words and the unit it is printed with, in the order of the table."""
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -38,10 +46,12 @@ def warn(message: str) -> None:
 
 
 def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
-    """A table of indicators, one column a run; indicators that apply to none are left out."""
-    table = Table("", *runs, "unit", header_style="bold")
-    for column in table.columns[1:-1]:
-        column.justify = "right"
+    """A table of indicators, one column per run; indicators that apply to none are left out."""
+    table = Table(header_style="bold")
+    table.add_column("", overflow="fold")
+    for label in runs:
+        table.add_column(escape(label), justify="right", overflow="fold")
+    table.add_column("unit")
     for key, (label, unit) in LABELS.items():
         values = [summary.get(key) for summary in runs.values()]
         if any(value is not None for value in values):
@@ -51,31 +61,87 @@ def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
         if summary.get("reason"):
             console.print(
                 f"{label}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
-                f"{summary['reason']}"
+                f"{summary['reason']}",
+                markup=False,
             )
 
 
+class Advance(Protocol):
+    """Shows how much of the total is done, and perhaps a note."""
+
+    def __call__(self, done: float, note: str = "", /) -> None:
+        """Show it."""
+
+
 @contextmanager
-def progress(what: str, total: float) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal's standard error; elsewhere a line at the begin and now and then."""
+def progress(what: str, total: float, unit: str = "") -> Iterator[Advance]:
+    """Progress on standard error: a bar on a terminal, elsewhere a line now and then.
+
+    Args:
+        what: Label of the work.
+        total: What ``done`` is when all is done.
+        unit: What is counted, as ``runs``; without one the share done is shown.
+    """
+    meter = Meter(total, unit)
     if not errors.is_terminal:
-        click.echo(f"{what} ...", err=True)
-        yield _lines(what, total)
+        click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
+        yield _lines(what, meter)
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(24))
+    text = TextColumn("{task.fields[text]}", markup=False)
+    with Progress(*columns, text, console=errors, transient=True) as bar:
+        task = bar.add_task(what, total=total, text="")
+
+        def advance(done: float, note: str = "", /) -> None:
+            bar.update(task, completed=done, text=meter.text(done, note))
+
+        yield advance
 
 
-def _lines(what: str, total: float) -> Callable[[float], None]:
+class Meter:
+    """Says in words how far some work is, at what rate, and how long the rest will take.
+
+    The rate is that since the first call, so that what was done before does not count.
+
+    Args:
+        total: What is done when all is done.
+        unit: What is counted; empty for a share.
+    """
+
+    def __init__(self, total: float, unit: str = "") -> None:
+        self._total, self._unit = total, unit
+        self._first: tuple[float, float] | None = None
+
+    def text(self, done: float, note: str = "") -> str:
+        """The words for what is done now."""
+        now = monotonic()
+        begin, before = self._first = self._first or (now, done)
+        rate = (done - before) / max(now - begin, 1e-9)
+        counted = f"{done:.0f} of {self._total:.0f} {self._unit}"
+        parts = [counted if self._unit else f"{min(done / self._total, 1):.0%}"]
+        if self._unit and rate > 0:
+            parts.append(f"{rate:.2g} per second")
+        if rate > 0 and done < self._total:
+            parts.append(f"about {duration((self._total - done) / rate)} left")
+        return ", ".join((*parts, note) if note else parts)
+
+
+def _lines(what: str, meter: Meter) -> Advance:
     """Progress as plain lines, none sooner than ``LINE_EVERY`` after the last."""
     last = monotonic()
 
-    def tell(done: float) -> None:
+    def advance(done: float, note: str = "", /) -> None:
         nonlocal last
+        text = meter.text(done, note)
         if monotonic() - last > LINE_EVERY:
-            click.echo(f"{what}: {min(done / total, 1):.0%}", err=True)
+            click.echo(f"{what}: {text}", err=True)
             last = monotonic()
 
-    return tell
+    return advance
+
+
+def duration(seconds: float) -> str:
+    """A time for people: in s, min or h."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,4 +1,4 @@
-"""The command report: recorded runs in words, numbers and pictures."""
+"""The command report: recorded runs as a page, pictures or a table."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ class Formats(click.ParamType[tuple[str, ...]]):
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--rig", "rigs", multiple=True, type=int, help="Rig of a record of several; repeat.")
+@click.option(
+    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
+)
 @click.option(
     "--format", "formats", type=Formats(), default="html", metavar="html,png,pdf,csv,latex"
 )

@@ -1,4 +1,4 @@
-"""The command reproduce: the thesis's tables, simulated and measured, computed anew."""
+"""The command reproduce: the thesis's tables, simulated and measured, recomputed."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
 from twin.thesis.experiments.tables import tables as measured_tables
-from twin.thesis.reproduce.compare import Cell, Findings, Verdict, compare
-from twin.thesis.reproduce.doc import write_doc
-from twin.thesis.reproduce.pool import findings
-from twin.thesis.reproduce.report import grid, sentence
-from twin.thesis.reproduce.tables import Table, chosen
+from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare
+from twin.thesis.reproduce.jobs import plan, row_results
+from twin.thesis.reproduce.report import grid, sentence, write_doc
+from twin.thesis.reproduce.tables import SimulatedTable, chosen
 from twin.thesis.reproduce.tables import tables as simulated_tables
-from twin.thesis.reproduce.work import plan
 
 
 @click.command()
@@ -25,9 +23,9 @@ from twin.thesis.reproduce.work import plan
 @click.option(
     "--doc",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the comparison with figures to this Markdown file, too; of one chapter.",
+    help="Also write the comparison of one chapter, with figures, to this Markdown file.",
 )
-@click.option("--fit", is_flag=True, help="Of 9: choose the reading, fit the friction to 9.3.")
+@click.option("--fit", is_flag=True, help="Chapter 9 only: refit the friction to Table 9.3.")
 @click.option("--keep", is_flag=True, help="With --fit: predict with the result from now on.")
 @click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
 @JSON
@@ -40,7 +38,7 @@ def reproduce(
     keep: bool,
     as_json: bool,
 ) -> int:
-    """Compute the thesis's tables anew and lay them beside its values.
+    """Recompute the thesis's tables and compare.
 
     TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
     8.1 to 8.21 were simulated, 9.1 to 9.9 measured on the rig: those the twin predicts.
@@ -59,7 +57,8 @@ def reproduce(
     wanted = chosen(of_8) if of_8 else []
     jobs = plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
-        found: Findings = {(one.place, one.way): one for one in findings(jobs, processes, advance)}
+        each = row_results(jobs, processes, advance)
+        found: Results = {(one.place, one.way): one for one in each}
     cells = compare(wanted, found)
     predicted = measured.predict(of_9) if of_9 else []
     if doc is not None:
@@ -73,7 +72,7 @@ def reproduce(
             measured.show(predicted, whole=len(of_9) == len(measured_tables()))
         if doc is not None:
             console.print(f"written to {doc}")
-    return int(any(cell.verdict is Verdict.DIFFERS for cell in cells))
+    return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
 
 
 def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -94,7 +93,7 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return of_8, of_9
 
 
-def _show(wanted: list[Table], cells: list[Cell]) -> None:
+def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
     for table in wanted:
         out, notes = grid(table, cells)
         console.print(out)

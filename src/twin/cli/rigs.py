@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from twin.scenario import Scenario
 RIG = click.option(
     "--rig",
     metavar="FILE",
-    help="Run on the rig that a TOML file describes, or on 'emulated': a virtual one on the wire.",
+    help="Rig file, or `emulated` for the virtual rig.",
 )
 RESET = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."
@@ -24,9 +24,21 @@ RESET = click.option(
 EMULATED = "emulated"
 
 
+SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
+"""Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
+
+
 @contextmanager
-def chosen(rig: str | None, scenario: Scenario, *, reset: bool) -> Iterator[HardwareRig | None]:
-    """The rig that was asked for, not switched on; None for the simulation.
+def chosen(
+    rig: str | None, scenario: Scenario, overrides: Sequence[str] = (), *, reset: bool
+) -> Iterator[HardwareRig | None]:
+    """The requested rig, not switched on; None for the simulation.
+
+    Args:
+        rig: Rig file, ``emulated`` or None.
+        scenario: What is to run on it.
+        overrides: What the command changes of the scenario.
+        reset: Whether faults found in the drives are reset.
 
     Raises:
         TwinError: If there is no such rig, or its file is wrong.
@@ -42,17 +54,28 @@ def chosen(rig: str | None, scenario: Scenario, *, reset: bool) -> Iterator[Hard
     if scenario.sensors.ideal:
         raise ScenarioError("--rig: no rig measures its full state; set sensors.ideal=false")
     if rig != EMULATED:
+        for text in overrides:
+            key = text.partition("=")[0].strip()
+            if key.startswith(SIMULATION_ONLY):
+                raise ScenarioError(
+                    f"--rig {rig}: {key} describes a simulated rig and changes nothing of a real "
+                    "one; leave it out, or set what the rig has in its file"
+                )
         yield connect(scenario, read_rig(Path(rig)), reset=reset)
         return
     from twin.emulator.serve import emulated  # noqa: PLC0415  loaded when asked for
+    from twin.run.plants import build_plant  # noqa: PLC0415
 
+    # what a virtual rig knows of its cams is part of its scenario
+    known = build_plant([scenario])[1]
     with emulated(scenario) as virtual:
-        yield connect(scenario, check_rig(virtual.tables, EMULATED), reset=reset)
+        tables = check_rig(virtual.tables, EMULATED)
+        yield connect(scenario, tables, reset=reset, transmission=known)
 
 
-def tell(rig: HardwareRig) -> None:
-    """Say how the real-time loop fared."""
-    for line in (*rig.scheduling, *rig.clock.ledger.text()):
+def print_timing(rig: HardwareRig) -> None:
+    """Print the timing of the real-time loop, and the conditions that were detected."""
+    for line in (*rig.scheduling, *rig.clock.timing.text()):
         errors.print(line, style="dim", highlight=False)
     for time, note in rig.journal:
         severity = note.condition.severity

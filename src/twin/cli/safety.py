@@ -1,4 +1,4 @@
-"""The command safety: every fault on purpose, and what came of it."""
+"""The command safety: every fault injected, its detection and reaction judged."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.cli.options import JSON, check_writable
 from twin.cli.output import console, print_json, progress
 from twin.safety.cases import CASES
 from twin.safety.doc import write_doc
-from twin.safety.matrix import Row, run_all
+from twin.safety.matrix import FaultRow, run_all
 
 
 @click.command()
@@ -41,7 +41,7 @@ def safety(doc: Path | None, processes: int, *, as_json: bool) -> int:
     return 0 if all(row.good for row in rows) else 1
 
 
-def _table(rows: list[Row]) -> Table:
+def _table(rows: list[FaultRow]) -> Table:
     table = Table("fault", "condition", "allowed ms", "detected ms", "run", "verdict")
     for row in rows:
         seen = "-" if row.detected is None else f"{1e3 * row.detected:.0f}"

@@ -4,38 +4,40 @@ from __future__ import annotations
 
 import itertools
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from controllers.analysis import instability, slow_observer
-from twin.cli.options import JSON, PLANT, SETTING, check_writable
+from twin.cli.options import JSON, PLANT, SETTING, check_writable, titled
 from twin.cli.output import console, print_json, print_metrics, progress, warn
-from twin.cli.rigs import RESET, RIG, tell
+from twin.cli.rigs import RESET, RIG, print_timing
 from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
+from twin.data_file import DataError, parse_toml, read_toml
 from twin.errors import ScenarioError
 from twin.hal.rig import Rig
-from twin.run.assemble import build_controller
+from twin.run.control import build_controller
 from twin.run.execute import Run, save
 from twin.run.execute import run as run_scenario
 from twin.run.loop import Ending
 from twin.run.metrics import Motion
-from twin.run.picture import draw
+from twin.run.overview_plot import draw
 from twin.run.record import Recorder
 from twin.scenario import Scenario, load, shipped
 from twin.scenario.clean import clean
 
 PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
-"""What the plants are called in tables and pictures."""
+"""What the plants are called in tables, pictures and progress."""
+CLEAN = "clean model"
 
 
 @click.command("list")
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
-    """Show the scenarios that can be run by name."""
+    """List the scenarios that can be run by name."""
     found = {name: _title(path) for name, path in shipped().items()}
     if as_json:
         print_json(found)
@@ -66,26 +68,27 @@ def run(
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
-    chosen = load(scenario, _with_plant(overrides, plant))
+    changed = _with_plant(overrides, plant)
+    chosen = titled(load(scenario, changed), changed)
     folder = out or Path("runs") / Path(scenario).stem
     check_writable(folder)
-    with on_rig(rig, chosen, reset=reset) as real, viewing.of(chosen, folder) as watch:
-        done = _run(chosen, watch=watch, quiet=viewing.watch, rig=real)
+    label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
+    with on_rig(rig, chosen, changed, reset=reset) as real, viewing.of(chosen, folder) as watch:
+        done = _run(chosen, label, watch, quiet=viewing.watch, rig=real)
     if real is not None:
-        tell(real)
-    label = PLANTS[chosen.plant.kind] if real is None else f"rig {Path(str(rig)).stem}"
+        print_timing(real)
     runs: dict[str, Run] = {label: done}
     if chosen.baseline and chosen.plant.kind == "mujoco" and not done.outcome.interrupted:
-        runs["clean model"] = _run(clean(chosen))
+        runs[CLEAN] = _run(clean(chosen), CLEAN)
     save(done, folder, {label: each.motion for label, each in runs.items()})
     if as_json:
         print_json(done.summary())
     else:
-        console.print(f"[bold]{chosen.title}[/bold]")
+        console.print(chosen.title, style="bold", markup=False)
         print_metrics({label: each.summary() for label, each in runs.items()})
         if len(runs) > 1:
             console.print(
-                "clean model: the same controller on the frictionless exact equations it was "
+                f"{CLEAN}: the same controller on the frictionless exact equations it was "
                 "designed on, without dead time, noise or mechanism"
             )
         console.print(f"written to {folder}/: picture.png, metrics.json, run.parquet")
@@ -101,7 +104,7 @@ def run(
     "--vary",
     multiple=True,
     metavar="KEY=[A,B,...]",
-    help="Run once with each of these values of a key; repeat for combinations.",
+    help="Run once for each value of a key; repeat the option for all combinations.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/compare].")
 @JSON
@@ -115,11 +118,16 @@ def compare(
     as_json: bool,
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture."""
+    changed = _with_plant(overrides, plant)
     cases: dict[str, Scenario] = {}
+    headings: dict[str, str] = {}
     for name in scenarios:
+        named = (name,) if len(scenarios) > 1 or not vary else ()
         for variant in itertools.product(*map(_variants, vary)):
-            label = " ".join((*([name] if len(scenarios) > 1 or not vary else []), *variant))
-            cases[label] = load(name, (*_with_plant(overrides, plant), *variant))
+            label = " ".join((*named, *variant))
+            cases[label] = load(name, (*changed, *variant))
+            values = ", ".join(item.partition("=")[2] for item in variant)
+            headings[label] = " ".join((*named, values)).strip()
     folder = out or Path("runs") / "compare"
     check_writable(folder)
     runs: dict[str, Run] = {}
@@ -128,15 +136,16 @@ def compare(
         save(done, folder / _slug(label), {label: done.motion})
         if done.outcome.interrupted:
             break
-    motions: dict[str, Motion] = {label: done.motion for label, done in runs.items()}
-    first = next(iter(runs.values())).scenario
-    draw(folder / "compare.png", motions, "Comparison", first.rig.limits.area)
+    motions: dict[str, Motion] = {headings[label]: done.motion for label, done in runs.items()}
+    title = _comparison([text.partition("=")[0] for text in vary], changed)
+    draw(folder / "compare.png", motions, title, next(iter(cases.values())).rig.limits.area)
     summaries = {label: done.summary() for label, done in runs.items()}
     if as_json:
         print_json(summaries)
     else:
-        print_metrics(summaries)
-        console.print(f"written to {folder}/: compare.png and a run folder each")
+        console.print(title, style="bold", markup=False)
+        print_metrics({headings[label]: each for label, each in summaries.items()})
+        console.print(f"written to {folder}/: compare.png and one folder per run")
     return max(exit_code(done) for done in runs.values())
 
 
@@ -147,7 +156,7 @@ def exit_code(done: Run) -> int:
 
 def _run(
     scenario: Scenario,
-    label: str = "",
+    label: str,
     watch: Callable[[Recorder], None] = lambda _: None,
     *,
     quiet: bool = False,
@@ -163,7 +172,7 @@ def _run(
             warn(danger)
     if quiet:
         return run_scenario(scenario, watch=watch, rig=rig)
-    with progress(label or scenario.title, scenario.duration) as advance:
+    with progress(label, scenario.duration) as advance:
         return run_scenario(scenario, advance, watch, rig)
 
 
@@ -175,13 +184,21 @@ def _variants(text: str) -> list[str]:
     """The overrides ``key=value`` that ``key=[a, b]`` or ``key=a,b`` stands for."""
     key, equals, values = text.partition("=")
     if not equals or not key or not values:
-        raise ScenarioError(f"--vary '{text}': write KEY=[A,B,...], as in duration=[5,10]")
+        raise ScenarioError(f"--vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
     try:
-        listed: Any = tomllib.loads(f"values = {values}")["values"]
+        listed: Any = parse_toml(f"values = {values}")["values"]
     except tomllib.TOMLDecodeError:
         listed = values.strip("[]").split(",")
+    except DataError as error:
+        raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
     items = listed if isinstance(listed, list) else [listed]
     return [f"{key}={str(item).strip()}" for item in items]
+
+
+def _comparison(keys: Sequence[str], changed: Sequence[str]) -> str:
+    """What is compared: the keys whose values stand over the columns, and what all runs share."""
+    over = f"Comparison over {', '.join(keys)}" if keys else "Comparison"
+    return f"{over} ({', '.join(changed)})" if changed else over
 
 
 def _slug(label: str) -> str:
@@ -190,6 +207,6 @@ def _slug(label: str) -> str:
 
 def _title(path: Path) -> str:
     try:
-        return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
-    except (OSError, tomllib.TOMLDecodeError) as error:
+        return str(read_toml(path).get("title", ""))
+    except DataError as error:
         return f"(unreadable: {error})"

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 
 import click
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 
 from twin.cli.options import JSON, check_writable
-from twin.cli.output import LINE_EVERY, console, errors, print_json
+from twin.cli.output import console, duration, errors, print_json, progress
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, remaining
@@ -22,20 +20,20 @@ from twin.study.cluster import Cluster
 from twin.study.report import compared, document, write
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
-from twin.study.words import sentences
+from twin.study.summary import sentences
 from twin.study.work import Job, Work, carry_out
 
 BYTES = 800
-"""Size of a run on disk, rather more: its row in a chunk, and in rows.parquet and rows.csv."""
+"""Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
 PILOT = (0.1, 0.5)
-"""Simulated seconds of the two short batches from which the time of a study is told."""
+"""Simulated seconds of the two short batches from which the time of a study is estimated."""
 
 
 @click.command()
 @click.argument("study", required=False)
-@click.option("--samples", type=click.IntRange(min=2), help="In place of the study's own.")
-@click.option("--seeds", type=click.IntRange(min=1), help="In place of the study's own.")
-@click.option("--plan", is_flag=True, help="Say how many runs, how long, how much; run none.")
+@click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
+@click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
+@click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
 @click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
@@ -53,9 +51,9 @@ def study(
     plan: bool,
     as_json: bool,
 ) -> int:
-    """Carry out a study: a shipped one by name, or a TOML file; without a name, list them.
+    """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
-    What is finished is kept: an interrupted study goes on where it stopped, a finished one answers
+    Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
     at once, a changed one runs only what changed.
     """
     if study is None:
@@ -75,8 +73,14 @@ def study(
         processes = processes or (cluster.workers if cluster else os.cpu_count() or 1)
         if plan:
             return _plan(work, store, processes)
-        with _progress(about.title, work.different) as tell:
-            rows = carry(work, store, executor=cluster, processes=processes, progress=tell)
+        with progress(about.title, work.different, "runs") as advance:
+            rows = carry(
+                work,
+                store,
+                executor=cluster,
+                processes=processes,
+                progress=lambda done, failed: advance(done, f"{failed} failed"),
+            )
     found = answers(work, rows)
     write(work, rows, found, folder)
     if doc is not None:
@@ -110,65 +114,28 @@ def _plan(work: Work, store: Store, processes: int) -> int:
     each = _seconds(work.jobs(chunks[0]))
     console.print(
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
-        f"batches take about {_time(left * each / processes)} on {processes} processors "
-        f"({each:.2f} s a run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
+        f"batches take about {duration(left * each / processes)} on {processes} processors "
+        f"({each:.2f} s per run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
     )
     return 0
 
 
 def _seconds(chunk: list[Job]) -> float:
-    """What a run of a chunk takes, from two short ones: setting up, and the rest by its length."""
+    """Time per run of a chunk in s, from two short ones: set-up, and the rest by its duration."""
     times = []
-    for duration in PILOT:
+    for length in PILOT:
         begin = perf_counter()
-        carry_out([_short(job, duration) for job in chunk])
+        carry_out([_short(job, length) for job in chunk])
         times.append(perf_counter() - begin)
     rate = (times[1] - times[0]) / (PILOT[1] - PILOT[0])
     whole = float(json.loads(chunk[0].scenario)["duration"])
     return (times[0] + rate * (whole - PILOT[0])) / len(chunk)
 
 
-def _short(job: Job, duration: float) -> Job:
+def _short(job: Job, length: float) -> Job:
     scenario = json.loads(job.scenario)
-    scenario |= {"duration": duration, "metrics": {"start": 0.0}}
+    scenario |= {"duration": length, "metrics": {"start": 0.0}}
     return job._replace(scenario=json.dumps(scenario))
-
-
-@contextmanager
-def _progress(what: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """How far it is, at what rate, how long it will take, and what failed: a bar, or lines."""
-    begin, before = monotonic(), -1
-
-    def told(done: int, failed: int) -> str:
-        nonlocal before
-        before = done if before < 0 else before
-        rate = (done - before) / max(monotonic() - begin, 1e-9)
-        soon = f", {rate:.2g} a second, about {_time((total - done) / rate)} left" if rate else ""
-        return f"{soon}, {failed} failed"
-
-    if errors.is_terminal:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TextColumn("{task.fields[more]}"), console=errors) as bar:
-            task = bar.add_task(what, total=total, more="")
-            yield lambda done, bad: bar.update(task, completed=done, more=told(done, bad)[2:])
-        return
-    last = begin
-    click.echo(f"{what}: {total} runs ...", err=True)
-
-    def tell(done: int, failed: int) -> None:
-        nonlocal last
-        line = told(done, failed)
-        if monotonic() - last > LINE_EVERY:
-            click.echo(f"{what}: {done} of {total} runs{line}", err=True)
-            last = monotonic()
-
-    yield tell
-
-
-def _time(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:

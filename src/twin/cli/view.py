@@ -1,4 +1,4 @@
-"""The command view: recorded runs in the viewer again."""
+"""The command view: recorded runs in the viewer."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from twin.run.replay import Replay, open_runs
 from twin.view import viewer
 from twin.view.layout import LAYOUTS, Layout
 from twin.view.live import address, reach
-from twin.view.recording import forward, write
-from twin.view.screenshot import screenshot
+from twin.view.recording import forward, screenshot, write
 
 WEB_PORT = 9090
 
 
 @click.command()
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--rig", "rigs", multiple=True, type=int, help="Rig of a record of several; repeat.")
+@click.option(
+    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
+)
 @click.option(
     "--layout",
     type=click.Choice(LAYOUTS),
     default="showing",
     show_default=True,
-    help="Which tab is open: the mechanism large, or the plots.",
+    help="Tab that opens: the mechanism large, or the plots.",
 )
-@click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording; open nothing.")
+@click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
-@click.option("--at", type=float, help="Simulated time in s of the picture [the middle].")
+@click.option("--at", type=float, help="Simulated time of the picture in s [the middle].")
 @click.option(
     "--serve",
     type=click.IntRange(1, 65535),
     is_flag=False,
     flag_value=WEB_PORT,
     metavar="[PORT]",
-    help=f"Show it in a browser of this machine [{WEB_PORT}].",
+    help=f"Show in a browser of this machine [{WEB_PORT}].",
 )
-@click.option("--connect", metavar="ADDRESS", help="Send it to the viewer at HOST:PORT.")
+@click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
 def view(
     runs: tuple[Path, ...],
     rigs: tuple[int, ...],

@@ -1,4 +1,4 @@
-"""The options --watch, --view, --connect, --serve and --rrd: look at a run, or keep a recording."""
+"""The options --watch, --view, --connect, --serve and --rrd: watch a run, or keep a recording."""
 
 from __future__ import annotations
 
@@ -16,42 +16,43 @@ from twin.run.record import Recorder
 from twin.scenario import Scenario
 
 if TYPE_CHECKING:
-    from twin.view.tap import Tap
+    from twin.view.live_process import LiveProcess
     from twin.view.viewer import Opened
 
 WEB_PORT = 9090
-SUMMING = 30.0
-"""Most seconds that the summary is given for its last lines: it has the least priority."""
-Watch = Callable[[Recorder], None]
+SUMMARY = 30.0
+"""Most seconds that the live summary is given for its last lines: it has the lowest priority."""
+Attach = Callable[[Recorder], None]
+"""Is given the recorder before the run, to observe it."""
 
 OPTIONS = (
-    click.option("--watch", is_flag=True, help="Sum the run up on the terminal as it goes on."),
-    click.option("--view", "window", is_flag=True, help="Watch the run in a viewer window."),
-    click.option("--connect", metavar="HOST:PORT", help="Watch it in a viewer that is running."),
+    click.option("--watch", is_flag=True, help="Print a live summary."),
+    click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
+    click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     click.option(
         "--serve",
         type=click.IntRange(1, 65535),
         is_flag=False,
         flag_value=WEB_PORT,
         metavar="[PORT]",
-        help=f"Watch it in a browser of this machine [{WEB_PORT}].",
+        help=f"Watch in a browser of this machine [{WEB_PORT}].",
     ),
     click.option("--rrd", type=click.Path(path_type=Path), help="Keep a recording for the viewer."),
 )
 
 
 class Viewing:
-    """How a run is to be watched; whatever goes wrong with that, the run is done and kept.
+    """How a run is watched; whatever goes wrong with that, the run itself is done and kept.
 
     Args:
         watch: On the terminal.
-        window: In a window of its own.
+        window: In a viewer window.
         connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
         rrd: File for a recording.
 
     Raises:
-        ScenarioError: If these exclude each other, or the recording has no place.
+        ScenarioError: If these exclude each other, or the recording's folder does not exist.
     """
 
     def __init__(
@@ -66,32 +67,32 @@ class Viewing:
         self._opened: Opened | None = None
 
     @contextmanager
-    def of(self, scenario: Scenario, folder: Path) -> Iterator[Watch]:
-        """Watch the run made within, which is called like its folder."""
-        with ExitStack() as open_taps:
-            taps = []
+    def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
+        """Watch the run made within; the view names it after its folder."""
+        with ExitStack() as running:
+            observers: list[LiveProcess] = []
             if self.watch:
-                from twin.view import tap, terminal  # noqa: PLC0415  loaded when asked for
+                from twin.view import live_process, terminal  # noqa: PLC0415  loaded when asked for
 
-                taps.append(tap.Tap(terminal.work, (scenario,)))
-                open_taps.callback(taps[-1].close)
+                observers.append(live_process.LiveProcess(terminal.work, (scenario,)))
+                running.callback(observers[-1].close)
             shown = self._open(scenario, folder.name)
             if shown is not None:
-                open_taps.callback(shown.close)
-                taps.append(shown)
+                running.callback(shown.close)
+                observers.append(shown)
 
             def watch(recorder: Recorder) -> None:
-                for each in taps:
+                for each in observers:
                     each.watch(recorder)
 
             yield watch
             if self.watch:
-                taps[0].finish(SUMMING)
+                observers[0].finish(SUMMARY)
             if shown is not None:
                 self._end(shown)
 
-    def _end(self, shown: Tap) -> None:
-        """Let the view catch up and tell what it missed."""
+    def _end(self, shown: LiveProcess) -> None:
+        """Let the view catch up and report what it missed."""
         if not shown.finish():
             warn("the view stopped before the end; the run and its record are complete")
         elif shown.dropped:
@@ -115,8 +116,8 @@ class Viewing:
             except KeyboardInterrupt:
                 self._opened.close()
 
-    def _open(self, scenario: Scenario, name: str) -> Tap | None:
-        """Start the view that was asked for; None if there is none or it cannot be."""
+    def _open(self, scenario: Scenario, name: str) -> LiveProcess | None:
+        """Start the view that was asked for; None if none was, or it cannot start."""
         if not (self._window or self._connect or self._serve):
             return None
         from twin.view import live, viewer  # noqa: PLC0415  loaded when asked for
@@ -133,7 +134,7 @@ class Viewing:
             return None
         if self._opened is not None and self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
-        return live.live(scenario, name, url)
+        return live.show(scenario, name, url)
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

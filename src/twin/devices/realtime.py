@@ -1,11 +1,11 @@
-"""Real time for the loop: absolute deadlines, missed periods skipped, every tick in the ledger."""
+"""Real time for the loop: absolute deadlines, missed periods skipped, timing of every tick."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-from twin.devices.timing import Ledger
+from twin.devices.timing import TimingLog
 from twin.hal.faults import Condition, Fault, Severity
 
 LOOP_OVERRUN = Condition(
@@ -13,7 +13,7 @@ LOOP_OVERRUN = Condition(
     Severity.LEVEL,
     0.11,
     "the plate is levelled and held",
-    "end what else computes on this machine, allow real-time priority, then recover and start",
+    "close other programs, allow real-time priority, then recover and start",
 )
 
 TIMING_CONDITIONS = (LOOP_OVERRUN,)
@@ -25,11 +25,11 @@ class RealTimeClock:
 
     It sleeps until shortly before a deadline and spins the rest: a sleep alone wakes up some
     50 to 100 us late. A loop that took longer than its period goes on at the next deadline to
-    come; the ones it missed are counted, never caught up with in a burst.
+    come; the periods it missed are counted, never caught up with in a burst.
 
     Args:
         period: In s.
-        ledger: Where lateness is counted; a new one by default.
+        timing: Statistics of lateness; new ones by default.
         spin: Time in s before a deadline that is spent spinning.
         allowed: Late or missed periods in a row that are a fault; the default is 50 ms at 2 ms,
             just before the drives miss the heartbeat.
@@ -40,7 +40,7 @@ class RealTimeClock:
     def __init__(
         self,
         period: float,
-        ledger: Ledger | None = None,
+        timing: TimingLog | None = None,
         *,
         spin: float = 2e-4,
         allowed: int = 25,
@@ -48,7 +48,7 @@ class RealTimeClock:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.period = period
-        self.ledger = ledger or Ledger(period)
+        self.timing = timing or TimingLog(period)
         self.tick = 0
         """Periods since the start, missed ones included."""
         self.lateness = 0.0
@@ -107,7 +107,7 @@ class RealTimeClock:
     def _count(self, lateness: float, missed: int) -> None:
         self.lateness = lateness
         before = self._row
-        self._row = before + missed + 1 if self.ledger.tick(lateness, missed) else 0
+        self._row = before + missed + 1 if self.timing.tick(lateness, missed) else 0
         if before < self._allowed <= self._row:
             detail = f"{self._row} late or missed periods of {1e3 * self.period:g} ms in a row"
             self._faults.append(Fault(LOOP_OVERRUN, "control loop", detail))

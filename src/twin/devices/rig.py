@@ -5,60 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
 from controllers.interfaces import Measurement
-from twin.devices.akd.seam import PoweredServos
+from twin.devices.interface import ListeningScreen, PoweredServos
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import Scheduling, real_time
-from twin.devices.timing import Ledger
+from twin.devices.timing import TimingLog
 from twin.errors import RigError
-from twin.hal.faults import Fault, Severity, Watched
-from twin.hal.interface import TouchScreen
+from twin.hal.faults import Fault, Severity
+from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
-from twin.hal.rig import Rig, Transmission
+from twin.hal.rig import Rig
 from twin.hal.states import Event, State
 from twin.hal.supervisor import Supervisor
-
-
-class BusServos(PoweredServos, Protocol):
-    """Powered servos whose bus answers a little later than it is asked."""
-
-    def settle(self, limit: float) -> None:
-        """Wait for the answers to what was sent last, at most for a time in s."""
-
-    @property
-    def round_trip(self) -> float | None:
-        """Seconds from the last command to the last answer; None while one is missing."""
-
-    @property
-    def needs_restart(self) -> bool:
-        """Whether a fault stands that only ``stop`` and ``start`` can clear."""
-
-
-class ListeningScreen(TouchScreen, Watched, Protocol):
-    """A touch screen that is listened to by a thread of its own."""
-
-    def start(self) -> None:
-        """Open the port and begin to listen."""
-
-    def stop(self) -> None:
-        """Close it; harmless if closed already."""
-
-    def recover(self) -> None:
-        """Forget what was; open the port anew if it went."""
-
-    def note_plate(self, plate: Array) -> None:
-        """Take in the measured plate angles (phi, theta), rad, shape (1, 2)."""
 
 
 class HardwareRig(Rig):
     """One real rig; as emulated devices speak the same bytes, they are driven by it, too.
 
-    Entering blocks: the drives are brought up, the plate is declared to stand as ``home`` says,
+    Entering blocks: the drives are brought up, the plate is declared to stand at ``home``,
     and the ball is waited for. Within, nothing waits but ``wait``.
 
     Args:
@@ -70,7 +39,7 @@ class HardwareRig(Rig):
         home: Plate angles (phi, theta) in rad at which the plate stands when switched on; the
             encoders are incremental.
         patience: Longest time in s that the ball is waited for.
-        reset: Whether faults found in the drives when switching on are reset: a person's request.
+        reset: Whether faults in the drives are reset when switching on: a person's request.
         scheduling: Makes the loop's thread a real-time one while the rig is on.
     """
 
@@ -82,7 +51,7 @@ class HardwareRig(Rig):
     def __init__(
         self,
         *,
-        servos: BusServos,
+        servos: PoweredServos,
         screen: ListeningScreen,
         clock: RealTimeClock,
         transmission: Transmission,
@@ -99,7 +68,7 @@ class HardwareRig(Rig):
             transmission=transmission,
             supervisor=Supervisor(limits, clock.period, 1),
             period=clock.period,
-            watched=(servos, screen, clock),
+            fault_sources=(servos, screen, clock),
         )
         self.servos = servos
         self.screen = screen
@@ -136,12 +105,12 @@ class HardwareRig(Rig):
             self._on = on.pop_all()
 
     def _hold(self) -> None:
-        """Be ready; time and ledger begin anew."""
+        """Be ready; time and its statistics start at zero."""
         super()._hold()
         self._exchange()
-        self.clock.ledger = Ledger(self.period)
+        self.clock.timing = TimingLog(self.period)
         self.clock.start()
-        self.clock.ledger.begin()
+        self.clock.timing.begin()
 
     def _power_off(self) -> None:
         """No torque, ports closed, an ordinary thread again."""
@@ -179,31 +148,31 @@ class HardwareRig(Rig):
         super().recover()
 
     def read(self) -> Measurement:
-        """What the sensors say now; a rig past a limit, or with a fault, is stopped here."""
+        """The present measurement; a rig past a limit, or with a fault, is stopped here."""
         self.screen.note_plate(self.servos.plate())
         measurement = super().read()
         if self.supervisor.state[0] == State.FAULT:
             self.servos.quick_stop()
-        self.clock.ledger.mark("read")
+        self.clock.timing.mark("read")
         return measurement
 
     def write(self, rate: Array) -> Array:
         """Command plate rates (phi', theta') in rad/s, shape (1, 2); return those applied."""
-        self.clock.ledger.mark("control")
+        self.clock.timing.mark("control")
         applied = super().write(rate)
         self.servos.send()
-        self.clock.ledger.mark("write")
+        self.clock.timing.mark("write")
         return applied
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""
-        self.clock.ledger.mark("record")
+        self.clock.timing.mark("record")
         self.servos.settle(self.clock.left - self.MARGIN)
         self._trip = self.servos.round_trip
         if self._trip is not None:
-            self.clock.ledger.round_trip(self._trip)
+            self.clock.timing.round_trip(self._trip)
         self.clock.wait()
-        self.clock.ledger.begin()
+        self.clock.timing.begin()
         self.servos.receive()
 
     def telemetry(self) -> dict[str, Array]:
@@ -218,9 +187,9 @@ class HardwareRig(Rig):
         return self._obtained.words if self._obtained else ()
 
     def account(self) -> dict[str, Any]:
-        """The ledger, and what the operating system allowed."""
+        """Timing statistics, and what the operating system allowed."""
         scheduling = self._obtained.as_dict() if self._obtained else {}
-        return {"ledger": self.clock.ledger.as_dict(), "scheduling": scheduling}
+        return {"ledger": self.clock.timing.as_dict(), "scheduling": scheduling}
 
     def _torque(self) -> None:
         self.servos.enable()
@@ -249,8 +218,8 @@ class HardwareRig(Rig):
             for device in (self.servos, self.screen):
                 for fault in device.faults():
                     if strict and fault.condition.severity is not Severity.WARNING:
-                        raise RigError(_line(fault))
+                        raise RigError(_words(fault))
 
 
-def _line(fault: Fault) -> str:
+def _words(fault: Fault) -> str:
     return f"{fault}; {fault.condition.recovery}"

@@ -1,13 +1,12 @@
-"""What the operating system can do for a real-time loop: priority, locked memory, no collector."""
+"""What the operating system does for a real-time loop: priority, locked memory, no collector."""
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
 PRIORITY = 80
@@ -38,55 +37,64 @@ class Scheduling(NamedTuple):
 def real_time(priority: int = PRIORITY) -> Iterator[Scheduling]:
     """Run the calling thread as a real-time loop needs it; all is undone on leaving.
 
-    The garbage collector is off, with everything that exists frozen out of its sight. Threads
-    started meanwhile stay ordinary ones.
+    The garbage collector is off, and existing objects are moved to its permanent generation.
+    Threads started meanwhile stay ordinary ones. An operating system other than Linux
+    grants neither priority nor locked memory, which is no error.
 
     Args:
         priority: Of SCHED_FIFO, 1..99.
     """
-    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
     collecting, switch = gc.isenabled(), sys.getswitchinterval()
-    fifo = _prioritise(priority)
-    locked = _lock()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    sys.setswitchinterval(SWITCH)
-    try:
-        yield Scheduling(fifo, locked, _words(fifo, locked, priority))
-    finally:
-        sys.setswitchinterval(switch)
-        gc.unfreeze()
-        if collecting:
-            gc.enable()
-        if locked:
-            ctypes.CDLL(None).munlockall()
-        if fifo:
-            os.sched_setscheduler(0, policy, parameter)
+    with ExitStack() as undo:
+        fifo = _prioritise(priority, undo)
+        locked = _lock(undo)
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        sys.setswitchinterval(SWITCH)
+        try:
+            yield Scheduling(fifo, locked, _words(fifo, locked, priority))
+        finally:
+            sys.setswitchinterval(switch)
+            gc.unfreeze()
+            if collecting:
+                gc.enable()
 
 
-def _prioritise(priority: int) -> bool:
+def _prioritise(priority: int, undo: ExitStack) -> bool:
+    if sys.platform != "linux":
+        return False
+    before, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
     # Reset on fork: threads and processes begun from this thread do not inherit the priority.
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         os.sched_setscheduler(0, policy, os.sched_param(priority))
     except OSError:
         return False
+    undo.callback(os.sched_setscheduler, 0, before, parameter)
     return True
 
 
-def _lock() -> bool:
+def _lock(undo: ExitStack) -> bool:
+    if sys.platform != "linux":
+        return False  # other systems have other flags
+    import ctypes  # noqa: PLC0415  # only a real-time run needs it
+
     library = ctypes.CDLL(None, use_errno=True)
-    return bool(library.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
+    if library.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        return False
+    undo.callback(library.munlockall)
+    return True
 
 
 def _words(fifo: bool, locked: bool, priority: int) -> tuple[str, ...]:
+    advice = "add '{}' for the user to /etc/security/limits.conf"
+    if sys.platform != "linux":
+        advice = "only Linux grants it"
     return (
         f"real-time priority {priority} (SCHED_FIFO)"
         if fifo
-        else "no real-time priority: add 'rtprio 99' for the user to /etc/security/limits.conf",
-        "memory locked"
-        if locked
-        else "memory not locked: add 'memlock unlimited' for the user to /etc/security/limits.conf",
+        else "no real-time priority: " + advice.format("rtprio 99"),
+        "memory locked" if locked else "memory not locked: " + advice.format("memlock unlimited"),
         "garbage collector off",
     )

@@ -1,4 +1,4 @@
-"""The ledger of a real-time run: how late each period began, and where its time went."""
+"""Timing statistics of a real-time run: lateness of every period, duration of its stages."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ LATE = 0.25
 """Share of a period from which a tick counts as late."""
 
 
-class Distribution:
-    """Durations, counted to the microsecond up to a limit; beyond it only the largest is kept.
+class LatencyHistogram:
+    """Durations in bins of a microsecond up to a limit; beyond it only the longest is kept.
 
     Args:
         limit: In s.
@@ -20,40 +20,40 @@ class Distribution:
 
     def __init__(self, limit: float = 0.02) -> None:
         self.number = 0
-        """Durations counted."""
-        self.most = 0.0
+        """Number of durations."""
+        self.longest = 0.0
         """The longest, s."""
         self._top = round(1e6 * limit)
-        self._counts = [0] * (self._top + 1)
+        self._bins = [0] * (self._top + 1)
 
     def add(self, seconds: float) -> None:
         """Count one duration."""
         self.number += 1
-        self.most = max(self.most, seconds)
+        self.longest = max(self.longest, seconds)
         index = int(1e6 * seconds + 0.5)
-        self._counts[index if 0 <= index < self._top else (self._top if index > 0 else 0)] += 1
+        self._bins[index if 0 <= index < self._top else (self._top if index > 0 else 0)] += 1
 
     def quantile(self, share: float) -> float:
-        """The least duration in s that a share 0..1 of all do not exceed, to the microsecond.
+        """Quantile of the durations in s, to the microsecond: a share 0..1 do not exceed it.
 
         Beyond the limit the longest of all; 0 if nothing was counted.
         """
         needed = share * self.number
         passed = 0
-        for index, count in enumerate(self._counts):
+        for index, count in enumerate(self._bins):
             passed += count
             if count and passed >= needed:
-                return 1e-6 * index if index < self._top else self.most
+                return 1e-6 * index if index < self._top else self.longest
         return 0.0
 
-    def histogram(self, edges: tuple[float, ...]) -> list[int]:
-        """Numbers of durations below the first edge, between edges, and from the last one on.
+    def counts(self, edges: tuple[float, ...]) -> list[int]:
+        """Numbers of durations below the first edge, between edges, and from the last one up.
 
         Args:
             edges: Ascending, in s, whole microseconds below the limit.
         """
-        cuts = [0, *(round(1e6 * edge) for edge in edges), len(self._counts)]
-        return [sum(self._counts[a:b]) for a, b in pairwise(cuts)]
+        cuts = [0, *(round(1e6 * edge) for edge in edges), len(self._bins)]
+        return [sum(self._bins[a:b]) for a, b in pairwise(cuts)]
 
     def as_dict(self) -> dict[str, Any]:
         """Number, p50, p99 and max, in microseconds."""
@@ -61,12 +61,12 @@ class Distribution:
             "number": self.number,
             "p50_us": round(1e6 * self.quantile(0.5)),
             "p99_us": round(1e6 * self.quantile(0.99)),
-            "max_us": round(1e6 * self.most),
+            "max_us": round(1e6 * self.longest),
         }
 
 
-class Ledger:
-    """Counts, for one run, what its clock and its loop tell of every period.
+class TimingLog:
+    """Lateness, missed periods and stage durations of one run.
 
     Args:
         period: Control period in s.
@@ -84,9 +84,9 @@ class Ledger:
         """Periods that were skipped because the one before took too long."""
         self.late = 0
         """Periods that began late by more than ``LATE`` of a period."""
-        self.lateness = Distribution()
-        self.trips = Distribution()
-        self.stages: dict[str, Distribution] = {}
+        self.lateness = LatencyHistogram()
+        self.trips = LatencyHistogram()
+        self.stages: dict[str, LatencyHistogram] = {}
         self._now = now
         self._mark = 0.0
 
@@ -104,14 +104,14 @@ class Ledger:
         return late or missed > 0
 
     def begin(self) -> None:
-        """Begin to measure the stages of a period."""
+        """Start the stopwatch for the stages of a period."""
         self._mark = self._now()
 
     def mark(self, stage: str) -> None:
-        """Count the time since the last mark, or the beginning, as that of a stage."""
+        """Count the time since the last mark, or since ``begin``, as duration of a stage."""
         now = self._now()
         if stage not in self.stages:
-            self.stages[stage] = Distribution()
+            self.stages[stage] = LatencyHistogram()
         self.stages[stage].add(now - self._mark)
         self._mark = now
 
@@ -120,7 +120,7 @@ class Ledger:
         self.trips.add(seconds)
 
     def as_dict(self) -> dict[str, Any]:
-        """All numbers, for the record of a run."""
+        """All statistics, for the record of a run."""
         return {
             "period_us": round(1e6 * self.period),
             "ticks": self.ticks,
@@ -128,13 +128,13 @@ class Ledger:
             "late": self.late,
             "lateness": self.lateness.as_dict(),
             "lateness_edges_us": [round(1e6 * edge) for edge in self.EDGES],
-            "lateness_histogram": self.lateness.histogram(self.EDGES),
+            "lateness_histogram": self.lateness.counts(self.EDGES),
             "stages": {name: stage.as_dict() for name, stage in self.stages.items()},
             "round_trip": self.trips.as_dict(),
         }
 
     def text(self) -> list[str]:
-        """The numbers in a few lines, for the end of a run."""
+        """The statistics in a few lines, for the end of a run."""
         due = max(1, self.ticks + self.missed)
         lines = [
             f"{self.ticks} ticks of {1e3 * self.period:g} ms, {self.missed} missed "
@@ -148,6 +148,6 @@ class Ledger:
         return lines
 
 
-def _line(name: str, times: Distribution) -> str:
-    p50, p99, most = (1e3 * t for t in (times.quantile(0.5), times.quantile(0.99), times.most))
+def _line(name: str, times: LatencyHistogram) -> str:
+    p50, p99, most = (1e3 * t for t in (times.quantile(0.5), times.quantile(0.99), times.longest))
     return f"{name}: p50 {p50:.3f} ms, p99 {p99:.3f} ms, max {most:.3f} ms"

@@ -1,1 +1,1 @@
-"""Bring-up of a rig: everything it needs, found, checked, and said what to do about."""
+"""Bring-up of a rig: everything it needs is found and checked, with advice on what to do."""

@@ -27,11 +27,11 @@ DEGREE = 3
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A table, and what was left of the readings.
+class MeasuredCams:
+    """A measured table, and how well it fits the readings.
 
     Attributes:
-        table: What the rig needs to know.
+        table: Plate angles to motor angles.
         before_deg: Largest difference of plate angles to the table known before, deg.
         rms_deg: Root mean square that the new table leaves, deg.
         points: Number of points.
@@ -50,7 +50,7 @@ def measure(
     reach: float,
     lines: int,
     progress: Callable[[float], None] = lambda _: None,
-) -> Measured:
+) -> MeasuredCams:
     """Measure the cams with the ball off the plate; it stands level at the beginning.
 
     Args:
@@ -58,7 +58,7 @@ def measure(
         known: The table of the model, by which the points are found.
         reach: Largest plate angle either way, rad.
         lines: Points along each axis.
-        progress: Is told how many points are done.
+        progress: Called with the number of points done.
 
     Raises:
         RigError: The drives went off on the way.
@@ -84,7 +84,7 @@ def measure(
         "reach_deg": round(degrees(reach), 3),
         "rms_deg": rms,
     }
-    return Measured(
+    return MeasuredCams(
         CamTable(known.grid, angles, provenance),
         float(np.degrees(np.abs(off).max() / known.ratio)),
         rms,
@@ -123,7 +123,7 @@ def _readings(
 
 
 def _path(reach: float, lines: int) -> list[Array]:
-    """Points line by line, there and back: no long ways."""
+    """Points line by line, there and back, so that each move is short."""
     steps = np.linspace(-reach, reach, lines)
     return [
         np.array([[phi, theta]])

@@ -10,8 +10,8 @@ from pathlib import Path
 from twin.devices.akd.config import unconfirmed
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import real_time
-from twin.devices.timing import Ledger
-from twin.doctor.finding import Finding, failed, passed, warned
+from twin.devices.timing import TimingLog
+from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
@@ -26,7 +26,7 @@ OLD = 365
 """Days after which a cam table should be measured again; wheels and cams wear."""
 
 
-def computer(scenario: Scenario, rig: RigFile) -> Iterator[Finding]:
+def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     """Everything that can be checked without a device."""
     yield from _scheduling(scenario.rig.period)
     yield _cams(rig)
@@ -46,9 +46,9 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[Finding]:
     )
 
 
-def _scheduling(period: float) -> Iterator[Finding]:
-    ledger = Ledger(period)
-    clock = RealTimeClock(period, ledger)
+def _scheduling(period: float) -> Iterator[CheckResult]:
+    timing = TimingLog(period)
+    clock = RealTimeClock(period, timing)
     with real_time() as obtained:
         for words, good in zip(obtained.words, (obtained.fifo, obtained.locked), strict=False):
             head, _, advice = words.partition(": ")
@@ -56,16 +56,16 @@ def _scheduling(period: float) -> Iterator[Finding]:
             yield passed(what, head) if good else warned(what, head, advice)
         for _ in range(round(TIMED / period)):
             clock.wait()
-    late = ledger.lateness.quantile(0.99)
-    share = 100 * ledger.missed / max(1, ledger.ticks + ledger.missed)
+    late = timing.lateness.quantile(0.99)
+    share = 100 * timing.missed / max(1, timing.ticks + timing.missed)
     seen = f"p99 {1e6 * late:.0f} us late, {share:.2f} % of {1e3 * period:g} ms periods missed"
     if share > 0.5 or late > period / 4:
-        yield warned("timer", seen, "end other programs; use a kernel with PREEMPT_RT")
+        yield warned("timer", seen, "close other programs; use a kernel with PREEMPT_RT")
     else:
         yield passed("timer", seen)
 
 
-def _cams(rig: RigFile) -> Finding:
+def _cams(rig: RigFile) -> CheckResult:
     file = Path(rig.cams) if rig.cams else model_path("cams.json")
     try:
         table = CamTable.from_file(file)

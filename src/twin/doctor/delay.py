@@ -1,4 +1,4 @@
-"""The measured dead time: the plate is rocked a little, and the ball's way is laid beside it."""
+"""Measures the dead time: the plate is rocked a little, the ball's path compared with it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.devices.rig import HardwareRig
-from twin.doctor.finding import Finding, failed, passed, warned
+from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.states import State
 
@@ -29,15 +29,15 @@ DELAYS = np.arange(0.0, 0.2, 0.001)
 """Dead times tried, s."""
 
 
-def dead_time(rig: HardwareRig, expected: float) -> Iterator[Finding]:
-    """Rock the plate about both axes and measure how late the screen says what the ball does."""
+def dead_time(rig: HardwareRig, expected: float) -> Iterator[CheckResult]:
+    """Rock the plate about both axes and measure the delay of the touch screen."""
     try:
         with rig:
             rig.start()
             time, y = _rock(rig)
             reason = rig.supervisor.reason[0]
     except TwinError as error:
-        yield failed("dead time", str(error), "mend that first")
+        yield failed("dead time", str(error), "fix that first")
         return
     if reason or len(time) < SECONDS / rig.period / 2:
         advice = "see the reason; put the ball in the middle"
@@ -74,11 +74,11 @@ def _swing(angle: float) -> Array:
 
 
 def delay(time: Array, plate: Array, ball: Array) -> tuple[float, float]:
-    """Dead time in s that explains a ball's measured way best, and the rest in m.
+    """Dead time in s that explains a ball's measured path best, and the RMS error left in m.
 
-    The ball's way is c1 g sin(angle), (5.8) for small angles, less a friction against its measured
-    direction, both integrated twice and of unknown size; every part has a start, a speed and a
-    tilt of the base of its own.
+    The ball's acceleration is c1 g sin(angle), (5.8) for small angles, less a friction against
+    its measured direction. Both are integrated twice and of unknown size; every part has its own
+    start, speed and tilt of the base.
 
     Args:
         time: Times of the measurements, s, shape (K,).

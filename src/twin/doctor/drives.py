@@ -7,14 +7,14 @@ from math import degrees, radians
 
 import numpy as np
 
-from twin.devices.akd.cia402 import State
+from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.errors import DriveError
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.finding import Finding, failed, passed, warned
+from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.doctor.steps import enable, exchange, stopped_by, turn, until
 from twin.errors import TwinError
-from twin.hal.rig import Transmission
+from twin.hal.interface import Transmission
 
 TILT = radians(1.0)
 """How far an axis is tilted to see its encoder's direction and scale."""
@@ -23,7 +23,7 @@ SCALE = 0.2
 DC_LINK = 1 << 4
 
 
-def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
+def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     """Open the bus and bring the drives up; no torque. Leaves them started if all is well."""
     what = f"CAN bus {config.bus} at {config.bus.bitrate / 1e6:g} Mbit/s"
     try:
@@ -43,7 +43,7 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
             axis.config.where,
             f"an AKD, configured and monitored; {axis.state.name.lower().replace('_', ' ')}",
         )
-        if axis.state is State.FAULT:
+        if axis.state is DriveState.FAULT:
             advice = "remove the cause, then run with --reset"
             yield failed(f"{axis.config.where} fault", "in fault", advice)
         elif not (axis.status or 0) & DC_LINK:
@@ -55,7 +55,7 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[Finding]:
         yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
 
 
-def torque(servos: AkdServos) -> Iterator[Finding]:
+def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     try:
         enable(servos)
@@ -89,7 +89,7 @@ def torque(servos: AkdServos) -> Iterator[Finding]:
     servos.faults()
 
 
-def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
+def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     try:
         enable(servos)
@@ -112,7 +112,7 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[Finding]:
     exchange(servos, 0.1)
 
 
-def _judged(name: str, seen: float) -> Finding:
+def _judged(name: str, seen: float) -> CheckResult:
     text = f"plate turned {degrees(seen):+.3f} deg for {degrees(TILT):+.3f} deg commanded"
     what = f"{name} encoder"
     if seen < 0:

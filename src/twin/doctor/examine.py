@@ -8,19 +8,18 @@ from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.scheduling import real_time
 from twin.doctor import drives
+from twin.doctor.check import Ask, CheckResult, CheckStatus, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time
-from twin.doctor.finding import Ask, Finding, Verdict, warned
 from twin.doctor.touch import touch
-from twin.run.assemble import build_plant
-from twin.run.connect import connect
+from twin.run.connect import cams_of, connect
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
 
 def examine(
     scenario: Scenario, rig: RigFile, ask: Ask, *, move: bool, reset: bool
-) -> Iterator[Finding]:
+) -> Iterator[CheckResult]:
     """Every check, as it is made.
 
     Args:
@@ -34,21 +33,21 @@ def examine(
     screen = LumioScreen(rig.screen())
     touched = []
     try:
-        for finding in touch(screen, ask, rig.patience):
-            touched.append(finding)
-            yield finding
+        for result in touch(screen, ask, rig.patience):
+            touched.append(result)
+            yield result
     finally:
         screen.stop()
     servos = AkdServos(rig.servos(scenario.rig.period))
-    found: list[Finding] = []
+    found: list[CheckResult] = []
     try:
         with real_time():
-            for finding in _drives(servos, scenario, move=move, reset=reset):
-                found.append(finding)
-                yield finding
+            for result in _drives(servos, rig, move=move, reset=reset):
+                found.append(result)
+                yield result
     finally:
         servos.stop()
-    good = all(each.verdict is not Verdict.FAIL for each in (*touched, *found))
+    good = all(each.status is not CheckStatus.FAIL for each in (*touched, *found))
     if move and good:
         expected = scenario.predictor.delay if scenario.predictor else 0.0
         yield from dead_time(connect(scenario, rig, reset=True), expected)
@@ -57,17 +56,17 @@ def examine(
         yield warned("torque, heartbeat, encoders, dead time", "not tested", advice)
 
 
-def _drives(servos: AkdServos, scenario: Scenario, *, move: bool, reset: bool) -> Iterator[Finding]:
+def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iterator[CheckResult]:
     found = []
-    for finding in drives.bus(servos.config, servos):
-        found.append(finding)
-        yield finding
+    for result in drives.bus(servos.config, servos):
+        found.append(result)
+        yield result
     if reset and servos.axes:
         servos.reset_faults()
-    failed = any(finding.verdict is Verdict.FAIL for finding in found)
+    failed = any(result.status is CheckStatus.FAIL for result in found)
     if move and servos.axes and (reset or not failed):
-        for finding in drives.torque(servos):
-            found.append(finding)
-            yield finding
-        if not any(finding.verdict is Verdict.FAIL for finding in found[-2:]):
-            yield from drives.motion(servos, build_plant(scenario)[1])
+        for result in drives.torque(servos):
+            found.append(result)
+            yield result
+        if not any(result.status is CheckStatus.FAIL for result in found[-2:]):
+            yield from drives.motion(servos, cams_of(rig))

@@ -1,4 +1,4 @@
-"""Small things done with drives outside of a run: exchange, wait, turn the shafts."""
+"""Steps done with drives outside of a run: exchange, wait, turn the shafts."""
 
 from __future__ import annotations
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator
 
 from twin.devices.lumio.presence import TouchState
 from twin.devices.lumio.screen import LumioScreen
-from twin.doctor.finding import Ask, Finding, failed, passed, warned
+from twin.doctor.check import Ask, CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.supervisor import LOST_AFTER
 
 SLOWEST = 40.0
-"""Reports a second below which the screen is slower than it should be (57.6)."""
+"""Reports per second below which the screen is slower than it should be (57.6)."""
 
 
-def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[Finding]:
+def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
     """Listen to the screen with the ball on it, and while it is lifted."""
     config = screen.config
     what = f"touch port {config.port}"
@@ -34,19 +34,19 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[Finding]:
     time.sleep(0.5)
     yield passed("touch protocol", screen.protocol)
     rate = screen.report_rate
-    seen = f"{rate:.1f} reports a second"
+    seen = f"{rate:.1f} reports per second"
     slow = "check the baud rate; other programs may read the port"
     yield passed("report rate", seen) if rate >= SLOWEST else warned("report rate", seen, slow)
     x, y = screen.read().position[0].tolist()
     yield passed("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
-    tally = screen.counters
-    if tally.skipped or tally.checksum or tally.outside:
-        seen = f"{tally.skipped} bytes skipped, {tally.checksum} checksums, {tally.outside} outside"
+    stats = screen.counters
+    if stats.skipped or stats.checksum or stats.outside:
+        seen = f"{stats.skipped} bytes skipped, {stats.checksum} checksums, {stats.outside} outside"
         yield warned("touch bytes", seen, "check the cable and the baud rate")
     yield from _lift(screen, ask, patience)
 
 
-def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[Finding]:
+def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
     ask("lift")
     if not _until(lambda: screen.state is TouchState.LOST, patience):
         yield warned("lift-off", f"not seen within {patience:g} s", "lift the ball when asked to")

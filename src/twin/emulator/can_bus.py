@@ -1,14 +1,27 @@
-"""An emulated CAN bus: drives, and what lies between them and the host's adapter; no clock."""
+"""An emulated CAN bus: drives, what lies between them and the host's adapter, and who steps it.
+
+The bus itself has no clock. ``DirectBus`` lets its time pass as fast as the host can compute;
+``BusServer`` lets it pass in real time.
+"""
 
 from __future__ import annotations
 
 import heapq
+import threading
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import count
+from typing import Protocol, Self
 
-from twin.emulator.can_faults import BusFaults, Towards
-from twin.emulator.can_frame import Frame
+import can
+from can.exceptions import CanOperationError
+
+from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.drive import EmulatedDrive
+
+_INSTANT = 1e-9
+"""Seconds that count as no time."""
 
 
 class EmulatedBus:
@@ -32,7 +45,7 @@ class EmulatedBus:
         self.faults = faults or BusFaults()
         self.time = 0.0
         """Seconds that have been stepped."""
-        self.moved: Callable[[float], None] = _nothing
+        self.moved: Callable[[float], None] = lambda _: None
         """Called after each step with its s, to move a plant: read ``drive.rate``, call
         ``drive.sense``."""
         self._order = count()
@@ -80,5 +93,159 @@ class EmulatedBus:
                 self._carry(answer, Towards.HOST)
 
 
-def _nothing(_: float) -> None:
-    """No plant."""
+class DirectBus(can.BusABC):
+    """What a host opens to be on an emulated bus without real time; for tests and fault tables.
+
+    Waiting for a frame lets the bus's time pass in steps. Give the host ``now`` and ``sleep`` of
+    this object as its clock.
+
+    Args:
+        bus: What is emulated.
+        step: Longest step in s.
+    """
+
+    def __init__(self, bus: EmulatedBus, step: float = 0.0005) -> None:
+        super().__init__(channel="emulated")
+        self.channel_info = "emulated"
+        self.plugged = True
+        """False: the adapter is gone."""
+        self._bus = bus
+        self._step = step
+        self._inbox: deque[can.Message] = deque()
+        self._errors = ErrorFrames(bus.faults)
+
+    def now(self) -> float:
+        """Bus time in s."""
+        return self._bus.time
+
+    def sleep(self, seconds: float) -> None:
+        """Let the bus's time pass."""
+        end = self._bus.time + seconds
+        while (left := end - self._bus.time) > 0:
+            # A step too small to count would let whoever waits for a deadline wait for ever.
+            self._bus.step(max(_INSTANT, min(self._step, left)))
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a frame on the bus at once; ``timeout`` is not needed.
+
+        Raises:
+            CanOperationError: The adapter is gone.
+        """
+        self._check()
+        self._bus.from_host(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame))
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame, or None after a timeout in s of bus time.
+
+        The library's own would count the timeout in real time.
+
+        Raises:
+            CanOperationError: The adapter is gone.
+        """
+        self._check()
+        end = self._bus.time + (timeout or 0.0)
+        self._collect()
+        while not self._inbox and (left := end - self._bus.time) > 0:
+            self._bus.step(max(_INSTANT, min(self._step, left)))
+            self._collect()
+        return self._inbox.popleft() if self._inbox else None
+
+    def _collect(self) -> None:
+        self._inbox.extend(self._errors.new())
+        self._inbox.extend(message(each.cob_id, each.data) for each in self._bus.to_host())
+
+    def _check(self) -> None:
+        if not self.plugged:
+            raise CanOperationError("the adapter is gone")
+
+
+class ErrorFrames:
+    """An adapter's reports of the bus's state: error frames in SocketCAN's format.
+
+    Args:
+        faults: The damage that is reported.
+    """
+
+    def __init__(self, faults: BusFaults) -> None:
+        self._faults = faults
+        self._off = self._passive = False
+
+    def new(self) -> list[can.Message]:
+        """Error frames for what has become worse since the last call."""
+        off, passive = self._faults.bus_off, self._faults.error_passive
+        found = []
+        if off and not self._off:
+            found.append(message(0x040, bytes(8), error=True))
+        if passive and not self._passive:
+            found.append(message(0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)), error=True))
+        self._off, self._passive = off, passive
+        return found
+
+
+def message(identifier: int, data: bytes, *, error: bool = False) -> can.Message:
+    """A frame as python-can has it."""
+    return can.Message(
+        arbitration_id=identifier, data=data, is_extended_id=error, is_error_frame=error
+    )
+
+
+class CanPort(Protocol):
+    """Where the host's adapter is."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the host sends something, at most for a time in s."""
+
+    def pump(self) -> None:
+        """Pass on what has arrived either way; never waits."""
+
+
+class BusServer:
+    """Pumps a port and steps its bus in real time; a context manager that does so in a thread.
+
+    Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it.
+
+    Args:
+        bus: What is emulated.
+        port: Where the host is.
+        step: Step in s.
+    """
+
+    BACKLOG = 0.1
+    """Longest lag in s that is made up for."""
+
+    def __init__(self, bus: EmulatedBus, port: CanPort, *, step: float = 0.0005) -> None:
+        self.bus = bus
+        self.port = port
+        self.lock = threading.Lock()
+        """Hold it to look at, or meddle with, several things at one time."""
+        self._step = step
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def run(self) -> None:
+        """Serve until ``stop`` is called; in the calling thread."""
+        stepped = time.monotonic()
+        while not self._stop.is_set():
+            self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
+            with self.lock:
+                self.port.pump()
+                now = time.monotonic()
+                stepped = max(stepped, now - self.BACKLOG)
+                while stepped + self._step <= now:
+                    stepped += self._step
+                    self.bus.step(self._step)
+                self.port.pump()
+
+    def stop(self) -> None:
+        """End ``run``, wherever it runs."""
+        self._stop.set()
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self.run, name="emulated CAN", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        if self._thread is not None:
+            self._thread.join()

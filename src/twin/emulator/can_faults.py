@@ -1,4 +1,4 @@
-"""What happens to frames between the drives and the host's adapter: a seeded script of damage."""
+"""CAN frames, and what happens to them between drives and adapter: a seeded script of damage."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Flag, auto
-
-from twin.emulator.can_frame import Frame
+from typing import NamedTuple
 
 Bytes = Callable[[bytes, random.Random], bytes]
+
+
+class Frame(NamedTuple):
+    """A classic CAN frame with an 11-bit identifier and up to eight bytes.
+
+    Attributes:
+        cob_id: Identifier.
+        data: Its bytes.
+        remote: Whether it is a remote request.
+    """
+
+    cob_id: int
+    data: bytes = b""
+    remote: bool = False
 
 
 class Towards(Flag):
@@ -31,8 +44,8 @@ class Rule:
         towards: Which way.
         begins: Bus time in s.
         ends: Bus time in s.
-        share: Of these frames, the probability of each to be hit.
-        delays: One copy a delay, in s after the frame; (0,) is the frame itself.
+        share: Probability with which each of these frames is hit.
+        delays: One copy per delay, in s after the frame; (0,) is the frame itself.
     """
 
     change: Bytes | None

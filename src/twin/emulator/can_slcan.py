@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import pty
 import random
 import select
-import tempfile
-import tty
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_frame import Frame
+from twin.emulator.can_faults import Frame
+from twin.emulator.pseudo_terminal import PseudoTerminal
 
 BITRATES = {
     b"S0": 10_000,
@@ -122,79 +118,69 @@ class SlcanAdapter:
 
 
 class SlcanPort:
-    """The adapter on a pty; nothing it does waits.
+    """The adapter on a pseudo-terminal; nothing it does waits. A context manager.
 
     Args:
         bus: What it is on.
         seed: Of the bytes garbled.
+
+    Raises:
+        RigError: This system has no pseudo-terminals.
     """
 
     def __init__(self, bus: EmulatedBus, seed: int = 0) -> None:
-        self.adapter = SlcanAdapter(bus)
         self.garble = 0.0
         """Share of the bytes towards the computer that are damaged."""
         self.stalled = False
         """Neither reads nor writes, as an adapter whose firmware hangs."""
         self._bus = bus
         self._random = random.Random(seed)
-        self._folder = tempfile.TemporaryDirectory(prefix="slcan-")
-        self.path = Path(self._folder.name) / "adapter"
-        """The port to open; stays the same when unplugged and plugged in again."""
-        self._master = self._slave = -1
+        self._terminal = PseudoTerminal("slcan")
         self.replug()
 
     @property
     def channel(self) -> str:
-        """What python-can is given."""
-        return str(self.path)
+        """What python-can is given; stays the same when unplugged and plugged in again."""
+        return str(self._terminal.path)
+
+    @property
+    def handle(self) -> int:
+        """File descriptor of the adapter's end; -1 while unplugged."""
+        return self._terminal.handle
 
     def unplug(self) -> None:
         """Take the port away, as when the cable is pulled."""
-        self.path.unlink(missing_ok=True)
-        master, slave, self._master, self._slave = self._master, self._slave, -1, -1
-        for handle in (master, slave):
-            if handle >= 0:
-                os.close(handle)
+        self._terminal.unplug()
 
     def replug(self) -> None:
         """Bring the port back under the same path, with a fresh adapter."""
-        self.unplug()
         self.adapter = SlcanAdapter(self._bus)
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path.symlink_to(os.ttyname(self._slave))
+        self._terminal.plug()
 
     def close(self) -> None:
         """Take the port away for good."""
-        self.unplug()
-        self._folder.cleanup()
+        self._terminal.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def wait(self, seconds: float) -> None:
-        """Wait until the computer sends something, at most for a time."""
+        """Wait until the computer sends something, at most for a time in s."""
         with suppress(OSError, ValueError):
-            ports = [] if self._master < 0 or self.stalled else [self._master]
+            ports = [] if self.handle < 0 or self.stalled else [self.handle]
             select.select(ports, [], [], seconds)
 
     def pump(self) -> None:
         """Pass on what has arrived either way; never waits."""
-        if self._master < 0 or self.stalled:
+        if self.handle < 0 or self.stalled:
             self._bus.to_host()
             return
         with suppress(OSError):
-            if select.select([self._master], [], [], 0)[0]:
-                self._write(self.adapter.feed(os.read(self._master, 4096)))
+            if select.select([self.handle], [], [], 0)[0]:
+                self._write(self.adapter.feed(os.read(self.handle, 4096)))
             self._write(self.adapter.heard())
 
     def _write(self, data: bytes) -> None:
@@ -204,7 +190,7 @@ class SlcanPort:
                 for byte in data
             )
         if data:
-            os.write(self._master, data)
+            os.write(self.handle, data)
 
 
 def _written(frame: Frame) -> bytes:

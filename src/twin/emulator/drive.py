@@ -1,22 +1,22 @@
 """An emulated AKD drive on CANopen: frames in, frames out, time in steps; no clock, no thread.
 
-Defaults are the documented ones: no heartbeat, nobody watched, so that it goes on turning when the
+Defaults are the documented ones: no heartbeat, nobody watched, so that it keeps turning when the
 master goes silent unless 1016h says otherwise; event-driven PDOs; nothing exchanged before NMT
 start. Not emulated: storing parameters, node guarding, homing and every mode but profile velocity
-(in which the drive turns), the PLL, and the bus's own timing.
+(in which the drive turns), the PLL, and the bus's own timing. ``canopen.LocalNode`` would need a
+network's thread and wall time, and reacts neither to SYNC nor to a silent master.
 """
 
 from __future__ import annotations
 
 import struct
+from functools import partial
 
-from twin.emulator.can_frame import Frame
-from twin.emulator.drive_heartbeat import Heartbeats
+from twin.emulator.can_faults import Frame
+from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
 from twin.emulator.drive_motion import Motor
-from twin.emulator.drive_objects import Store
-from twin.emulator.drive_pdo import Pdos
+from twin.emulator.drive_objects import ObjectStore
 from twin.emulator.drive_power import MASTER_SILENT, Power, PowerStage
-from twin.emulator.drive_sdo import answer
 from twin.emulator.drive_settings import DriveSettings
 
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
@@ -33,7 +33,7 @@ _CODE = struct.Struct("<HB")
 class EmulatedDrive:
     """One drive with its motor.
 
-    What can be done to it is an attribute or a method; see the comments of each.
+    What can be done to it is an attribute or a method of its own.
 
     Args:
         settings: What is special about it.
@@ -42,7 +42,7 @@ class EmulatedDrive:
     def __init__(self, settings: DriveSettings) -> None:
         self.settings = settings
         self.silent = False
-        """Says nothing at all, though it goes on."""
+        """Says nothing at all, but keeps running."""
         self.mute: set[int] = set()
         """COB-IDs it does not send."""
         self.remote = True
@@ -62,7 +62,7 @@ class EmulatedDrive:
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
         settings = self.settings
-        self.store = Store(settings.node)
+        self.store = ObjectStore(settings.node)
         self.power = PowerStage()
         self.motor = Motor(settings)
         self.pdos = Pdos(self.store, self._written)
@@ -74,8 +74,8 @@ class EmulatedDrive:
         store.set(0x1018, 4, settings.serial)
         store.set(0x608F, 1, settings.motor_counts)
         store.live(0x1001, 0, lambda: int(bool(self.power.faults)))
-        store.live(0x2001, 1, lambda: [*self.power.faults, 0][0])
-        store.live(0x2001, 2, lambda: [*self.power.faults, 0, 0][1])
+        for place in range(10):
+            store.live(0x2001, place + 1, partial(self.power.fault, place))
         store.live(0x6041, 0, lambda: self.status)
         store.live(0x6061, 0, lambda: self.mode)
         store.live(0x6064, 0, lambda: self.motor.position)
@@ -83,8 +83,6 @@ class EmulatedDrive:
         for index, sub in ((0x2050, 0), (0x60E4, 2)):
             store.live(index, sub, lambda: self.motor.plate)
         store.live(0x60E4, 1, lambda: self.motor.position)
-
-    # -- what it is ---------------------------------------------------------------------------
 
     @property
     def rate(self) -> float:
@@ -118,10 +116,8 @@ class EmulatedDrive:
         bits = ((4, self.power.dc_link), (7, self.warning), (9, self.remote), (11, limit))
         return self.power.state | sum(on << bit for bit, on in bits)
 
-    # -- what can be done to it ---------------------------------------------------------------
-
     def sense(self, motor: float, plate: float) -> None:
-        """Tell where a plant has shaft and plate, rad."""
+        """Set where a plant has shaft and plate, rad."""
         self.motor.sense(motor, plate)
 
     def reboot(self) -> None:
@@ -144,8 +140,8 @@ class EmulatedDrive:
             self.power.causes.add(number)
         self._failed(self.power.fail(number, braked=True))
 
-    def mend(self) -> None:
-        """Remove whatever has been done to it; a fault that came of it stays until it is reset."""
+    def restore(self) -> None:
+        """Remove whatever has been done to it; faults that came of it stay until they are reset."""
         self.close_sto()
         self.clear_causes()
         self.power.dc_link = self.remote = True
@@ -165,8 +161,6 @@ class EmulatedDrive:
         data = _CODE.pack(code, register) + extra.ljust(5, b"\0")
         self._out.append(self._own(0x080, data[:2] if self.short_emergencies else data))
 
-    # -- frames and time ----------------------------------------------------------------------
-
     def receive(self, frame: Frame) -> list[Frame]:
         """Take in any frame on the bus; what it answers at once."""
         node = self.settings.node
@@ -178,7 +172,7 @@ class EmulatedDrive:
         elif service == 0x080 and self.nmt == OPERATIONAL:
             self._out += self.pdos.sync()
         elif service == 0x600 + node and self.nmt != STOPPED and not self.sdo_silent:
-            reply = answer(
+            reply = sdo_answer(
                 self.store,
                 data,
                 at_rest=abs(self.motor.rate) < _MODE_REST,

@@ -60,13 +60,15 @@ class Motor:
         self._angle, self._plate = motor, plate
         self._look()
 
-    def follow(self, target: float, ramps: tuple[float, float], limits: Limits, dt: float) -> None:
+    def follow(
+        self, target: float, ramps: tuple[float, float], limits: MotionLimits, dt: float
+    ) -> None:
         """Ramp towards a target in rad/s with (acceleration, deceleration) in rad/s^2."""
-        wanted = max(limits[0], min(limits[1], target))
-        self.limited = wanted != target
-        faster = abs(wanted) > abs(self.rate) and wanted * self.rate >= 0
+        clipped = max(limits[0], min(limits[1], target))
+        self.limited = clipped != target
+        faster = abs(clipped) > abs(self.rate) and clipped * self.rate >= 0
         step = ramps[0 if faster else 1] * dt
-        self._go(self.rate + max(-step, min(step, wanted - self.rate)), dt)
+        self._go(self.rate + max(-step, min(step, clipped - self.rate)), dt)
 
     def coast(self, dt: float) -> None:
         """Run out without torque."""
@@ -89,5 +91,5 @@ class Motor:
             self._plate_shown = math.floor(self._plate / TURN * settings.plate_counts)
 
 
-Limits = tuple[float, float]
+MotionLimits = tuple[float, float]
 """Lowest and highest rate in rad/s."""

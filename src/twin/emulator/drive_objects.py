@@ -1,10 +1,15 @@
-"""The object store of an emulated drive: typed values, access rights, abort codes."""
+"""The object dictionary of an emulated drive: typed values, access rights, abort codes.
+
+It is the drive's own, read from ``drive_objects.toml``; the host's list is another.
+"""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
-
-from twin.devices.akd.dictionary import Object, objects
+from functools import cache
+from importlib import resources
+from typing import Any, NamedTuple
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
@@ -18,8 +23,12 @@ PDO_TOO_LONG = 0x06040042
 MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 """Modes an AKD has (6060h); 0 stays as it is at power-up."""
 
+PDO_ENTRIES = 8
+"""Most entries of a PDO."""
+
 _INVALID = 1 << 31
 _PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
+_FIRST_TRANSMIT = 0x1800
 
 
 class AbortError(Exception):
@@ -34,7 +43,55 @@ class AbortError(Exception):
         super().__init__(f"{code:08X}h")
 
 
-class Store:
+class DriveObject(NamedTuple):
+    """One object of the drive.
+
+    Attributes:
+        type: U or I and the bits.
+        access: const, ro, rw or rww; see ``drive_objects.toml``.
+        pdo: Whether a PDO may carry it.
+        default: Value at power-up.
+    """
+
+    type: str
+    access: str
+    pdo: bool
+    default: int
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return int(self.type[1:]) // 8
+
+    @property
+    def signed(self) -> bool:
+        """Whether it has a sign."""
+        return self.type[0] == "I"
+
+
+def drive_objects(node: int) -> dict[tuple[int, int], DriveObject]:
+    """All objects of a drive with this node, by index and subindex."""
+    found = {}
+    for key, (kind, access, pdo, default, _) in _table()["objects"].items():
+        index, _, sub = key.partition(":")
+        value = node + int(default[5:], 16) if isinstance(default, str) else default
+        found[int(index, 16), int(sub)] = DriveObject(kind, access, pdo, value)
+    for key, entries in _table()["mappings"].items():
+        record = int(key, 16)
+        found[record, 0] = DriveObject("U8", "rw", False, len(entries))
+        for at in range(PDO_ENTRIES):
+            entry = entries[at] if at < len(entries) else 0
+            found[record, at + 1] = DriveObject("U32", "rw", False, entry)
+    return found
+
+
+@cache
+def _table() -> dict[str, dict[str, Any]]:
+    file = resources.files("twin.emulator") / "drive_objects.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+class ObjectStore:
     """All objects of a drive, as bytes on the wire and as integers inside.
 
     Args:
@@ -42,9 +99,7 @@ class Store:
     """
 
     def __init__(self, node: int) -> None:
-        self._objects: dict[tuple[int, int], Object] = {
-            (each.index, each.sub): each for each in objects(node)
-        }
+        self._objects = drive_objects(node)
         self._indices = {index for index, _ in self._objects}
         self._values = {key: each.default for key, each in self._objects.items()}
         self._live: dict[tuple[int, int], Callable[[], int]] = {}
@@ -68,11 +123,11 @@ class Store:
         Raises:
             AbortError: If it does not exist.
         """
-        return int(self._find(index, sub).type[1:]) // 8
+        return self._find(index, sub).size
 
     def signed(self, index: int, sub: int) -> bool:
         """Whether an object that exists has a sign."""
-        return self._find(index, sub).type[0] == "I"
+        return self._find(index, sub).signed
 
     def read(self, index: int, sub: int) -> bytes:
         """The bytes of an object.
@@ -96,11 +151,11 @@ class Store:
             AbortError: If the object, its access, the length or the value forbids it.
         """
         known = self._find(index, sub)
-        if known.access == "ro":
+        if known.access in {"const", "ro"}:
             raise AbortError(READ_ONLY)
-        if len(data) != self.size(index, sub):
+        if len(data) != known.size:
             raise AbortError(WRONG_LENGTH)
-        value = int.from_bytes(data, "little", signed=self.signed(index, sub))
+        value = int.from_bytes(data, "little", signed=known.signed)
         if index == 0x6060:
             if value not in MODES:
                 raise AbortError(OUT_OF_RANGE)
@@ -109,7 +164,7 @@ class Store:
         self._check_pdo(index, sub, value)
         self._values[index, sub] = value
 
-    def _find(self, index: int, sub: int) -> Object:
+    def _find(self, index: int, sub: int) -> DriveObject:
         known = self._objects.get((index, sub))
         if known is None:
             raise AbortError(NO_SUB if index in self._indices else NO_OBJECT)
@@ -126,13 +181,18 @@ class Store:
         if not self.get(index - 0x200, 1) & _INVALID:
             raise AbortError(NOT_NOW)
         if sub == 0:
-            if value > 8:
+            if value > PDO_ENTRIES:
                 raise AbortError(OUT_OF_RANGE)
             if sum(self.get(index, each) & 0xFF for each in range(1, value + 1)) > 64:
                 raise AbortError(PDO_TOO_LONG)
         elif self.get(index, 0):
             raise AbortError(NOT_NOW)
         elif value:
-            mapped = self._objects.get((value >> 16, value >> 8 & 0xFF))
-            if mapped is None or int(mapped.type[1:]) != value & 0xFF:
-                raise AbortError(NOT_MAPPABLE)
+            self._check_mappable(value, receive=index < _FIRST_TRANSMIT)
+
+    def _check_mappable(self, entry: int, *, receive: bool) -> None:
+        known = self._objects.get((entry >> 16, entry >> 8 & 0xFF))
+        if known is None or not known.pdo or 8 * known.size != entry & 0xFF:
+            raise AbortError(NOT_MAPPABLE)
+        if receive and known.access != "rww":
+            raise AbortError(NOT_MAPPABLE)

@@ -31,7 +31,7 @@ class PowerStage:
     """States of the power stage under control words, inputs and faults.
 
     A fault whose cause is still there cannot be reset: open STO, missing DC link, and whatever
-    ``fail`` was told to keep.
+    is in ``causes``.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class PowerStage:
         self.faults: list[int] = []
         """Numbers of the present faults, oldest first."""
         self.causes: set[int] = set()
-        """Faults whose cause is still there, beside STO and DC link."""
+        """Faults whose cause is still there, apart from STO and DC link."""
         self.refuse_reset = False
         self.option = 2
         """Quick stop option (605Ah): 2 ends in switch on disabled, 6 stays."""
@@ -94,6 +94,10 @@ class PowerStage:
             return self.fail(NO_VOLTAGE)
         self.state = Power.SWITCHED_ON
         return []
+
+    def fault(self, place: int) -> int:
+        """Number of the present fault at a place, 0 being the oldest's; 0 if there is none."""
+        return self.faults[place] if place < len(self.faults) else 0
 
     @property
     def standing(self) -> set[int]:

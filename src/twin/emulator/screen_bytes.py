@@ -65,7 +65,7 @@ def hid_0006(spots: Sequence[Spot]) -> list[bytes]:
 
 
 def hid_0007(spots: Sequence[Spot]) -> list[bytes]:
-    """One report a contact."""
+    """One report per contact."""
     return [_status(s) + b"\0" + _pair(s) + bytes([s.id, 0]) for s in spots]
 
 

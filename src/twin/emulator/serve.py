@@ -1,4 +1,4 @@
-"""The virtual rig in a process of its own: a bus adapter and a screen on ptys, in real time."""
+"""The virtual rig in real time, or in a separate process: its adapter and screen are ports."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_serve import Served
+from twin.emulator.can_bus import BusServer, EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.screen import EmulatedScreen
+from twin.emulator.pseudo_terminal import check_pseudo_terminals
+from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.screen_line import ScreenLine
-from twin.emulator.virtual import TICK, VirtualBench
+from twin.emulator.virtual import TICK, EmulatedPlant
 from twin.errors import RigError
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
@@ -39,21 +38,22 @@ class VirtualRig:
 
     Raises:
         ModelError: The mechanism or its cam table cannot be used.
+        RigError: This system has no pseudo-terminals.
     """
 
     def __init__(self, scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> None:
-        self.bench = VirtualBench(scenario)
+        self.plant = EmulatedPlant(scenario)
         self.drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
         self.bus = EmulatedBus(self.drives)
         self.adapter = SlcanPort(self.bus)
-        self.served = Served(self.bus, self.adapter, step=TICK)
+        self.server = BusServer(self.bus, self.adapter, step=TICK)
         self.screen = EmulatedScreen(
             ScreenLine(
-                self._ball, protocol=protocol, dead_time=self.bench.dead_time, seed=scenario.seed
+                self._ball, protocol=protocol, dead_time=self.plant.dead_time, seed=scenario.seed
             )
         )
-        self.bench.attach(self.drives)
-        self.bus.moved = self.bench.advance
+        self.plant.attach(self.drives)
+        self.bus.moved = self.plant.advance
         self._open = ExitStack()
 
     def __enter__(self) -> VirtualRig:
@@ -79,7 +79,7 @@ class VirtualRig:
                 "channel": str(self.adapter.channel),
                 "options": {"sleep_after_open": 0.0},
             },
-            # a process answers less steadily than a drive does
+            # A process answers less steadily than a drive does.
             "drives": {"watch": {"unsteady": 25, "stale": 25}},
             "touch": {
                 "port": str(self.screen.path),
@@ -91,8 +91,11 @@ class VirtualRig:
     def obey(self, word: str) -> str:
         """Do something to it while it runs: press its STO button, take the ball away, ...
 
+        Args:
+            word: sto, release, lift, put, unplug or plug.
+
         Returns:
-            What was done, or what can be.
+            What was done, or for an unknown word what can be.
         """
         known: dict[str, tuple[str, Callable[[], None]]] = {
             "sto": ("STO open: both drives without torque", self._open_sto),
@@ -105,7 +108,7 @@ class VirtualRig:
         if word not in known:
             return f"known: {', '.join(known)}"
         text, act = known[word]
-        with self.served.lock:
+        with self.server.lock:
             act()
         return text
 
@@ -118,45 +121,53 @@ class VirtualRig:
             drive.close_sto()
 
     def _put(self, *, present: bool) -> None:
-        self.bench.present = present
+        self.plant.present = present
 
     def _ball(self) -> tuple[tuple[float, float], ...]:
-        with self.served.lock:
-            return self.bench.ball()
+        with self.server.lock:
+            return self.plant.ball()
 
 
-def _apart(process: int, allowed: set[int]) -> None:
-    """Give the rig's process a processor that the host leaves alone, where there are two."""
+@contextmanager
+def _apart(process: int) -> Iterator[None]:
+    """Meanwhile, keep a process and this one on different processors, where that is possible."""
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    if len(allowed) < 2:
+        yield
+        return
     own = max(allowed)
-    if len(allowed) > 1:
-        os.sched_setaffinity(process, {own})
-        os.sched_setaffinity(0, allowed - {own})
+    os.sched_setaffinity(process, {own})
+    os.sched_setaffinity(0, allowed - {own})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def come_forward() -> None:
-    """Give this process precedence where that is permitted: real devices need no processor."""
-    with suppress(OSError):
+    """Raise this process's priority where that is permitted: real devices need no processor."""
+    with suppress(OSError, AttributeError):
         os.nice(-10)
 
 
 def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
-    """The body of the process: serve until the pipe is closed, doing what comes through it."""
+    """The body of the process: serve until the pipe is closed, obeying what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
     come_forward()
     with VirtualRig(scenario, protocol) as rig:
         pipe.send(rig.tables())
         listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
         listener.start()
-        rig.served.run()
+        rig.server.run()
 
 
 def _listen(pipe: Connection, rig: VirtualRig) -> None:
-    """Do what comes through the pipe until its other end is closed."""
+    """Obey what comes through the pipe until its other end is closed."""
     while True:
         try:
             pipe.send(rig.obey(pipe.recv()))
         except (EOFError, OSError):
-            rig.served.stop()
+            rig.server.stop()
             return
 
 
@@ -165,7 +176,7 @@ class Emulator:
 
     Args:
         process: The process.
-        pipe: What it is told through.
+        pipe: The way to it.
         tables: The rig file that a host needs.
     """
 
@@ -189,32 +200,36 @@ class Emulator:
 
 @contextmanager
 def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> Iterator[Emulator]:
-    """A virtual rig in a process of its own, for as long as the context lasts.
+    """A virtual rig in a separate process, for as long as the context lasts.
 
     Raises:
-        RigError: If it does not start.
+        RigError: It does not start, or this system has no pseudo-terminals.
     """
-    allowed = os.sched_getaffinity(0)
+    check_pseudo_terminals()
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
     process.start()
     theirs.close()
-    _apart(process.pid or 0, allowed)
     try:
-        try:
-            tables = ours.recv() if ours.poll(START) else None
-        except EOFError:
-            tables = None
-        if tables is None:
-            raise RigError(
-                "emulated rig: its process did not start; run ballplate emulate to see why"
-            )
-        yield Emulator(process, ours, tables)
+        with _apart(process.pid or 0):
+            yield Emulator(process, ours, _rig_file(ours))
     finally:
-        os.sched_setaffinity(0, allowed)
         ours.close()
         process.join(2.0)
         if process.is_alive():
             process.kill()
             process.join()
+
+
+def _rig_file(pipe: Connection) -> Tables:
+    """What the process sends when it serves.
+
+    Raises:
+        RigError: It has ended, or takes too long.
+    """
+    with suppress(EOFError):
+        if pipe.poll(START):
+            tables: Tables = pipe.recv()
+            return tables
+    raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

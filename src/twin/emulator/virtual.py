@@ -7,17 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.emulator.drive import EmulatedDrive
-from twin.hal.rig import Transmission
-from twin.run.assemble import build_bench, build_plant, start_plant
+from twin.hal.interface import Transmission
+from twin.run.assemble import build_devices, start_plant
+from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
-from twin.sim.rig import Bench
-from twin.sim.sensors import EncoderModel, TouchModel
+from twin.sim.encoders import EncoderModel
+from twin.sim.rig import SimulatedDevices
+from twin.sim.touch import TouchModel
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""
 
 
-class VirtualBench:
+class EmulatedPlant:
     """A scenario's plant, with its noise and its drives' imperfections, for emulated devices.
 
     Dead time, frames and quantisation are those of the emulated devices.
@@ -31,19 +33,19 @@ class VirtualBench:
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
-        plant, self.transmission = build_plant(scenario)
+        plant, self.transmission = build_plant([scenario])
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
         touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
         self.dead_time = touch.dead_time
-        self.bench: Bench = build_bench(
-            scenario,
+        self.devices: SimulatedDevices = build_devices(
+            [scenario],
             plant,
             period=self._tick,
             touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
             encoders=EncoderModel(counts=0, variance=encoders.variance),
         )
         self.present = True
-        """Whether there is a ball for the screen to feel."""
+        """Whether there is a ball that the screen can sense."""
         self._owed = 0.0
         self._drives: Sequence[EmulatedDrive] = ()
 
@@ -51,7 +53,7 @@ class VirtualBench:
     """Plate angles to motor angles, as the scenario's rig knows them."""
 
     def attach(self, drives: Sequence[EmulatedDrive]) -> None:
-        """Let the drives, phi then theta, move the plant and feel where it is."""
+        """Let the drives, phi then theta, move the plant and read its encoders."""
         self._drives = drives[:2]
         self._sense()
 
@@ -61,26 +63,26 @@ class VirtualBench:
         while self._owed > self._tick - 1e-9:
             self._owed -= self._tick
             if not any(drive.enabled for drive in self._drives):
-                self.bench.rest()
-            self.bench.command(np.array([[drive.rate for drive in self._drives]]))
-            self.bench.wait()
+                self.devices.rest()
+            self.devices.command(np.array([[drive.rate for drive in self._drives]]))
+            self.devices.wait()
             self._sense()
 
     def restart(self) -> None:
         """Put the ball back to where the scenario starts, the plate level."""
-        start_plant(self.bench.plant, self._scenario)
-        self.bench.command(np.zeros((1, 2)))
-        self.bench.wait()
+        start_plant(self.devices.plant, [self._scenario])
+        self.devices.command(np.zeros((1, 2)))
+        self.devices.wait()
         self._sense()
 
     def ball(self) -> tuple[tuple[float, float], ...]:
         """Where the ball touches the screen, m in plate axes; empty if it does not."""
-        if not self.present or not self.bench.on_plate[0]:
+        if not self.present or not self.devices.on_plate[0]:
             return ()
-        x, y = self.bench.read().position[0].tolist()
+        x, y = self.devices.read().position[0].tolist()
         return ((x, y),)
 
     def _sense(self) -> None:
-        motor, plate = self.bench.motor()[0].tolist(), self.bench.plate()[0].tolist()
+        motor, plate = self.devices.motor()[0].tolist(), self.devices.plate()[0].tolist()
         for drive, shaft, angle in zip(self._drives, motor, plate, strict=True):
             drive.sense(shaft, angle)

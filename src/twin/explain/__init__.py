@@ -1,1 +1,1 @@
-"""Which effect makes how much of a scenario's tracking error: remove each, and try each alone."""
+"""Attribution of a scenario's tracking error to effects: all but each, and each alone."""

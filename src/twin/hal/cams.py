@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import NdBSpline, make_interp_spline
 
 from controllers.arrays import Array
+from twin.data_file import parse_json
 from twin.errors import ModelError
+from twin.paths import model_path
 
 _ORDER = 3
 _REMEDY = "run `ballplate calibrate cams`"
 
 
 @dataclass(frozen=True)
-class Direct:
+class FixedRatio:
     """Motors turn the plate's own axes, through a plain ratio."""
 
     ratio: float = 1.0
@@ -104,13 +106,25 @@ class CamTable:
             ModelError: If the file is missing, or is not such a table.
         """
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = parse_json(path.read_text(encoding="utf-8"))
             grid = np.array(data["plate_rad"], dtype=float)
-            return cls(grid, np.array(data["motor_rad"], dtype=float), data["provenance"])
+            angles = np.array(data["motor_rad"], dtype=float)
+            return cls(grid, angles, dict(data["provenance"]))
         except OSError as error:
             raise ModelError(f"cam table {path}: {error.strerror}; {_REMEDY}") from error
         except (KeyError, TypeError, ValueError) as error:
             raise ModelError(f"cam table {path}: not a cam table ({error}); {_REMEDY}") from error
+
+    @classmethod
+    def packaged(cls) -> Self:
+        """The table that comes with the packaged model.
+
+        Raises:
+            ModelError: If it is missing, is no cam table, or was made with another model.
+        """
+        table = cls.from_file(model_path("cams.json"))
+        table.check(model_path())
+        return table
 
     def check(self, model: Path) -> None:
         """Make sure the table was made with this very model.

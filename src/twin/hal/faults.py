@@ -1,4 +1,4 @@
-"""What a device reports when something is wrong with it: condition, place, words."""
+"""What a device reports when something is wrong with it: condition, place, detail."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class Fault(NamedTuple):
         return f"{self.where}: {self.condition.name}: {self.detail}"
 
 
-class Watched(Protocol):
-    """A device that says what is wrong with it."""
+class FaultSource(Protocol):
+    """A device that reports its faults."""
 
     def faults(self) -> tuple[Fault, ...]:
-        """What has been detected since the last call, oldest first; never waits."""
+        """Faults detected since the last call, oldest first; never waits."""

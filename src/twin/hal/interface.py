@@ -53,3 +53,10 @@ class Clock(Protocol):
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""
+
+
+class Transmission(Protocol):
+    """Maps plate angles to motor angles."""
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles that hold the plate angles (phi, theta), both rad, (..., 2)."""

@@ -1,4 +1,4 @@
-"""What a rig may be told to do, and the clamp that keeps every command within it."""
+"""What may be commanded of a rig, and the clamp that keeps every command within it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number, column
+from twin.settings import Unit, setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a rig may be told to do, and where and how fast its ball may be; SI units.
+    """What may be commanded of a rig, and where and how fast its ball may be; SI units.
+
+    Fields are numbers, or arrays with one entry per rig.
 
     Attributes:
         angle: Plate angle either way, rad; thesis chapter 3: 10 deg.
@@ -23,12 +26,12 @@ class Limits:
             gains from 10 deg over the plate's length is 1.3.
     """
 
-    angle: float = np.pi / 18
-    rate: float = 0.6
-    acceleration: float = 7.0
-    area: tuple[float, float] = (0.25, 0.15)
-    margin: float = 0.04
-    ball_speed: float = 1.5
+    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, gt=0, le=10)
+    rate: Number = setting("rig.limits.rate_deg", 35.0, Unit.DEG, gt=0)
+    acceleration: Number = setting("rig.limits.acceleration", 7.0, gt=0)
+    area: tuple[float, float] | Array = setting("rig.limits.area", (0.25, 0.15), gt=0)
+    margin: Number = setting("rig.limits.margin", 0.04, ge=0)
+    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, gt=0)
 
 
 class Clamp:
@@ -40,29 +43,30 @@ class Clamp:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        self._acceleration = limits.acceleration
+        angle, rate, acceleration = map(column, (limits.angle, limits.rate, limits.acceleration))
+        self._acceleration = acceleration
         self._period = period
-        self._step = limits.acceleration * period
+        self._step = acceleration * period
         self._half_step = self._step / 2
-        self._whole_way = 2 * limits.acceleration * limits.angle
-        self._per_angle = 2 * limits.acceleration * np.array([1.0, -1.0])[:, None, None]
-        self._least, self._most = self._half_step**2, (limits.rate + self._half_step) ** 2
+        self._whole_way = 2 * acceleration * angle
+        self._per_angle = 2 * acceleration * np.array([1.0, -1.0])[:, None, None]
+        self._least, self._most = self._half_step**2, (rate + self._half_step) ** 2
 
-    def __call__(self, wish: Array, rate: Array, angle: Array) -> Array:
-        """The rates that may be commanded for the wished ones, rad/s, shape (N, 2).
+    def __call__(self, requested: Array, rate: Array, angle: Array) -> Array:
+        """The rates that may be commanded for the requested ones, rad/s, shape (N, 2).
 
         Args:
-            wish: Finite rates wished, rad/s, shape (N, 2).
+            requested: Finite rates, rad/s, shape (N, 2).
             rate: Rates commanded last, rad/s, shape (N, 2).
             angle: Plate angles, rad, shape (N, 2).
         """
-        # A rate v braked by one step a period covers at most (v + step / 2)^2 / (2 a), so this is
-        # the square of v + step / 2 that the way to the angle limit allows, upwards and downwards.
+        # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this
+        # is the square of v + step / 2 that the way to the angle limit allows, up and down.
         square = self._whole_way - self._per_angle * angle
         square = np.minimum(np.maximum(square, self._least), self._most)
         up, down = np.sqrt(square) - self._half_step
-        wish = np.minimum(np.maximum(wish, -down), up)
-        rates: Array = np.minimum(np.maximum(wish, rate - self._step), rate + self._step)
+        requested = np.minimum(np.maximum(requested, -down), up)
+        rates: Array = np.minimum(np.maximum(requested, rate - self._step), rate + self._step)
         return rates
 
     def towards_level(self, angle: Array) -> Array:

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.hal.faults import Watched
-from twin.hal.interface import Clock, Servos, TouchScreen
+from twin.hal.faults import FaultSource
+from twin.hal.interface import Clock, Servos, TouchScreen, Transmission
 from twin.hal.states import Event, State
 from twin.hal.supervisor import Note, Supervisor
-
-
-class Transmission(Protocol):
-    """How motor shafts and plate hang together."""
-
-    def motor(self, plate: Array) -> Array:
-        """Motor angles that hold the plate angles (phi, theta), both rad, (..., 2)."""
 
 
 class Entry(NamedTuple):
@@ -44,7 +36,9 @@ class Rig:
         transmission: Plate angles to motor angles.
         supervisor: States and limits.
         period: Control period in s.
-        watched: The devices that say what is wrong with them; one rig only.
+        fault_sources: The devices that report faults; one rig only.
+        anchor: Time in s after which the cams are looked up where the plate is measured to be,
+            again; 0 for every period.
     """
 
     LEVELLING_TIME = 2.0
@@ -52,7 +46,7 @@ class Rig:
     LEVEL = 5e-4
     """Plate angle in rad that counts as level: one count of the plate encoders."""
     ANCHOR = 0.02
-    """Time in s after which the cams are looked up where the plate is measured to be, again."""
+    """Default time in s from one look at the measured plate angle to the next."""
 
     def __init__(
         self,
@@ -63,7 +57,8 @@ class Rig:
         transmission: Transmission,
         supervisor: Supervisor,
         period: float,
-        watched: Sequence[Watched] = (),
+        fault_sources: Sequence[FaultSource] = (),
+        anchor: float = ANCHOR,
     ) -> None:
         self.period = period
         self.journal: list[Entry] = []
@@ -72,10 +67,11 @@ class Rig:
         self._servos = servos
         self._screen = screen
         self._clock = clock
-        self._watched = watched
+        self._fault_sources = fault_sources
         self._transmission = transmission
         self._plate: Array = supervisor.angle
         self._motor: Array = supervisor.angle
+        self._anchor_time = anchor
         self._unanchored = 0.0
 
     def __enter__(self) -> Self:
@@ -100,12 +96,7 @@ class Rig:
         self.supervisor.powered(self._servos.plate())
         self._anchor()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         try:
             self.level()
         finally:
@@ -141,22 +132,26 @@ class Rig:
         y[..., 0::2] = touch.position
         y[..., 1::2] = plate
         self.supervisor.watch(y, touch.touched)
-        for device in self._watched:
+        for device in self._fault_sources:
             for fault in device.faults():
                 self.supervisor.report(fault)
         time = self._clock.time
         if self.supervisor.notes:
             self.journal += [Entry(time, note) for note in self.supervisor.notes]
             self.supervisor.notes.clear()
-        return Measurement(time, y, touch.age, touch.touched)
+        return Measurement(time, y, touch.age, touch.touched, self.truth())
+
+    def truth(self) -> Array | None:
+        """The true state, shape (N, 8), of a simulated rig with ideal sensors; else None."""
+        return None
 
     def write(self, rate: Array) -> Array:
         """Command plate rates (phi', theta') in rad/s, shape (N, 2); return those applied.
 
-        The applied rates are the wished ones after every clamp of the supervisor.
+        The applied rates are the requested ones after every clamp of the supervisor.
         """
         self._unanchored += self.period
-        if self._unanchored > self.ANCHOR:
+        if self._unanchored > self._anchor_time:
             self._anchor()
         applied = self.supervisor.clamp(rate)
         self._plate = self._plate + self.period * applied
@@ -166,7 +161,7 @@ class Rig:
         return applied
 
     def _anchor(self) -> None:
-        """Take the plate to be where it is measured: the sum of all commands goes astray."""
+        """Re-reference the commanded angle to the encoders, since integrated commands drift."""
         self._plate = self.supervisor.angle
         self._motor = self._transmission.motor(self._plate)
         self._unanchored = 0.0

@@ -1,4 +1,4 @@
-"""The supervisor: says when a rig may move and how far, fast and hard it may be told to."""
+"""The supervisor: a state machine per rig, and the limits of what may be commanded."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, column
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Clamp, Limits
 from twin.hal.states import TRANSITIONS, Event, State
@@ -23,11 +23,11 @@ BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, 0.002, _LEVELLED, _AGAI
 BALL_FAST = Condition("ball too fast", Severity.LEVEL, 2 * PACE, _LEVELLED, _AGAIN)
 BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + 0.002, _LEVELLED, _AGAIN)
 PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
-BAD_WISH = Condition(
-    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "mend the controller, recover, start"
+BAD_REQUEST = Condition(
+    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "fix the controller, recover, start"
 )
 
-RIG_CONDITIONS = (BALL_OUTSIDE, BALL_FAST, BALL_LOST, PLATE_TILTED, BAD_WISH)
+RIG_CONDITIONS = (BALL_OUTSIDE, BALL_FAST, BALL_LOST, PLATE_TILTED, BAD_REQUEST)
 """What the supervisor itself watches over, simulated or not."""
 
 
@@ -77,13 +77,13 @@ class Supervisor:
         """What was detected and not yet taken out, oldest first."""
         self._clamp = Clamp(limits, period)
         self._period = period
-        reach = np.add(limits.area, limits.margin)
-        tilt = limits.angle + self.ANGLE_SLACK
-        self._bounds = np.array([reach[0], tilt, reach[1], tilt])
+        self._bounds: Array = np.empty((rigs, 4))
+        self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
+        self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
         self._trust = period / self.DRIFT_TIME
         self._unseen: float | Array = 0.0
         self._paces = max(1, round(PACE / period))
-        self._way = limits.ball_speed * self._paces * period
+        self._way = column(limits.ball_speed) * self._paces * period
         self._pace = 0
         self._before = np.full((rigs, 2), np.nan)
 
@@ -155,14 +155,14 @@ class Supervisor:
         self._before = np.where(touched[:, None], ball, np.nan)
 
     def clamp(self, rate: Array) -> Array:
-        """The plate rates that may be commanded for the wished ones, both rad/s, (N, 2).
+        """The plate rates that may be commanded for the requested ones, both rad/s, (N, 2).
 
         The result keeps within rate and acceleration limits, and within what can still be braked
         before the angle limit; in a fault it is zero at once.
         """
         if not np.isfinite(rate).all():
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
-            self._judge(BAD_WISH, bad, rate, "controller asked for ({}, {}) rad/s")
+            self._judge(BAD_REQUEST, bad, rate, "controller asked for ({}, {}) rad/s")
             rate = np.where(bad[:, None], 0.0, rate)
         if self.all_running:
             rate = self._clamp(rate, self.rate, self.angle)
@@ -176,9 +176,9 @@ class Supervisor:
         """Level the plate where holding, keep it where not running, stop it where nothing moves."""
         state = self.state[:, None]
         held = np.where(state == State.HOLDING, self._clamp.towards_level(self.angle), 0.0)
-        wish = np.where(state == State.RUNNING, rate, held)
+        requested = np.where(state == State.RUNNING, rate, held)
         dead = (state == State.FAULT) | (state == State.OFF) | (state == State.INITIALISING)
-        return np.where(dead, 0.0, self._clamp(wish, self.rate, self.angle))
+        return np.where(dead, 0.0, self._clamp(requested, self.rate, self.angle))
 
     def _judge(
         self, condition: Condition, which: Mask | np.bool_, values: Array, text: str

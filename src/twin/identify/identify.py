@@ -4,46 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from twin.identify.columns import LogError
-from twin.identify.drives import fit_drives
-from twin.identify.holdout import Horizons, hold_out
-from twin.identify.log import Log
+from twin.identify.log import Log, LogError
+from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import fitted
-from twin.identify.plausible import check_motion, check_ranges
-from twin.identify.prepare import Data, prepare
-from twin.identify.scores import Estimate, estimate
-from twin.identify.search import Fit, cut, search
-from twin.identify.verdict import Verdict, verdicts
-from twin.identify.whiteness import Whiteness, whiteness
+from twin.identify.plate_motion import fit_lag
+from twin.identify.prepare import PreparedLog, prepare
+from twin.identify.search import FitResult, search
+from twin.identify.validation import Horizons, hold_out
+from twin.identify.verdict import ParameterVerdict, Whiteness, verdicts, whiteness
+from twin.identify.windows import cut, moving_spans
 
 SHARE = 2 / 3
 """Share of the usable time that is fitted; the rest is held out."""
+LONGEST = 2.5
+"""Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What a log told.
+    """What a log shows.
 
     Attributes:
-        data: What of it was used.
+        log: The part of it that was used.
         fitted_time: Seconds of it that were fitted.
         fit: The best fit.
         verdicts: The parameters asked for.
         horizons: Replay error on the part held out.
         whiteness: What the fit leaves over.
-        notes: What had to be left out or supposed, in words.
+        notes: What had to be left out or assumed, in words.
     """
 
-    data: Data
+    log: PreparedLog
     fitted_time: float
-    fit: Fit
-    verdicts: tuple[Verdict, ...]
+    fit: FitResult
+    verdicts: tuple[ParameterVerdict, ...]
     horizons: Horizons | None
     whiteness: Whiteness
     notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers, for ``--json``."""
+        horizons = self.horizons
+        return {
+            "log": self.log.source,
+            "usable_seconds": self.log.length,
+            "fitted_seconds": self.fitted_time,
+            "parameters": [each.as_dict() for each in self.verdicts],
+            "replay_error": None if horizons is None else horizons.as_dict(),
+            "residuals": self.whiteness.as_dict(),
+            "fit": self.fit.termination.as_dict(),
+            "notes": list(self.notes),
+        }
 
 
 def identify(
@@ -58,30 +71,30 @@ def identify(
         log: The log.
         names: What is asked for, from ``parameters.CHOICES``.
         share: Share of the usable time that is fitted; 1 holds nothing out.
-        progress: Told the share of the work done.
+        progress: Called with the share of the work done.
 
     Raises:
         LogError: If the log is broken, or nothing can be learned from it.
     """
     check_ranges(log)
-    data = prepare(log)
-    check_motion(data)
-    known, unknown = data.split(share) if share < 1 else (data, None)
-    drives = fit_drives(known)
+    usable = prepare(log)
+    check_motion(usable)
+    known, unknown = usable.split(share) if share < 1 else (usable, None)
+    drives = fit_lag(known)
     lag = 0.0 if drives is None else float(drives.value[0])
     progress(0.1)
-    windows = cut(known, lag)
+    windows = cut(known, lag, LONGEST, moving_spans)
     if windows is None or len(windows) < 3:
         raise LogError(
-            f"{data.source}: too short: {known.length:.0f} s give "
+            f"{usable.source}: too short: {known.length:.0f} s give "
             f"{0 if windows is None else len(windows)} windows to fit, at least 3 are needed"
         )
     fits = []
-    for grip in data.grips:
-        fits.append(search(data.model, windows, fitted(names), grip))
-        progress(0.1 + 0.8 * len(fits) / len(data.grips))
-    fit = min(fits, key=lambda each: each.costs[0])
-    notes = list(data.notes)
+    for grip in usable.grips:
+        fits.append(search(usable.model, windows, fitted(names), grip))
+        progress(0.1 + 0.8 * len(fits) / len(usable.grips))
+    fit = min(fits, key=lambda each: each.cost)
+    notes = list(usable.notes)
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
@@ -89,32 +102,20 @@ def identify(
         notes.append(
             f"{fit.left_out} of {len(windows)} windows left out: no replay explains the ball there"
         )
-    if data.stretches[0].command is None:
+    if usable.segments[0].command is None:
         notes.append("no commanded rates in the log: the plate is taken from its encoders alone")
     horizons = None
-    if unknown is not None and unknown.stretches:
+    if unknown is not None and unknown.segments:
         horizons = hold_out(unknown, fit, lag)
     if horizons is None and share < 1:
         notes.append("too little left to hold out")
     progress(1.0)
     return Identification(
-        data=data,
+        log=usable,
         fitted_time=known.length,
         fit=fit,
-        verdicts=verdicts(names, fit, bootstrap(fit), drives),
+        verdicts=verdicts(names, fit, fit.estimate(), drives),
         horizons=horizons,
         whiteness=whiteness(fit),
         notes=tuple(notes),
-    )
-
-
-def bootstrap(fit: Fit) -> Estimate:
-    """The fit with what chance leaves open, window by window."""
-    free, _ = fit.linear.eliminate()
-    r, J = free[0, ..., 0], free[0, ..., 1:]  # noqa: N806
-    weight = fit.problem.weights(fit.linear.r)[0]
-    return estimate(
-        fit.theta,
-        np.einsum("wmi,wmj,w->wij", J, J, weight),
-        np.einsum("wmi,wm,w->wi", J, r, weight),
     )

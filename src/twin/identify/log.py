@@ -1,9 +1,14 @@
-"""Reads a recorded run: the twin's own Parquet, or CSV with named columns."""
+"""Reads a recorded run: the twin's own Parquet, or CSV with named columns.
+
+A header may give a column's unit, as ``measured_x [mm]``; without one it is the SI unit.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
+import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,27 +16,77 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.columns import COLUMNS, LogError, require, scale, split_unit
+from twin.errors import TwinError
+
+
+class LogError(TwinError, ValueError):
+    """A log cannot be read, or nothing can be learned from it."""
+
+
+@dataclass(frozen=True)
+class LogColumn:
+    """A column that a log may have.
+
+    Attributes:
+        unit: Its SI unit.
+        meaning: What it holds.
+        required: Whether a log must have it.
+    """
+
+    unit: str
+    meaning: str
+    required: bool = False
+
+
+COLUMNS = {
+    "time": LogColumn("s", "time of the row", required=True),
+    "measured_x": LogColumn("m", "ball on the screen, along x", required=True),
+    "measured_y": LogColumn("m", "ball on the screen, along y", required=True),
+    "measured_phi": LogColumn("rad", "plate encoder about y", required=True),
+    "measured_theta": LogColumn("rad", "plate encoder about x", required=True),
+    "age": LogColumn("s", "time since the ball's position arrived"),
+    "touched": LogColumn("1", "whether the screen detected the ball, 0 or 1"),
+    "applied_phi_acc": LogColumn("rad/s^2", "commanded plate acceleration from this row on"),
+    "applied_theta_acc": LogColumn("rad/s^2", "commanded plate acceleration from this row on"),
+    "applied_phi_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
+    "applied_theta_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
+}
+"""What ``identify`` reads; a log may have more columns."""
+
+_SCALES = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
+    "1": {"1": 1.0, "": 1.0},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.radians(1)},
+    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.radians(1)},
+}
+
+MECHANISM_LAG = 0.0025
+"""Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
+MECHANISM_GRIP = 0.0248
+"""Time constant in s of its rolling contact, (d t) / 2 with solreffriction t = 0.05 s, d = 0.99."""
+GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
+"""What is known of the twin's own plants; of a rig it is not."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """A recorded run as it was measured, SI units, one entry a row.
+    """A recorded run as it was measured, in SI units, one entry per row.
 
     Attributes:
-        source: What to call it.
+        source: Its name in messages.
         time: Seconds, shape (K,).
         ball: Measured x and y in m, shape (K, 2).
         plate: Measured phi and theta in rad, shape (K, 2).
         age: Seconds since the ball's position arrived, shape (K,).
-        touched: Whether the screen felt the ball, shape (K,).
+        touched: Whether the screen detected the ball, shape (K,).
         command: Commanded plate rates in rad/s from each row on, shape (K, 2); None if unknown.
         model: The ball, which is weighed and measured, not identified.
-        own_lag: What the twin's own drives lag behind before any bandwidth limit, s.
+        own_lag: Lag in s of the twin's own drives without a bandwidth limit.
         grips: Times in s within which friction may stop a ball, see ``replay``; more than one
             where it is not known.
         true: True x and y in m of a simulated run, shape (K, 2); for checks, never for a fit.
@@ -42,7 +97,7 @@ class Log:
     ball: Array
     plate: Array
     age: Array
-    touched: NDArray[np.bool_]
+    touched: Mask
     command: Array | None
     model: BallPlate
     own_lag: float
@@ -50,16 +105,8 @@ class Log:
     true: Array | None = None
 
 
-MECHANISM_LAG = 0.0025
-"""Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
-MECHANISM_GRIP = 0.0248
-"""Time constant in s of its rolling contact, (d t) / 2 with solreffriction t = 0.05 s, d = 0.99."""
-GRIPS = {"mujoco": (MECHANISM_GRIP,), "lagrange": (0.0,)}
-"""What is known of the twin's own plants; of a rig it is not."""
-
-
 def read(path: Path) -> Log:
-    """Read a log.
+    """Read a log: a run folder, a Parquet file or a CSV file.
 
     Raises:
         LogError: If the file cannot be read, lacks a column, or holds another unit or no numbers.
@@ -79,33 +126,67 @@ def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     table = pq.read_table(path)
     schema = table.schema
     names = [name for name in schema.names if name in COLUMNS or name in ("true_x", "true_y")]
-    require(schema.names, path.name)
-    if "rig" in schema.names:
+    _require(schema.names, path.name)
+    if "rig" in schema.names and len(table):
         rigs = table["rig"].to_numpy()
         table = table.filter(pa.array(rigs == rigs[0]))
     columns: dict[str, Array] = {}
     for name in names:
+        try:
+            values = np.asarray(table[name].to_numpy(), dtype=float)
+        except (KeyError, TypeError, ValueError):
+            raise LogError(f"{path.name}: {name}: is not one column of numbers") from None
         unit = (schema.field(name).metadata or {}).get(b"unit")
-        factor = scale(name, unit.decode() if unit else None, path.name) if name in COLUMNS else 1.0
-        columns[name] = factor * np.asarray(table[name].to_numpy(), dtype=float)
+        factor = 1.0
+        if name in COLUMNS:
+            factor = _scale(name, unit.decode() if unit else None, path.name)
+        columns[name] = factor * values
     raw = (schema.metadata or {}).get(b"ballplate", b"{}")
-    return columns, json.loads(raw)
+    try:
+        return columns, json.loads(raw)
+    except (ValueError, RecursionError):
+        raise LogError(f"{path.name}: its metadata is not that of a run") from None
 
 
 def _csv(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
-        header = [split_unit(cell) for cell in next(rows, [])]
+        header = [_split_unit(cell) for cell in next(rows, [])]
         names = [name for name, _ in header]
-        require(names, path.name)
-        wanted = [(i, n, scale(n, u, path.name)) for i, (n, u) in enumerate(header) if n in COLUMNS]
+        _require(names, path.name)
+        used = [(i, n, _scale(n, u, path.name)) for i, (n, u) in enumerate(header) if n in COLUMNS]
         data = [
-            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in wanted]
+            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in used]
             for row in rows
             if row
         ]
-    values = np.array(data, dtype=float).reshape(len(data), len(wanted))
-    return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(wanted)}, {}
+    values = np.array(data, dtype=float).reshape(len(data), len(used))
+    return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(used)}, {}
+
+
+def _require(names: list[str], source: str) -> None:
+    missing = [name for name, column in COLUMNS.items() if column.required and name not in names]
+    if missing:
+        raise LogError(
+            f"{source}: no column {', '.join(missing)} "
+            f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
+        )
+
+
+def _split_unit(header: str) -> tuple[str, str | None]:
+    """Name and unit of a header such as ``measured_x [mm]``; None without a unit."""
+    match = re.fullmatch(r"\s*(.*?)\s*\[\s*(.*?)\s*\]\s*", header)
+    return (match[1], match[2]) if match else (header.strip(), None)
+
+
+def _scale(name: str, unit: str | None, source: str) -> float:
+    """Factor from a column's unit to SI."""
+    if unit is None:
+        return 1.0
+    known = _SCALES[COLUMNS[name].unit]
+    if unit not in known:
+        raise LogError(f"{source}: {name}: unit '{unit}'; known: {', '.join(filter(None, known))}")
+    return known[unit]
 
 
 def _number(row: list[str], index: int, source: str, name: str, line: int) -> float:
@@ -131,10 +212,11 @@ def _log(columns: dict[str, Array], metadata: dict[str, Any], source: str) -> Lo
     if command is None and acceleration is not None and len(time) > 1:
         period = float(np.nanmedian(np.diff(time)))
         command = period * np.cumsum(np.nan_to_num(acceleration), axis=0)
-    plant = metadata.get("scenario", {}).get("plant", {})
-    period = float(metadata.get("scenario", {}).get("rig", {}).get("period", 0.0))
-    given = {key: plant.get("ball", {}).get(key) for key in ("mass", "radius", "inertia")}
     touched = columns.get("touched", np.ones_like(time))
+    try:
+        rig = _rig(metadata)
+    except (AttributeError, TypeError, ValueError):
+        raise LogError(f"{source}: its metadata is not that of a run") from None
     return Log(
         source=source,
         time=time,
@@ -143,8 +225,19 @@ def _log(columns: dict[str, Array], metadata: dict[str, Any], source: str) -> Lo
         age=np.nan_to_num(columns.get("age", np.zeros_like(time))),
         touched=np.nan_to_num(touched) > 0.5,
         command=command,
-        model=BallPlate(**{key: value for key, value in given.items() if value is not None}),
-        own_lag=period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
-        grips=GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
         true=pair("true_x", "true_y"),
+        **rig,
     )
+
+
+def _rig(metadata: dict[str, Any]) -> dict[str, Any]:
+    """What a run's metadata say of its ball and, if it was simulated, of its plant."""
+    scenario = metadata.get("scenario", {})
+    plant = scenario.get("plant", {})
+    period = float(scenario.get("rig", {}).get("period", 0.0))
+    ball = {key: plant.get("ball", {}).get(key) for key in ("mass", "radius", "inertia")}
+    return {
+        "model": BallPlate(**{key: float(v) for key, v in ball.items() if v is not None}),
+        "own_lag": period / 2 if plant.get("kind") == "lagrange" else MECHANISM_LAG,
+        "grips": GRIPS.get(plant.get("kind"), (MECHANISM_GRIP, 0.0)),
+    }

@@ -7,39 +7,44 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from controllers.arrays import Array
-from twin.identify.columns import LogError
+from twin.identify.log import LogError
 from twin.sim.plant.friction import Friction
 
+_FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """One number of the twin that a log may show.
+
+@dataclass(frozen=True)
+class IdentifiedParameter:
+    """One number of the twin that a log may show. All values but that of the key are in SI units.
 
     Attributes:
         key: The scenario key that takes it.
         unit: Unit of the key; empty for dimensionless.
-        factor: From the SI number to that of the key.
-        start: Where a fit that knows nothing begins, SI.
-        least: Smallest value, SI.
-        most: Largest value, SI.
-        nudge: Step of finite differences, SI; 0 where the derivative is exact.
-        wanted: Half-width of the interval up to which it counts as identified, SI.
-        share: The same as a share of the value; the larger of the two holds.
-        floor: Smallest half-width ever claimed, SI: what the twin's own time step changes.
         experiment: What would show it.
+        start: Where a fit without a first guess begins.
+        least: Smallest value.
+        most: Largest value.
+        difference: Step of finite differences; 0 where the derivative is exact.
+        tolerance: Half-width of the interval up to which it counts as identified.
+        relative: The same as a share of the value; the larger of the two holds.
+        floor: Smallest half-width ever claimed: what the twin's own time step changes.
     """
 
     key: str
     unit: str
-    factor: float = 1.0
+    experiment: str
     start: float = 0.0
     least: float = 0.0
     most: float = math.inf
-    nudge: float = 0.0
-    wanted: float = 0.0
-    share: float = 0.0
+    difference: float = 0.0
+    tolerance: float = 0.0
+    relative: float = 0.0
     floor: float = 0.0
-    experiment: str = ""
+
+    @property
+    def factor(self) -> float:
+        """From the SI number to that of the key."""
+        return _FACTORS.get(self.unit, 1.0)
 
     @property
     def name(self) -> str:
@@ -51,148 +56,75 @@ _START = "let the ball come to rest and start again by itself at least ten times
 _ROLL = (
     "let the ball roll for half a minute at up to 0.1 m/s and change direction (scenario excite)"
 )
-_LEVEL = "let the ball roll both ways along x and y (scenario excite)"
+_LEVEL = IdentifiedParameter(
+    "plant.level_deg", "deg", "let the ball roll both ways along x and y (scenario excite)",
+    least=-0.05, most=0.05, difference=2e-4, tolerance=5e-4, floor=1e-5,
+)  # fmt: skip
 
-BALL: dict[str, Parameter] = {
-    "rolling": Parameter(
-        key="plant.friction.rolling_mm",
-        unit="mm",
-        factor=1e3,
-        start=2e-4,
-        most=3e-3,
-        nudge=3e-6,
-        wanted=1e-5,
-        share=0.1,
-        floor=5e-7,
-        experiment=_ROLL,
+BALL = {
+    "rolling": IdentifiedParameter(
+        "plant.friction.rolling_mm", "mm", _ROLL,
+        start=2e-4, most=3e-3, difference=3e-6, tolerance=1e-5, relative=0.1, floor=5e-7,
     ),
-    "breakaway": Parameter(
-        key="plant.friction.breakaway_ratio",
-        unit="",
-        start=1.2,
-        least=1.0,
-        most=6.0,
-        nudge=0.02,
-        share=0.1,
-        floor=0.005,
-        experiment=_START,
+    "breakaway": IdentifiedParameter(
+        "plant.friction.breakaway_ratio", "", _START,
+        start=1.2, least=1.0, most=6.0, difference=0.02, relative=0.1, floor=0.005,
     ),
-    "delay": Parameter(
-        key="sensors.touch.dead_time",
-        unit="s",
-        start=0.042,
-        most=0.14,
-        wanted=0.004,
-        share=0.1,
-        floor=2e-4,
-        experiment="move the plate faster while the ball rolls (scenario excite)",
+    "delay": IdentifiedParameter(
+        "sensors.touch.dead_time", "s",
+        "move the plate faster while the ball rolls (scenario excite)",
+        start=0.042, most=0.14, tolerance=0.004, relative=0.1, floor=2e-4,
     ),
-    "level_phi": Parameter(
-        key="plant.level_deg",
-        unit="deg",
-        factor=math.degrees(1),
-        least=-0.05,
-        most=0.05,
-        nudge=2e-4,
-        wanted=5e-4,
-        floor=1e-5,
-        experiment=_LEVEL,
+    "level_phi": _LEVEL,
+    "level_theta": _LEVEL,
+    "viscous": IdentifiedParameter(
+        "plant.friction.viscous_mm", "mm",
+        "let the ball roll at up to 0.3 m/s as well as slowly",
+        most=0.01, difference=2e-5, tolerance=1e-4, relative=0.2, floor=5e-6,
     ),
-    "level_theta": Parameter(
-        key="plant.level_deg",
-        unit="deg",
-        factor=math.degrees(1),
-        least=-0.05,
-        most=0.05,
-        nudge=2e-4,
-        wanted=5e-4,
-        floor=1e-5,
-        experiment=_LEVEL,
+    "stribeck": IdentifiedParameter(
+        "plant.friction.stribeck_speed", "m/s", _START,
+        start=0.005, least=5e-4, most=0.05, difference=2e-4,
+        tolerance=0.001, relative=0.2, floor=1e-4,
     ),
-    "viscous": Parameter(
-        key="plant.friction.viscous_mm",
-        unit="mm",
-        factor=1e3,
-        most=0.01,
-        nudge=2e-5,
-        wanted=1e-4,
-        share=0.2,
-        floor=5e-6,
-        experiment="let the ball roll at up to 0.3 m/s as well as slowly",
+    "dwell": IdentifiedParameter(
+        "plant.friction.dwell_time", "s",
+        "let the ball rest for times between 0.1 and 10 s before it starts",
+        most=10.0, difference=0.02, tolerance=0.1, relative=0.2, floor=0.01,
     ),
-    "stribeck": Parameter(
-        key="plant.friction.stribeck_speed",
-        unit="m/s",
-        start=0.005,
-        least=5e-4,
-        most=0.05,
-        nudge=2e-4,
-        wanted=0.001,
-        share=0.2,
-        floor=1e-4,
-        experiment=_START,
-    ),
-    "dwell": Parameter(
-        key="plant.friction.dwell_time",
-        unit="s",
-        most=10.0,
-        nudge=0.02,
-        wanted=0.1,
-        share=0.2,
-        floor=0.01,
-        experiment="let the ball rest for times between 0.1 and 10 s before it starts",
-    ),
-}
+}  # fmt: skip
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
 
-SERVO = Parameter(
-    key="plant.servo.bandwidth_hz",
-    unit="Hz",
-    most=0.15,
-    wanted=0.0005,
-    share=0.1,
-    floor=5e-5,
-    experiment="move the plate faster, and record the commanded plate acceleration",
-)
-"""The drives' time constant in s; the scenario wants the corner frequency it gives."""
+SERVO = IdentifiedParameter(
+    "plant.servo.bandwidth_hz", "Hz",
+    "move the plate faster, and record the commanded plate acceleration",
+    most=0.15, tolerance=0.0005, relative=0.1, floor=5e-5,
+)  # fmt: skip
+"""The drives' time constant in s; the scenario takes the corner frequency it gives."""
 
 HIDDEN = {
-    "spring": Parameter(
-        key="plant.spring.preload",
-        unit="N",
-        experiment="measure motor torque while the plate is tilted slowly over its whole range",
+    "spring": IdentifiedParameter(
+        "plant.spring.preload", "N",
+        "measure motor torque while the plate is tilted slowly over its whole range",
     ),
-    "wheels": Parameter(
-        key="plant.wheels.stiffness",
-        unit="N/m",
-        experiment="tap the plate and record its encoders at 500 Hz or faster (see ballplate "
-        "calibrate cams, which does this on the twin)",
+    "wheels": IdentifiedParameter(
+        "plant.wheels.stiffness", "N/m",
+        "tap the plate and record its encoders at 500 Hz or faster (see ballplate calibrate cams, "
+        "which does this on the twin)",
     ),
-    "plate_centre": Parameter(
-        key="plant.plate.offset_mm",
-        unit="mm",
-        experiment="measure motor torque at rest in many poses, spring taken off",
+    "plate_centre": IdentifiedParameter(
+        "plant.plate.offset_mm", "mm",
+        "measure motor torque at rest in many poses, spring taken off",
     ),
-    "ball_centre": Parameter(
-        key="plant.ball.offset_mm",
-        unit="mm",
-        experiment="roll the ball from rest on a level plate and see where it settles",
+    "ball_centre": IdentifiedParameter(
+        "plant.ball.offset_mm", "mm",
+        "roll the ball from rest on a level plate and see where it settles",
     ),
-}
+}  # fmt: skip
 """What neither ball nor plate positions of a closed-loop run show."""
 
-CHOICES = (
-    "rolling",
-    "breakaway",
-    "delay",
-    "servo",
-    "level",
-    "viscous",
-    "stribeck",
-    "dwell",
-    *HIDDEN,
-)
 DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
+CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
 ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
 

@@ -1,4 +1,4 @@
-"""From a log as it was recorded to clean stretches of it, or one line on why there are none."""
+"""Cleans a log: leaves out what is broken, and cuts the rest into segments without gaps."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from scipy.ndimage import median_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.columns import LogError
-from twin.identify.log import Log
-from twin.identify.motion import resolution
+from twin.identify.log import Log, LogError
 
 SLOWEST = 0.05
 """Longest time in s between rows."""
@@ -20,41 +18,41 @@ BRIDGED = 0.012
 LIFTED = 0.05
 """Without touch for longer than this time in s, the ball counts as off the screen."""
 SHORTEST = 2.5
-"""Stretches shorter than this time in s are left out."""
+"""Segments shorter than this time in s are left out."""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Segment:
     """A part of a log without gaps.
 
     Attributes:
         time: Equally spaced seconds, shape (K,).
         plate: Encoder angles (phi, theta) in rad, shape (K, 2).
         command: Commanded plate rates in rad/s, shape (K, 2), or None.
-        seen: When the ball was where the samples say, but for the delay; s, shape (M,).
+        sampled: When each ball sample was taken, the screen's delay not counted, s, shape (M,).
         ball: Ball samples in m, shape (M, 2).
     """
 
     time: Array
     plate: Array
     command: Array | None
-    seen: Array
+    sampled: Array
     ball: Array
 
-    def between(self, begin: float, end: float) -> Stretch:
+    def between(self, begin: float, end: float) -> Segment:
         """The part between two times in s."""
         rows = (self.time >= begin) & (self.time < end)
-        samples = (self.seen >= begin) & (self.seen < end)
+        samples = (self.sampled >= begin) & (self.sampled < end)
         command = None if self.command is None else self.command[rows]
-        return Stretch(
-            self.time[rows], self.plate[rows], command, self.seen[samples], self.ball[samples]
+        return Segment(
+            self.time[rows], self.plate[rows], command, self.sampled[samples], self.ball[samples]
         )
 
     @property
     def even_ball(self) -> Array:
-        """Ball at the equal times, m, shape (K, 2)."""
+        """Ball at the equally spaced times, m, shape (K, 2)."""
         return np.stack(
-            [np.interp(self.time, self.seen, self.ball[:, axis]) for axis in (0, 1)], axis=-1
+            [np.interp(self.time, self.sampled, self.ball[:, axis]) for axis in (0, 1)], axis=-1
         )
 
     @property
@@ -64,21 +62,21 @@ class Stretch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Data:
-    """What of a log can be used.
+class PreparedLog:
+    """The usable part of a log.
 
     Attributes:
         source: What the log is called.
-        stretches: Its parts.
+        segments: Its parts.
         sigma: Standard deviation of a ball sample along x and y in m, shape (2,).
         model: The ball.
-        own_lag: What the twin's own drives lag behind before any bandwidth limit, s.
+        own_lag: Lag in s of the twin's own drives without a bandwidth limit.
         grips: Times in s within which friction may stop a ball, see ``replay``.
         notes: What had to be left out, in words.
     """
 
     source: str
-    stretches: tuple[Stretch, ...]
+    segments: tuple[Segment, ...]
     sigma: Array
     model: BallPlate
     own_lag: float
@@ -88,93 +86,108 @@ class Data:
     @property
     def period(self) -> float:
         """Seconds between rows."""
-        time = self.stretches[0].time
+        time = self.segments[0].time
         return float(time[1] - time[0])
 
     @property
     def sample_period(self) -> float:
-        """Usual seconds between two ball positions."""
-        return float(np.median(np.concatenate([np.diff(s.seen) for s in self.stretches])))
+        """Median time in s between two ball positions."""
+        return float(np.median(np.concatenate([np.diff(s.sampled) for s in self.segments])))
 
     @property
     def length(self) -> float:
         """Usable seconds."""
-        return sum(stretch.length for stretch in self.stretches)
+        return sum(segment.length for segment in self.segments)
 
-    def split(self, share: float) -> tuple[Data, Data]:
+    def split(self, share: float) -> tuple[PreparedLog, PreparedLog]:
         """The first share of the usable time, and the rest."""
         left = share * self.length
-        border = self.stretches[-1].time[-1]
-        for stretch in self.stretches:
-            if left <= stretch.length:
-                border = stretch.time[0] + left
+        border = self.segments[-1].time[-1]
+        for segment in self.segments:
+            if left <= segment.length:
+                border = segment.time[0] + left
                 break
-            left -= stretch.length
+            left -= segment.length
         parts = []
         for begin, end in ((-np.inf, border), (border, np.inf)):
-            cut = (stretch.between(begin, end) for stretch in self.stretches)
-            parts.append(replace(self, stretches=tuple(s for s in cut if s.length >= SHORTEST)))
+            cut = (segment.between(begin, end) for segment in self.segments)
+            parts.append(replace(self, segments=tuple(s for s in cut if s.length >= SHORTEST)))
         return parts[0], parts[1]
 
 
-def prepare(log: Log) -> Data:
-    """Leave out what is broken, and cut the rest into stretches.
+def prepare(log: Log) -> PreparedLog:
+    """Leave out what is broken, and cut the rest into segments.
 
     Raises:
         LogError: If the clock runs backwards, or too little is left.
     """
-    source, notes = log.source, list[str]()
-    rows = np.isfinite(log.time) & np.isfinite(log.plate).all(axis=-1)
-    if log.command is not None:
-        rows &= np.isfinite(log.command).all(axis=-1)
-    if (~rows).any():
-        notes.append(f"{int((~rows).sum())} rows without time, plate angle or command left out")
-    time = log.time[rows]
+    notes = list[str]()
+    log = _complete_rows(log, notes)
+    time = log.time
     if len(time) < 100:
-        raise LogError(f"{source}: only {len(time)} usable rows; too short to identify anything")
-    period = _period(time, source)
-    gap = np.diff(time) > max(1.5 * period, BRIDGED)
-    missing = float(np.diff(time)[gap].sum())
+        raise LogError(
+            f"{log.source}: only {len(time)} usable rows; too short to identify anything"
+        )
+    period = _period(time, log.source)
+    steps = np.diff(time)
+    gap = steps > max(1.5 * period, BRIDGED)
     if gap.any():
+        missing = float(steps[gap].sum())
         notes.append(f"{int(gap.sum())} gaps of {missing:.2f} s in all left out")
-    seen = time - log.age[rows]
-    ball, touched = log.ball[rows], log.touched[rows]
-    lifted = _long_runs(~touched, time, LIFTED)
+    lifted = _long_runs(~log.touched, time, LIFTED)
     if lifted.any():
         notes.append(f"ball off the screen for {period * lifted.sum():.2f} s: left out")
-    usable = touched & np.isfinite(ball).all(axis=-1)
-    if (touched & ~usable).any():
-        notes.append(f"{int((touched & ~usable).sum())} rows without ball position left out")
-    fresh = usable & _fresh(log.age[rows], ball, period)
-    sigma = _noise(ball[fresh])
-    spikes = np.zeros_like(fresh)
-    spikes[fresh] = _spikes(ball[fresh], sigma)
-    if spikes.any():
-        notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
-    fresh &= ~spikes
-    whole = replace(
-        log, time=time, plate=log.plate[rows], command=None, ball=ball, age=seen, touched=fresh
-    )
-    command = None if log.command is None else log.command[rows]
+    fresh, sigma = _ball_samples(log, period, notes)
     good = ~lifted
     good[:-1] &= ~gap
-    stretches = [
-        _stretch(whole, command, first, last, period)
-        for first, last in _runs(good)
-        if time[last] - time[first] >= SHORTEST
+    segments = [
+        _segment(log, fresh, slice(first, stop), period)
+        for first, stop in runs(good)
+        if time[stop - 1] - time[first] >= SHORTEST
     ]
-    stretches = [s for s in stretches if len(s.seen) > 20]
-    if not stretches:
+    segments = [s for s in segments if len(s.sampled) > 20]
+    if not segments:
         why = notes[-1] if notes else f"it lasts {time[-1] - time[0]:.1f} s"
-        raise LogError(f"{source}: no stretch of {SHORTEST:g} s without a gap ({why})")
-    return Data(
-        source=source,
-        stretches=tuple(stretches),
+        raise LogError(f"{log.source}: no stretch of {SHORTEST:g} s without a gap ({why})")
+    return PreparedLog(
+        source=log.source,
+        segments=tuple(segments),
         sigma=sigma,
         model=log.model,
         own_lag=log.own_lag,
         grips=log.grips,
         notes=tuple(notes),
+    )
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """First index and one past the last of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def resolution(measured: Array) -> float:
+    """Smallest step between two different readings, 0 if there is none."""
+    steps = np.diff(np.unique(measured))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _complete_rows(log: Log, notes: list[str]) -> Log:
+    """The rows with time, plate angles and command."""
+    rows = np.isfinite(log.time) & np.isfinite(log.plate).all(axis=-1)
+    if log.command is not None:
+        rows &= np.isfinite(log.command).all(axis=-1)
+    if (~rows).any():
+        notes.append(f"{int((~rows).sum())} rows without time, plate angle or command left out")
+    return replace(
+        log,
+        time=log.time[rows],
+        ball=log.ball[rows],
+        plate=log.plate[rows],
+        age=log.age[rows],
+        touched=log.touched[rows],
+        command=None if log.command is None else log.command[rows],
     )
 
 
@@ -197,30 +210,39 @@ def _period(time: Array, source: str) -> float:
     return period
 
 
-def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
-
-
 def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
     """The runs of True that last at least a time in s."""
     out = np.zeros_like(mask)
-    for first, last in _runs(mask):
-        if time[last] - time[first] >= least:
-            out[first : last + 1] = True
+    for first, stop in runs(mask):
+        if time[stop - 1] - time[first] >= least:
+            out[first:stop] = True
     return out
 
 
-def _fresh(age: Array, ball: Array, period: float) -> Mask:
+def _ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array]:
+    """Rows that bring a usable ball sample, and the standard deviation of one in m, shape (2,)."""
+    usable = log.touched & np.isfinite(log.ball).all(axis=-1)
+    if (log.touched & ~usable).any():
+        missing = int((log.touched & ~usable).sum())
+        notes.append(f"{missing} rows without ball position left out")
+    fresh = usable & _new_position(log.age, log.ball, period)
+    sigma = _noise(log.ball[fresh])
+    spikes = np.zeros_like(fresh)
+    spikes[fresh] = _spikes(log.ball[fresh], sigma)
+    if spikes.any():
+        notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
+    return fresh & ~spikes, sigma
+
+
+def _new_position(age: Array, ball: Array, period: float) -> Mask:
     """Rows that bring a new ball position, not one held from before."""
     if np.ptp(age) > period / 2:
         return np.concatenate(([True], np.diff(age) < period / 2))
     change = np.concatenate(([True], (np.diff(ball, axis=0) != 0).any(axis=-1)))
     at = np.flatnonzero(change)
-    runs = np.diff(at)
-    runs = runs[runs * period < 0.1]
-    held = int(np.median(runs)) if len(runs) else 1
+    lengths = np.diff(at)
+    lengths = lengths[lengths * period < 0.1]
+    held = int(np.median(lengths)) if len(lengths) else 1
     if held <= 1:
         return np.ones_like(change)
     since = np.arange(len(ball)) - at[np.cumsum(change) - 1]
@@ -240,19 +262,18 @@ def _spikes(ball: Array, sigma: Array) -> Mask:
     return np.asarray((np.abs(ball - usual) > np.maximum(8 * sigma, 0.003)).any(axis=-1))
 
 
-def _stretch(whole: Log, command: Array | None, first: int, last: int, period: float) -> Stretch:
-    rows = slice(first, last + 1)
-    time = whole.time[rows]
+def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:
+    """These rows with plate and command at equally spaced times."""
+    time, new = log.time[rows], fresh[rows]
     even = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
 
     def at_even(values: Array) -> Array:
         return np.stack([np.interp(even, time, values[rows, axis]) for axis in (0, 1)], axis=-1)
 
-    new = whole.touched[rows]
-    return Stretch(
+    return Segment(
         even,
-        at_even(whole.plate),
-        None if command is None else at_even(command),
-        whole.age[rows][new],
-        whole.ball[rows][new],
+        at_even(log.plate),
+        None if log.command is None else at_even(log.command),
+        (time - log.age[rows])[new],
+        log.ball[rows][new],
     )

@@ -5,54 +5,64 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.parameters import BALL, friction
 from twin.identify.replay import replay
 from twin.identify.windows import LOOKBACK, Windows
 
-NUDGE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
+START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
-LOOSE = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
-"""How loosely the start is held where the samples say nothing of it."""
 TOLERATED = 3.0
-"""Mean square misfit, in noise variances, from which on a window loses weight (Cauchy)."""
+"""Mean square misfit, in noise variances, above which a window loses weight (Cauchy)."""
+# A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
+_START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linearisation:
     """Residuals of C candidates in W windows, in standard deviations, and their slopes.
 
     Attributes:
         r: Replay minus samples, shape (C, W, M).
         by_start: Slope by the start x, y, x', y' of each window, shape (C, W, M, 4).
-        by_parameter: Slope by the parameters, shape (C, W, M, P); P is 0 where not wanted.
+        by_parameter: Slope by the parameters, shape (C, W, M, P); P is 0 where not requested.
     """
 
     r: Array
     by_start: Array
     by_parameter: Array
 
-    def best(self, old: Linear, better: NDArray[np.bool_]) -> Linear:
-        """This where it is better, (C,) or (C, W), else the old one."""
+    def where(self, better: Mask, old: Linearisation) -> Linearisation:
+        """This where it is better, shape (C,) or (C, W), elsewhere the old one."""
         parts = []
         for name in ("r", "by_start", "by_parameter"):
             new, before = getattr(self, name), getattr(old, name)
             mask = better.reshape(better.shape + (1,) * (new.ndim - better.ndim))
             parts.append(np.where(mask, new, before))
-        return Linear(*parts)
+        return Linearisation(*parts)
 
-    def eliminate(self) -> tuple[Array, Array]:
+    def start_step(self, damping: Array) -> Array:
+        """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
+
+        Args:
+            damping: Multiples of the prior, shape (C, W).
+        """
+        Zt = np.swapaxes(self.by_start, -1, -2)  # noqa: N806
+        normal = Zt @ self.by_start + damping[..., None, None] * _START_PRIOR
+        return np.moveaxis(np.linalg.solve(normal, Zt @ self.r[..., None])[..., 0], -1, 0)
+
+    def eliminate_starts(self) -> tuple[Array, Array]:
         """Residuals and parameter slopes with the starts fitted along, (C, W, M, 1 + P).
 
-        Also returns how the starts follow, shape (C, W, 4, 1 + P).
+        Variable projection: for a linearised problem the best starts are a linear function of the
+        parameters. Also returns its slopes, shape (C, W, 4, 1 + P).
         """
         Z = self.by_start  # noqa: N806
         both = np.concatenate((self.r[..., None], self.by_parameter), axis=-1)
         Zt = np.swapaxes(Z, -1, -2)  # noqa: N806
-        follow = np.linalg.solve(Zt @ Z + LOOSE, Zt @ both)
+        follow = np.linalg.solve(Zt @ Z + _START_PRIOR, Zt @ both)
         return both - Z @ follow, follow
 
 
@@ -73,14 +83,14 @@ class Problem:
     grip: float = 0.0
 
     def values(self, theta: Array) -> dict[str, Array]:
-        """All ball parameters by name, those not fitted at what means nothing, shape (C, 1)."""
-        nothing = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
-        nothing |= {"level_phi": 0.0, "level_theta": 0.0}
-        values = {name: np.full((len(theta), 1), value) for name, value in nothing.items()}
+        """All ball parameters by name, those not fitted at values without effect, shape (C, 1)."""
+        defaults = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
+        defaults |= {"level_phi": 0.0, "level_theta": 0.0}
+        values = {name: np.full((len(theta), 1), value) for name, value in defaults.items()}
         values |= {name: theta[:, k, None] for k, name in enumerate(self.names)}
         return values
 
-    def starts(self) -> Array:
+    def initial_starts(self) -> Array:
         """A straight line through the first samples of each window, shape (4, 1, W)."""
         windows = self.windows
         out = np.zeros((4, 1, len(windows)))
@@ -97,60 +107,64 @@ class Problem:
 
         Args:
             theta: Parameters, shape (C, P).
-            starts: x, y, x', y' at the begin of each window, shape (4, C, W).
+            starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
         field = self.windows.field
         return replay(field, self.model, friction(values), level, starts, self.grip)
 
-    def look(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linear:
-        """Replay C candidates, with finite differences beside them as further candidates.
+    def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
+        """Residuals and slopes of C candidates, by finite differences.
+
+        The candidates and all their finite differences are replayed in one batch.
 
         Args:
             theta: Parameters, shape (C, P).
-            starts: x, y, x', y' at the begin of each window, shape (4, C, W).
-            slopes: Whether the slopes by the parameters are wanted.
+            starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
+            slopes: Whether the slopes by the parameters are computed.
         """
         count, windows = len(theta), self.windows
-        lanes = [(theta, starts)]
-        for k, step in enumerate(NUDGE):
+        batch = [(theta, starts)]
+        for k, step in enumerate(START_DIFFERENCES):
             moved = starts.copy()
             moved[k] += step
-            lanes.append((theta, moved))
-        nudged = []
+            batch.append((theta, moved))
+        shifted = []
         for k, name in enumerate(self.names if slopes else ()):
             about = BALL[name]
-            if about.nudge == 0:
+            if about.difference == 0:
                 continue
             up, down = theta.copy(), theta.copy()
-            up[:, k] = np.minimum(up[:, k] + about.nudge, about.most)
-            down[:, k] = np.maximum(down[:, k] - about.nudge, about.least)
-            nudged.append((k, (up - down)[:, k]))
-            lanes += [(up, starts), (down, starts)]
-        every = np.concatenate([lane[0] for lane in lanes])
-        places, speeds = self.replayed(every, np.concatenate([lane[1] for lane in lanes], axis=1))
-        seen, rate = windows.seen(places, speeds, self.values(every)["delay"])
-        shape = (len(lanes), count, len(windows), windows.weight[0].size)
-        scaled = (seen * windows.weight).reshape(shape)
+            up[:, k] = np.minimum(up[:, k] + about.difference, about.most)
+            down[:, k] = np.maximum(down[:, k] - about.difference, about.least)
+            shifted.append((k, (up - down)[:, k]))
+            batch += [(up, starts), (down, starts)]
+        every = np.concatenate([each[0] for each in batch])
+        places, speeds = self.replayed(every, np.concatenate([each[1] for each in batch], axis=1))
+        ball, rate = windows.at_samples(places, speeds, self.values(every)["delay"])
+        shape = (len(batch), count, len(windows), windows.weight[0].size)
+        scaled = (ball * windows.weight).reshape(shape)
         base = scaled[0]
-        by_start = np.stack([(scaled[1 + k] - base) / NUDGE[k] for k in range(4)], axis=-1)
+        by_start = np.stack(
+            [(scaled[1 + k] - base) / START_DIFFERENCES[k] for k in range(4)], axis=-1
+        )
         by_start[:, windows.resting, :, 2:] = 0.0  # a resting ball has no speed to be fitted
         by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
-        for j, (k, step) in enumerate(nudged):
+        for j, (k, step) in enumerate(shifted):
             by_parameter[..., k] = (scaled[5 + 2 * j] - scaled[6 + 2 * j]) / step[:, None, None]
         if slopes and "delay" in self.names:
             by_delay = (-rate[:count] * windows.weight).reshape(shape[1:])
             by_parameter[..., self.names.index("delay")] = by_delay
         target = (windows.ball * windows.weight).reshape(shape[2:])
-        return Linear(base - target, by_start, by_parameter)
+        return Linearisation(base - target, by_start, by_parameter)
 
     def misfit(self, r: Array) -> Array:
         """Mean square residual of each window in noise variances, shape (C, W)."""
         return np.asarray((r**2).sum(axis=-1) / self.windows.size)
 
     def cost(self, r: Array) -> Array:
-        """What a fit makes small: robust against windows that cannot be explained, (C,)."""
+        """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
         each = self.windows.size * np.log1p(self.misfit(r) / TOLERATED)
         return np.asarray(each.sum(axis=-1))
 

@@ -15,7 +15,7 @@ STEP = 0.004
 
 
 @dataclass(frozen=True)
-class Field:
+class AccelerationField:
     """Acceleration of the ball in W windows at N steps, affine in its position p and velocity v.
 
     v' = push + own p + cross s(p) + turn s(v) + tilt level, where s() swaps the axes.
@@ -25,7 +25,7 @@ class Field:
         own: 1/s^2, same shape.
         cross: 1/s^2, same shape.
         turn: 1/s, same shape.
-        tilt: What a tilt of the base adds along its own axis, m/s^2 a rad, same shape.
+        tilt: What a tilt of the base adds along its own axis, m/s^2 per rad, same shape.
         normal: Normal force per mass, m/s^2, shape (N, 1, W).
     """
 
@@ -37,10 +37,10 @@ class Field:
     normal: Array
 
     @classmethod
-    def of(cls, model: BallPlate, angle: Array, rate: Array) -> Field:
+    def of(cls, model: BallPlate, angle: Array, rate: Array) -> AccelerationField:
         """The field over plate angles and rates (phi, theta), shape (W, N, 2), in rad and rad/s.
 
-        The exact model is affine in the ball's state, so five looks at it tell all.
+        The exact model is affine in the ball's state, so five evaluations determine it.
         """
         x = np.zeros((*angle.shape[:-1], 8))
         x[..., 2::4], x[..., 3::4] = angle, rate
@@ -65,13 +65,13 @@ class Field:
         parts["push"] = push
         normal = model.gravity * np.cos(angle[..., 0]) * np.cos(angle[..., 1])
         return cls(
-            **{name: _laid(values) for name, values in parts.items()},
+            **{name: _steps_first(values) for name, values in parts.items()},
             normal=np.ascontiguousarray(normal.T)[:, None],
         )
 
 
 def replay(
-    field: Field,
+    field: AccelerationField,
     model: BallPlate,
     friction: Friction,
     level: Array,
@@ -133,6 +133,6 @@ def replay(
     return places, speeds
 
 
-def _laid(values: Array) -> Array:
+def _steps_first(values: Array) -> Array:
     """From (W, N, 2) to (N, 2, 1, W)."""
     return np.ascontiguousarray(np.moveaxis(values, (1, 2), (0, 1))[:, :, None])

@@ -1,40 +1,25 @@
-"""What is written of an identification: HTML report, parameter file, numbers for programs."""
+"""What is written of an identification: the HTML report with its figures, and a parameter file."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
 
 from twin.html import inline, render
-from twin.identify.figures import fit_figure, horizon_figure, white_figure
 from twin.identify.identify import Identification
-from twin.identify.verdict import IDENTIFIED, Verdict
+from twin.identify.search import FitResult
+from twin.identify.validation import Horizons
+from twin.identify.verdict import IDENTIFIED, ParameterVerdict, Whiteness
+from twin.identify.windows import LOOKBACK
+from twin.run.overview_plot import COLOURS, LOOK
 from twin.run.record import write_whole
 
-
-def summary(found: Identification) -> dict[str, Any]:
-    """The numbers, for ``--json``."""
-    horizons = found.horizons
-    ahead = None
-    if horizons is not None:
-        ahead = {
-            name: [None if math.isnan(v) else float(v) for v in getattr(horizons, name)]
-            for name in ("ahead", "twin", "frictionless", "still")
-        } | {"noise": horizons.noise}
-    return {
-        "log": found.data.source,
-        "usable_seconds": found.data.length,
-        "fitted_seconds": found.fitted_time,
-        "parameters": [each.as_dict() for each in found.verdicts],
-        "replay_error": ahead,
-        "residuals": {
-            "misfit": found.whiteness.misfit,
-            "lags_outside": found.whiteness.outside,
-            "words": found.whiteness.words,
-        },
-        "notes": list(found.notes),
-    }
+SHOWN = 6
+"""This many windows of the fit are drawn."""
 
 
 def sentences(found: Identification) -> list[str]:
@@ -89,19 +74,20 @@ def page(found: Identification) -> str:
         ]
     return render(
         "identify/report.html.j2",
-        title=f"Identification from {found.data.source}",
+        title=f"Identification from {found.log.source}",
         good=any(each.word == IDENTIFIED for each in found.verdicts),
         sentences=sentences(found),
         rows=rows,
         horizons=steps,
-        horizon_figure=inline(horizon_figure(horizons)) if horizons is not None else "",
+        horizon_figure=inline(_horizon_figure(horizons)) if horizons is not None else "",
         noise=f"{1000 * horizons.noise:.2f}" if horizons is not None else "",
-        fit_figure=inline(fit_figure(found.fit)),
-        white_figure=inline(white_figure(found.whiteness)),
+        fit_figure=inline(_fit_figure(found.fit)),
+        white_figure=inline(_white_figure(found.whiteness)),
         whiteness=found.whiteness.words,
         log=(
-            f"{found.data.source}: {found.data.length:.1f} usable seconds, of which "
-            f"{found.fitted_time:.1f} were fitted, in {len(found.fit.problem.windows)} windows."
+            f"{found.log.source}: {found.log.length:.1f} usable seconds, of which "
+            f"{found.fitted_time:.1f} were fitted, in {len(found.fit.problem.windows)} windows; "
+            f"{found.fit.termination}."
         ),
         notes=found.notes,
     )
@@ -110,7 +96,7 @@ def page(found: Identification) -> str:
 def parameters(found: Identification) -> str:
     """The identified parameters as TOML that a scenario may name."""
     tables: dict[str, list[str]] = {}
-    levels: dict[str, Verdict] = {}
+    levels: dict[str, ParameterVerdict] = {}
     for each in found.verdicts:
         if each.word != IDENTIFIED or each.value is None:
             continue
@@ -126,7 +112,7 @@ def parameters(found: Identification) -> str:
         ends = "; ".join("unknown" if each is None else interval(each) for each in pair)
         tables.setdefault("plant", []).append(f"level_deg = [{values}]  # {ends}, 95 %")
     lines = [
-        f"# Identified from {found.data.source} by `ballplate identify`; a scenario takes it by",
+        f"# Identified from {found.log.source} by `ballplate identify`; a scenario takes it by",
         '# parameters = "this file", a run by --set parameters=FILE.',
     ]
     for table in sorted(tables):
@@ -154,7 +140,7 @@ def digits(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def interval(each: Verdict) -> str:
+def interval(each: ParameterVerdict) -> str:
     """Its interval in words."""
     if each.low is None and each.high is None:
         return "-"
@@ -163,6 +149,83 @@ def interval(each: Verdict) -> str:
     return f"{digits(each.low)} to {digits(each.high)}"
 
 
-def _name(each: Verdict) -> str:
+def _name(each: ParameterVerdict) -> str:
     axis = {"level_phi": " (phi)", "level_theta": " (theta)"}.get(each.name, "")
     return each.about.key + axis
+
+
+def _horizon_figure(horizons: Horizons) -> Figure:
+    """Replay error against horizon with its baselines, and one replay."""
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(12, 4), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        for name, values, colour in (
+            ("fitted twin", horizons.twin, COLOURS[0]),
+            ("frictionless twin", horizons.frictionless, COLOURS[1]),
+            ("ball stays", horizons.still, COLOURS[2]),
+        ):
+            left.loglog(horizons.ahead, 1000 * values, "o-", color=colour, label=name, ms=4)
+        left.axhline(1000 * horizons.noise, color="0.5", lw=1, ls="--", label="screen's noise")
+        left.set(
+            xlabel="seconds ahead", ylabel="median distance [mm]", title="Replay error, held out"
+        )
+        left.legend(fontsize=8)
+        time, measured, replayed = horizons.example
+        for axis, name in enumerate("xy"):
+            right.plot(time, 1000 * measured[:, axis], ".", color=COLOURS[axis], ms=3, alpha=0.6)
+            right.plot(time, 1000 * replayed[:, axis], color=COLOURS[axis], lw=1.2, label=name)
+        right.axvline(0, color="0.5", lw=1, ls=":")
+        right.set(
+            xlabel="seconds ahead of the last sample used",
+            ylabel="position [mm]",
+            title="A median one of them",
+        )
+        right.legend(fontsize=8)
+        figure.draw_without_rendering()
+    return figure
+
+
+def _fit_figure(fit: FitResult) -> Figure:
+    """Some windows of the fit, evenly chosen."""
+    windows = fit.problem.windows
+    theta = fit.theta[None]
+    delay = np.full((1, 1), fit.theta[fit.problem.names.index("delay")])
+    replayed = windows.at_samples(*fit.problem.replayed(theta, fit.starts), delay)[0][0]
+    chosen = np.unique(np.linspace(0, len(windows) - 1, SHOWN).round().astype(int))
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(12, 5), layout="constrained")
+        panels = figure.subplots(2, 3).ravel()
+        for panel, which in zip(panels, chosen, strict=False):
+            there = windows.weight[which, :, 0] > 0
+            time = windows.begin[which] + windows.time[which, there]
+            for axis, name in enumerate("xy"):
+                ball = 1000 * windows.ball[which, there, axis]
+                panel.plot(time, ball - ball[0], ".", color=COLOURS[axis], ms=3, alpha=0.6)
+                way = 1000 * replayed[which, there, axis] - ball[0]
+                panel.plot(time, way, color=COLOURS[axis], lw=1.2, label=name)
+            rest = "begun at rest" if windows.resting[which] else "begun in roll"
+            panel.set_title(f"{time[0] - LOOKBACK:.1f} s, {rest}", fontsize=9)
+        for panel in panels[len(chosen) :]:
+            panel.set_axis_off()
+        panels[0].legend(fontsize=8)
+        figure.supxlabel("time [s]", fontsize=10)
+        figure.supylabel("position [mm]", fontsize=10)
+        figure.draw_without_rendering()
+    return figure
+
+
+def _white_figure(whiteness: Whiteness) -> Figure:
+    """Autocorrelation of the residuals with its band."""
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(12, 2.6), layout="constrained")
+        panel = figure.subplots()
+        lags = 1 + np.arange(len(whiteness.correlation))
+        panel.bar(lags, whiteness.correlation, width=0.5, color=COLOURS[0])
+        panel.axhspan(-whiteness.band, whiteness.band, color="0.85", zorder=0)
+        panel.set(
+            xlabel="lag [samples of 16 ms]",
+            ylabel="correlation",
+            title="Autocorrelation of the residuals; 95 % of white ones within the band",
+        )
+        figure.draw_without_rendering()
+    return figure

@@ -1,41 +1,54 @@
-"""Windows of a log that are replayed side by side, and a replay seen as the log sees the ball."""
+"""Windows of a log that are replayed side by side: where they begin and end, and their samples."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.motion import Motion
-from twin.identify.phases import Spans
-from twin.identify.prepare import Stretch
-from twin.identify.replay import STEP, Field
+from twin.identify.plate_motion import PlateMotion, plate_motion
+from twin.identify.prepare import PreparedLog, Segment, runs
+from twin.identify.replay import STEP, AccelerationField
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
+REST, ROLL = 0.004, 0.008
+"""Measured speeds in m/s below which the ball rests and above which it rolls."""
+SPEED_SPAN = 0.3
+"""Time in s over which the speed is measured, and shortest rest."""
+
+
+class Spans(NamedTuple):
+    """Windows: when their samples begin, how long they last, and whether the ball rests first."""
+
+    begin: Array
+    length: Array
+    resting: Mask
 
 
 @dataclass(frozen=True)
 class Windows:
-    """W stretches of a log, each with up to B averaged ball samples.
+    """W parts of a log, each with up to B averaged ball samples.
 
     Attributes:
         begin: When the replay of each begins, s, shape (W,).
         resting: Whether the ball then rests, shape (W,).
         field: What accelerates the ball.
-        time: When the samples were seen, s from ``begin``, shape (W, B).
+        time: When the samples were taken, s from ``begin``, shape (W, B).
         ball: x and y in m, shape (W, B, 2).
         weight: One over the standard deviation of each, 0 where there is none, shape (W, B, 2).
     """
 
     begin: Array
     resting: Mask
-    field: Field
+    field: AccelerationField
     time: Array
     ball: Array
     weight: Array
@@ -45,21 +58,21 @@ class Windows:
         return len(self.begin)
 
     @classmethod
-    def cut(
+    def of(
         cls,
         model: BallPlate,
-        motion: Motion,
-        stretch: Stretch,
+        motion: PlateMotion,
+        segment: Segment,
         spans: Spans,
         sigma: Array,
         longest: float,
     ) -> Windows:
-        """The windows of a stretch, replays beginning ``LOOKBACK`` before the spans.
+        """The windows of a segment, replays beginning ``LOOKBACK`` before the spans.
 
         Args:
             model: Ball parameters.
             motion: What the plate did.
-            stretch: The ball samples.
+            segment: The ball samples.
             spans: Where the windows are.
             sigma: Standard deviation of a sample along x and y in m, shape (2,).
             longest: Room for windows of up to this time in s.
@@ -71,18 +84,18 @@ class Windows:
             for values in (motion.angle, motion.rate)
         )
         bins = round(longest / BIN)
-        place = np.floor((stretch.seen - spans.begin[:, None]) / BIN + 1e-6).astype(int)
+        place = np.floor((segment.sampled - spans.begin[:, None]) / BIN + 1e-6).astype(int)
         row, sample = np.nonzero((place >= 0) & (place < np.round(spans.length / BIN)[:, None]))
         slot = row * bins + place[row, sample]
         count = np.bincount(slot, minlength=len(begin) * bins).astype(float)
         time, x, y = (
             (np.bincount(slot, values, count.size) / np.maximum(count, 1)).reshape(-1, bins)
-            for values in (stretch.seen[sample] - begin[row], *stretch.ball[sample].T)
+            for values in (segment.sampled[sample] - begin[row], *segment.ball[sample].T)
         )
         return cls(
             begin,
             spans.resting,
-            Field.of(model, angle, rate),
+            AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
             np.sqrt(count).reshape(-1, bins, 1) / sigma,
@@ -90,7 +103,9 @@ class Windows:
 
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
-        field = Field(*(getattr(self.field, item.name)[..., which] for item in fields(Field)))
+        field = AccelerationField(
+            *(getattr(self.field, item.name)[..., which] for item in fields(AccelerationField))
+        )
         return Windows(
             self.begin[which],
             self.resting[which],
@@ -102,11 +117,11 @@ class Windows:
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
-        """All windows of several stretches."""
-        field = Field(
+        """All windows of several segments."""
+        field = AccelerationField(
             *(
                 np.concatenate([getattr(part.field, item.name) for part in parts], axis=-1)
-                for item in fields(Field)
+                for item in fields(AccelerationField)
             )
         )
         rest = {
@@ -120,7 +135,7 @@ class Windows:
         """Number of values in each window, at least 1, shape (W,)."""
         return np.asarray(np.maximum((self.weight > 0).sum(axis=(1, 2)), 1))
 
-    def seen(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
+    def at_samples(self, places: Array, speeds: Array, delay: Array) -> tuple[Array, Array]:
         """What the screen would have reported, with its rate, both shape (C, W, B, 2).
 
         Cubic Hermite interpolation of a replay.
@@ -131,6 +146,7 @@ class Windows:
             delay: Seconds, shape (C, 1).
         """
         steps, _, candidates, windows = places.shape
+        # each sample lies a share s into the step of its replay that begins at index low
         at = np.maximum(self.time - delay[..., None], 0.0) / STEP
         low = np.minimum(at.astype(int), steps - 2)
         s = (at - low)[..., None]
@@ -139,6 +155,76 @@ class Windows:
         after = (low + 1, *index[1:])
         p0, rise = places[index], places[after] - places[index]
         v0, v1 = STEP * speeds[index], STEP * speeds[after]
+        # the cubic with these values and slopes at both ends of the step
         square, cube = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         place = p0 + s * (v0 + s * (square + s * cube))
         return place, (v0 + s * (2 * square + 3 * s * cube)) / STEP
+
+
+def cut(
+    log: PreparedLog,
+    lag: float,
+    longest: float,
+    choose: Callable[[Segment, float, float, float], Spans],
+) -> Windows | None:
+    """All windows of a log; None if there are none.
+
+    Args:
+        log: What was recorded.
+        lag: Time constant of the drives in s.
+        longest: Longest window in s.
+        choose: Called with a segment, first and last time of its windows in s, and ``longest``.
+    """
+    parts = []
+    for segment in log.segments:
+        begin, end = segment.time[0] + LOOKBACK, min(segment.time[-1], segment.sampled[-1])
+        spans = choose(segment, begin, end, longest)
+        if len(spans.begin):
+            motion = plate_motion(segment, lag, log.own_lag)
+            parts.append(Windows.of(log.model, motion, segment, spans, log.sigma, longest))
+    return Windows.join(parts) if parts else None
+
+
+def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
+    """Windows one after another between two times, each begun at rest or in full roll.
+
+    A window goes on until the ball has come to rest again or the longest time is up. Of a rest
+    only the end is in a window: what comes before says nothing.
+
+    Args:
+        segment: The part of the log.
+        begin: Seconds.
+        end: Seconds.
+        longest: Longest window in s.
+    """
+    time = segment.time
+    moving = speed(time, segment.even_ball)
+    rests = [
+        (time[a], time[b - 1]) for a, b in runs(moving < REST) if time[b - 1] - time[a] > SPEED_SPAN
+    ]
+    found: list[tuple[float, float, bool]] = []
+    at = begin
+    while at < end - SPEED_SPAN:
+        rest = next(((a, b) for a, b in rests if a - 1e-9 <= at < b), None)
+        if rest is None and moving[int(np.searchsorted(time, at))] <= ROLL:
+            at += 0.02
+            continue
+        if rest is not None and rest[1] > end - SPEED_SPAN:
+            break
+        first = at if rest is None else max(at, rest[1] - SPEED_SPAN)
+        after = first if rest is None else rest[1]
+        stop = next((a for a, _ in rests if a > after), end)
+        last = min(first + longest, stop + SPEED_SPAN, end)
+        if last - first > SPEED_SPAN:
+            found.append((first, last - first, rest is not None))
+        at = last
+    columns = np.array(found, dtype=float).reshape(-1, 3)
+    return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
+
+
+def speed(time: Array, ball: Array) -> Array:
+    """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
+    period = float(time[1] - time[0])
+    samples = max(5, round(SPEED_SPAN / period) | 1)
+    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
+    return np.hypot(velocity[:, 0], velocity[:, 1])

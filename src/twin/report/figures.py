@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.report.findings import spectrum
-from twin.run.picture import COLOURS, LOOK, picture
+from twin.report.diagnosis import spectrum
+from twin.run.overview_plot import COLOURS, LOOK, picture
 from twin.run.replay import Replay, columns
 
 Format = Literal["svg", "png", "pdf"]

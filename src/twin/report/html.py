@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.html import inline, render
+from twin.report.diagnosis import Diagnosis
 from twin.report.figures import details, overview
-from twin.report.findings import Findings
 from twin.report.numbers import rows
-from twin.report.words import verdict
+from twin.report.summary import summary
 from twin.run.replay import Replay
 
 MOST = 40
@@ -29,7 +29,7 @@ def html(runs: Sequence[Replay]) -> str:
         runs=[
             {
                 "name": run.name,
-                "verdict": verdict(run, Findings.of(run)),
+                "summary": summary(run, Diagnosis.of(run)),
                 "good": run.metrics.get("outcome") == "finished",
                 "versions": run.versions,
             }
@@ -46,7 +46,7 @@ def html(runs: Sequence[Replay]) -> str:
 
 
 def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """The ledger of a run in real time, one line a stage: p50, p99 and longest in us."""
+    """The ledger of a run in real time, one line per stage: p50, p99 and longest in us."""
     if not ledger:
         return []
     stages = {

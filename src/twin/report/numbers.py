@@ -29,21 +29,21 @@ LABELS = {
 """Indicator to the words and the unit it is printed with."""
 
 
-class Row(NamedTuple):
-    """One indicator: what it is called, its unit, one text a run."""
+class IndicatorRow(NamedTuple):
+    """One indicator: what it is called, its unit, one text per run."""
 
     label: str
     unit: str
     values: tuple[str, ...]
 
 
-def rows(runs: Sequence[Replay]) -> list[Row]:
+def rows(runs: Sequence[Replay]) -> list[IndicatorRow]:
     """The indicators that apply to at least one run."""
     found = []
     for key, (label, unit) in LABELS.items():
         values = [run.metrics.get(key) for run in runs]
         if any(value is not None for value in values):
-            found.append(Row(label, unit, tuple(shown(value, unit) for value in values)))
+            found.append(IndicatorRow(label, unit, tuple(shown(value, unit) for value in values)))
     return found
 
 

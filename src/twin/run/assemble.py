@@ -1,262 +1,149 @@
-"""From a scenario to the objects that run it: plant, rig, controller."""
+"""From scenarios to the objects that run them: N simulated rigs and the controller of each.
+
+There is one way: N scenarios make N rigs, one is N = 1. Whatever the scenarios say differently of
+plant, surface, drives, sensors, cams, limits, start, law, observer and reference becomes an array
+with one entry per rig; what the rigs of a batch have only once is refused by name.
+"""
 
 from __future__ import annotations
 
-from math import radians
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.ballplate import BallPlate
-from controllers.interfaces import Law, Observer, Reference
-from controllers.smith import Smith
 from controllers.stack import Controller
 from twin.errors import ScenarioError
-from twin.hal.cams import CamTable, Direct
 from twin.hal.limits import Limits
-from twin.hal.rig import Transmission
-from twin.paths import model_path
-from twin.scenario.plant import Plant as PlantTables
-from twin.scenario.schema import Choice, Scenario, checked_settings, choices
-from twin.scenario.schema import Limits as LimitTable
+from twin.hal.rig import Rig
+from twin.run.control import build_controllers
+from twin.run.plants import build_plant
+from twin.scenario.schema import Scenario
+from twin.settings import filled, settings_of
 from twin.sim.drives import DriveModel
-from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction
-from twin.sim.plant.interface import Plant
-from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.surface import SurfaceMap
-from twin.sim.rig import Bench, SimulatedRig
-from twin.sim.sensors import EncoderModel, TouchModel
-from twin.sim.transmission_error import Misjudged
+from twin.sim.encoders import EncoderModel
+from twin.sim.plant.interface import BallStart, Plant
+from twin.sim.rig import SimulatedDevices, SimulatedRig
+from twin.sim.touch import TouchModel
+
+SHARED = ("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal")
+"""Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen."""
+SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
+"""The same of rigs on the exact equations, besides."""
 
 
 class Experiment(NamedTuple):
-    """A rig and the controller to drive it."""
+    """Rigs and the controller to drive them."""
 
     rig: SimulatedRig
     controller: Controller
 
 
-def assemble(scenario: Scenario, *, rigs: int = 1, threads: int = 0) -> Experiment:
-    """Build a scenario's rig and controller, N rigs side by side that differ in their noise.
+def assemble(
+    scenarios: Scenario | Sequence[Scenario],
+    *,
+    threads: int = 0,
+    seeds: Sequence[np.random.SeedSequence] | None = None,
+    anchor: float = Rig.ANCHOR,
+) -> Experiment:
+    """N rigs and their controllers from N scenarios.
+
+    Args:
+        scenarios: One per rig, or one for a single rig.
+        threads: Threads of the engine; 0 for one per processor.
+        seeds: Root of the noise, one per rig; made from each scenario's seed by default, so that a
+            rig has the same noise alone and in a batch.
+        anchor: Time in s from one look of the rig at its measured plate angle to the next.
 
     Raises:
-        ScenarioError: If the parts do not fit together.
+        ScenarioError: If the parts do not fit together, or scenarios differ in what the rigs of a
+            batch share.
         ModelError: If the mechanism or its cam table cannot be used.
     """
-    controller = build_controller(scenario)
-    plant, transmission = build_plant(scenario, rigs=rigs, threads=threads)
-    period = scenario.rig.period
-    touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
-    bench = build_bench(
-        scenario,
-        plant,
-        period=period,
-        touch=TouchModel(
-            dead_time=touch.dead_time,
-            spread=touch.dead_time_spread,
-            frame_rate=touch.frame_rate,
-            grid=touch.grid,
-            variance=touch.variance,
-            rotation=radians(touch.rotation_deg),
-        ),
-        encoders=EncoderModel(**dict(encoders)),
-    )
+    each = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
+    _agree(each)
+    controller = build_controllers(each)
+    first = each[0]
+    plant, transmission = build_plant(each, threads=threads)
     rig = SimulatedRig(
-        bench,
+        build_devices(each, plant, seeds=seeds),
         transmission=transmission,
-        limits=build_limits(scenario.rig.limits),
-        period=period,
-        ideal=scenario.sensors.ideal,
+        limits=filled(Limits, each),
+        period=first.rig.period,
+        ideal=first.sensors.ideal,
+        anchor=anchor,
     )
     return Experiment(rig, controller)
 
 
-def build_bench(
-    scenario: Scenario, plant: Plant, *, period: float, touch: TouchModel, encoders: EncoderModel
-) -> Bench:
-    """A scenario's devices around its plant, the plant started; period in s."""
-    servo = scenario.plant.servo
-    start_plant(plant, scenario)
-    hold = max(scenario.sensors.noise_hold, scenario.rig.period)
-    return Bench(
+def shared(scenario: Scenario) -> dict[str, Any]:
+    """What a scenario says of that in which the rigs of a batch must agree, by key."""
+    keys = SHARED + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
+    return {key: _value(scenario, key) for key in keys}
+
+
+def _value(scenario: Scenario, key: str) -> Any:
+    value: Any = scenario
+    for name in key.split("."):
+        value = getattr(value, name)
+    return value
+
+
+def _agree(scenarios: Sequence[Scenario]) -> None:
+    first = shared(scenarios[0])
+    for scenario in scenarios[1:]:
+        for key, value in shared(scenario).items():
+            if first.get(key, value) != value:
+                raise ScenarioError(
+                    f"{key}: rigs that run side by side must agree, got {first[key]} and {value}"
+                )
+
+
+def build_devices(
+    scenarios: Sequence[Scenario],
+    plant: Plant,
+    *,
+    period: float | None = None,
+    seeds: Sequence[np.random.SeedSequence] | None = None,
+    **perfect: Any,
+) -> SimulatedDevices:
+    """The scenarios' devices around their plant, the plant started.
+
+    Args:
+        scenarios: One per rig.
+        plant: All of them.
+        period: Control period in s; that of the scenarios by default.
+        seeds: Root of the noise, one per rig.
+        perfect: ``touch`` or ``encoders`` in place of the scenarios' own.
+    """
+    start_plant(plant, scenarios)
+    period = period or scenarios[0].rig.period
+    holds = {max(s.sensors.noise_hold, s.rig.period): None for s in scenarios}
+    hold = np.array([round(max(s.sensors.noise_hold, s.rig.period) / period) for s in scenarios])
+    if seeds is None:
+        seeds = [np.random.SeedSequence(s.seed, spawn_key=(0,)) for s in scenarios]
+    return SimulatedDevices(
         plant,
         period=period,
-        touch=touch,
-        encoders=encoders,
-        drives=DriveModel(bandwidth=servo.bandwidth_hz, backlash=radians(servo.backlash_deg)),
-        disturbance=scenario.disturbance.variance,
-        hold=round(hold / period),
-        seed=scenario.seed,
+        touch=perfect.get("touch") or filled(TouchModel, scenarios),
+        encoders=perfect.get("encoders") or filled(EncoderModel, scenarios),
+        drives=filled(DriveModel, scenarios),
+        hold=int(hold[0]) if len(holds) == 1 else hold,
+        seeds=seeds,
     )
 
 
-def start_plant(plant: Plant, scenario: Scenario) -> None:
-    """Put the balls where the scenario starts, the plates level."""
-    start = scenario.plant.start
-    ball = np.tile([start.x, start.x_rate, start.y, start.y_rate], (plant.rigs, 1))
-    if isinstance(plant, Mechanism):
-        plant.start(ball, start.spin)
-    else:
-        plant.start(ball)
+def start_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
+    """Put the balls where the scenarios start, the plates level."""
+    start = filled(BallStart, scenarios)
+    plant.start(np.broadcast_to(start.ball, (plant.rigs, 4)), start.spin)
 
 
-def build_plant(
-    scenario: Scenario, *, rigs: int = 1, threads: int = 0
-) -> tuple[Plant, Transmission]:
-    """The plant of a scenario and the transmission that the rig believes in.
-
-    Raises:
-        ModelError: If the mechanism or its cam table cannot be used.
-    """
-    settings = scenario.plant
-    friction = build_friction(settings)
-    plant: Plant
-    known: Transmission
-    if settings.kind == "lagrange":
-        ball = settings.ball
-        plant = ExactPlant(
-            BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
-            rigs=rigs,
-            step=settings.step,
-            friction=friction,
-            level=np.radians(settings.level_deg),
-        )
-        known = Direct()
-    else:
-        plant = Mechanism(
-            rigs=rigs,
-            step=settings.step,
-            threads=threads,
-            friction=friction or Friction(),
-            parts=build_parts(settings),
-        )
-        known = _cams(scenario.rig.cams, plant.ratio)
-    error = np.divide(scenario.rig.cam_error_percent, 100)
-    return plant, Misjudged(known, 1 + error) if error.any() else known
-
-
-def _cams(kind: str, ratio: float) -> Transmission:
-    """What the rig knows of its cams."""
-    if kind == "ratio":
-        return Direct(ratio)
-    table = CamTable.from_file(model_path("cams.json"))
-    table.check(model_path())
-    return table.per_axis() if kind == "per_axis" else table
-
-
-def build_friction(settings: PlantTables) -> Friction | None:
-    """The resistance of ball on screen; None if the screen is level and without friction."""
-    given, surface = settings.friction, settings.surface
-    patchwork: SurfaceMap | None = None
-    if surface.given:
-        patchwork = SurfaceMap(
-            relative=np.array(surface.relative) if surface.relative else None,
-            height=np.array(surface.height_um) * 1e-6 if surface.height_um else None,
-        )
-    elif surface.drawn:
-        patchwork = SurfaceMap.random(
-            seed=surface.seed,
-            patch=surface.patch_mm / 1000,
-            spread=surface.spread_percent / 100,
-            slope=radians(surface.slope_deg),
-        )
-    friction = Friction(
-        rolling=given.rolling_mm / 1000,
-        breakaway_ratio=given.breakaway_ratio,
-        stribeck_speed=given.stribeck_speed,
-        dwell_time=given.dwell_time,
-        viscous=given.viscous_mm / 1000,
-        map=patchwork,
-    )
-    return None if friction.absent and patchwork is None else friction
-
-
-def build_parts(settings: PlantTables) -> Parts:
-    """What of the mechanism differs from its model file."""
-    ball, friction, servo = settings.ball, settings.friction, settings.servo
-    nominal = type(ball)()
-
-    def changed(value: float, default: float) -> float | None:
-        return None if value == default else value
-
-    centre = settings.plate.offset_mm
-    offset = tuple(part / 1000 for part in ball.offset_mm)
-    tilt = tuple(radians(angle) for angle in settings.level_deg)
-    return Parts(
-        mass=changed(ball.mass, nominal.mass),
-        radius=changed(ball.radius, nominal.radius),
-        inertia=changed(ball.inertia, nominal.inertia),
-        offset=(offset[0], offset[1], offset[2]) if any(offset) else None,
-        oval=changed(ball.oval_mm / 1000, 0.0),
-        sliding=changed(friction.sliding, type(friction)().sliding),
-        spinning=changed(friction.spinning_mm / 1000, type(friction)().spinning_mm / 1000),
-        stiffness=settings.wheels.stiffness,
-        damping_ratio=settings.wheels.damping_ratio,
-        preload=settings.spring.preload,
-        torque=servo.torque_limit,
-        speed=servo.speed_limit,
-        plate_centre=(centre[0] / 1000, centre[1] / 1000) if centre is not None else None,
-        level=(tilt[0], tilt[1]) if any(tilt) else None,
-    )
-
-
-def build_limits(given: LimitTable) -> Limits:
-    """The limits of a scenario or a rig in SI units."""
+def build_limits(table: Any) -> Limits:
+    """The limits of a table ``limits`` of a scenario or a rig file, in SI units."""
     return Limits(
-        angle=radians(given.angle_deg),
-        rate=radians(given.rate_deg),
-        acceleration=given.acceleration,
-        area=given.area,
-        margin=given.margin,
-        ball_speed=given.ball_speed,
+        **{
+            name: about.unit.to_si(getattr(table, about.key.rpartition(".")[2]))
+            for name, about in settings_of(Limits).items()
+        }
     )
-
-
-def build_controller(scenario: Scenario) -> Controller:
-    """The controller of a scenario, designed on the nominal model of Table A.2.
-
-    Raises:
-        ScenarioError: If a law, observer or reference refuses its settings.
-    """
-    period = scenario.rig.period
-    model = BallPlate()
-    law: Law = _build("controller", scenario.controller, model=model)
-    observer: Observer = _build("observer", scenario.observer, model=model, period=period)
-    if scenario.predictor is not None:
-        observer = Smith(
-            observer=observer, delay=scenario.predictor.delay, model=model, period=period
-        )
-    return Controller(law, observer, build_reference(scenario), period)
-
-
-def build_reference(scenario: Scenario) -> Reference:
-    """The reference of a scenario, which must stay within the operating area.
-
-    Raises:
-        ScenarioError: If it leaves the area or refuses its settings.
-    """
-    area = np.asarray(scenario.rig.limits.area)
-    times = np.linspace(0, scenario.duration, 2001)
-    with np.errstate(over="ignore", invalid="ignore"):
-        reference: Reference = _build("reference", scenario.reference)
-        motion = reference(times)
-    if not np.isfinite(motion).all():
-        raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
-    farthest = np.abs(motion[0]).max(axis=0)
-    if (farthest > area + 1e-9).any():
-        raise ScenarioError(
-            f"reference: reaches |x|, |y| = {farthest[0]:.3f}, {farthest[1]:.3f} m; "
-            f"rig.limits.area allows {area[0]:g}, {area[1]:g} m"
-        )
-    return reference
-
-
-def _build(table: str, choice: Choice, **given: object):  # type: ignore[no-untyped-def]
-    cls = choices(table)[choice.kind]
-    settings = checked_settings(cls, choice.settings)
-    try:
-        return cls(**settings, **given)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ScenarioError(f"{table}: {error}") from error

@@ -13,19 +13,27 @@ from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock
 from twin.devices.rig import HardwareRig
 from twin.hal.cams import CamTable
+from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
-from twin.run.assemble import build_limits, build_plant
+from twin.run.assemble import build_limits
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
 
-def connect(scenario: Scenario, rig: RigFile, *, reset: bool = False) -> HardwareRig:
+def connect(
+    scenario: Scenario,
+    rig: RigFile,
+    *,
+    reset: bool = False,
+    transmission: Transmission | None = None,
+) -> HardwareRig:
     """The rig of a file, to run a scenario's controller on; nothing is opened yet.
 
     Args:
-        scenario: Period, cams and limits.
+        scenario: Period and limits.
         rig: What is connected where.
         reset: Whether faults found in the drives are reset when they are switched on.
+        transmission: Of a virtual rig that has another; that of the rig file by default.
 
     Raises:
         TwinError: If the settings do not go together.
@@ -35,12 +43,21 @@ def connect(scenario: Scenario, rig: RigFile, *, reset: bool = False) -> Hardwar
         servos=AkdServos(rig.servos(period)),
         screen=LumioScreen(rig.screen()),
         clock=RealTimeClock(period, allowed=rig.late_periods),
-        transmission=CamTable.from_file(Path(rig.cams)) if rig.cams else build_plant(scenario)[1],
+        transmission=transmission or cams_of(rig),
         limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
         home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
         patience=rig.patience,
         reset=reset,
     )
+
+
+def cams_of(rig: RigFile) -> CamTable:
+    """The cam table of a real rig: the one its file names, or the one of the packaged model.
+
+    Raises:
+        ModelError: If it cannot be used.
+    """
+    return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
 
 
 def narrower(one: Limits, other: Limits) -> Limits:

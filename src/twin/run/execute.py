@@ -12,10 +12,11 @@ from typing import Any
 
 from controllers.interfaces import Reference
 from twin.hal.rig import Entry, Rig
-from twin.run.assemble import assemble, build_controller
+from twin.run.assemble import assemble
+from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.picture import draw
+from twin.run.overview_plot import draw
 from twin.run.record import Recorder, write_json, write_run
 from twin.scenario.schema import Scenario
 
@@ -30,9 +31,9 @@ class Run:
         outcome: How it ended.
         metrics: Its indicators.
         motion: What ball and plate did.
-        real_time_factor: Simulated seconds a second of the loop.
+        real_time_factor: Simulated seconds per second of the loop.
         journal: Every condition that was detected.
-        account: What a rig in real time has to say of its timing.
+        account: Timing statistics of a rig in real time.
     """
 
     scenario: Scenario
@@ -49,6 +50,7 @@ class Run:
         return {
             "scenario": self.scenario.title,
             **self.metrics.as_dict(),
+            "judged_from": self.scenario.metrics.start,
             "real_time_factor": self.real_time_factor,
             **self.account,
         }
@@ -64,8 +66,8 @@ def run(
 
     Args:
         scenario: What to run.
-        progress: Is told the simulated time now and then.
-        watch: Is given the recorder before the run, to observe it.
+        progress: Called with the simulated time now and then.
+        watch: Called with the recorder before the run, to observe it.
         rig: A real rig, not switched on; simulated by default.
 
     Raises:

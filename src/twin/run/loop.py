@@ -47,7 +47,7 @@ class Outcome:
         return self.reason == INTERRUPTED
 
 
-class Referee:
+class RunMonitor:
     """Decides for each of N rigs whether and how its run has ended.
 
     Args:
@@ -125,12 +125,12 @@ def drive(
     recorder: Recorder,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[Outcome]:
-    """Run the loop for a duration in s and return one outcome a rig.
+    """Run the loop for a duration in s and return one outcome per rig.
 
     A rig whose ball fell, was lost or passed a limit has ended; the loop goes on for the others.
     Ctrl-C ends all of them as aborted, with the plate levelled and the record kept.
     """
-    referee = Referee(rig)
+    monitor = RunMonitor(rig)
     end, reason = Ending.FINISHED, ""
     with rig:
         measurement = rig.read()
@@ -140,29 +140,27 @@ def drive(
             for tick in range(round(duration / rig.period)):
                 if measurement.time > duration - rig.period / 2:
                     break
-                wished = controller.command(measurement)
-                before = controller.rate
-                rate = rig.write(wished)
-                controller.applied(rate)
+                step = controller.command(measurement)
+                applied = controller.applied(rig.write(step.rate))
                 recorder.append(
                     measurement.time,
                     measured=measurement.y,
                     age=measurement.age,
                     touched=measurement.touched,
-                    estimate=controller.observer.x,
-                    wished=controller.u,
-                    applied=(rate - before) / rig.period,
+                    estimate=step.estimate,
+                    requested=step.acceleration,
+                    applied=applied,
                     supervisor=rig.supervisor.state,
                     **rig.telemetry(),
                 )
                 rig.wait()
                 measurement = rig.read()
-                if referee.watch(measurement):
+                if monitor.watch(measurement):
                     break
                 if tick % 100 == 0:
                     progress(measurement.time)
-                    if referee.examine(measurement.time):
+                    if monitor.examine(measurement.time):
                         break
         except KeyboardInterrupt:
             end, reason = Ending.ABORTED, INTERRUPTED
-    return referee.final(recorder.end, end, reason)
+    return monitor.final(recorder.end, end, reason)

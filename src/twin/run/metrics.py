@@ -27,7 +27,7 @@ class Motion:
             it, the estimated one.
         plate: Plate angles (phi, theta) in rad, shape (K, 2).
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
-        reference: Wished ball position in m, shape (K, 2).
+        reference: Desired ball position in m, shape (K, 2).
     """
 
     time: Array
@@ -37,8 +37,8 @@ class Motion:
     reference: Array
 
     @classmethod
-    def of(cls, record: Recorder, wished: Array, rig: int = 0) -> Motion:
-        """The motion of one rig of a record whose ball was wished at these positions, (K, 2)."""
+    def of(cls, record: Recorder, desired: Array, rig: int = 0) -> Motion:
+        """Motion of one rig of a record, given its reference positions, (K, 2)."""
         # of many rigs a copy, as those of one lie far apart
         state = record["state" if "state" in record.data else "estimate"][:, rig].copy()
         return cls(
@@ -46,7 +46,7 @@ class Motion:
             ball=state[:, 0::4],
             plate=state[:, 2::4],
             u=record["applied"][:, rig].copy(),
-            reference=wished,
+            reference=desired,
         )
 
     @property

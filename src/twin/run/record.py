@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping
@@ -16,6 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
 
 Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
@@ -40,12 +42,19 @@ CHANNELS = {
     "age": Channel(("age",), ("s",)),
     "touched": Channel(("touched",), ("1",)),
     "estimate": Channel(tuple(f"estimated_{name}" for name in _STATE), _STATE_UNITS),
-    "wished": Channel(("wished_phi_acc", "wished_theta_acc"), ("rad/s^2", "rad/s^2")),
+    "requested": Channel(("requested_phi_acc", "requested_theta_acc"), ("rad/s^2", "rad/s^2")),
     "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
     "supervisor": Channel(("supervisor",), ("1",)),
     "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only."""
+
+
+OLD_COLUMNS = {
+    "wished_phi_acc": "requested_phi_acc",
+    "wished_theta_acc": "requested_theta_acc",
+}
+"""Names of columns in records of earlier versions, and today's."""
 
 
 @dataclass
@@ -57,6 +66,9 @@ class Recorder:
         rigs: Number of rigs.
         period: Control period in s.
         plant: Names of the columns of the channel ``plant``, each ending in its unit.
+        keep: Channels that are kept; none for all.
+        every: Control periods from one recorded instant to the next. Between two, the applied
+            acceleration that is kept is the largest by amount; the rest is that of the instant.
         length: Periods recorded so far.
         data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
         observers: Are shown time and channels of each period as they are recorded; must not
@@ -67,25 +79,43 @@ class Recorder:
     rigs: int
     period: float
     plant: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    every: int = 1
     length: int = 0
     data: dict[str, Array] = field(default_factory=dict)
     observers: list[Observe] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Make room for the times."""
-        self._time = np.empty(self.ticks)
+        self._time = np.empty(math.ceil(self.ticks / self.every))
+        self._tick = 0
+        self._peak: Array | None = None
 
     def append(self, time: float, **channels: NDArray[Any]) -> None:
         """Add the control period that began at a time in s; always the same channels."""
+        for observe in self.observers:
+            observe(time, channels)
+        if self.every > 1:
+            channels["applied"] = self._largest(channels["applied"])
+            self._tick += 1
+            if (self._tick - 1) % self.every:
+                return
+            self._peak = None
+        kept = {name: channels[name] for name in self.keep or channels}
         if not self.data:
-            for name, value in channels.items():
-                self.data[name] = np.full((self.ticks, *value.shape), np.nan)
-        for name, value in channels.items():
+            for name, value in kept.items():
+                self.data[name] = np.full((len(self._time), *value.shape), np.nan)
+        for name, value in kept.items():
             self.data[name][self.length] = value
         self._time[self.length] = time
         self.length += 1
-        for observe in self.observers:
-            observe(time, channels)
+
+    def _largest(self, applied: Array) -> Array:
+        """The largest by amount since the last recorded instant."""
+        if self._peak is not None:
+            applied = np.where(np.abs(applied) > np.abs(self._peak), applied, self._peak)
+        self._peak = applied
+        return applied
 
     @property
     def time(self) -> Array:
@@ -95,7 +125,7 @@ class Recorder:
     @property
     def end(self) -> float:
         """When the last period ended, s."""
-        return float(self._time[self.length - 1]) + self.period if self.length else 0.0
+        return float(self._time[self.length - 1]) + self.every * self.period if self.length else 0.0
 
     def __getitem__(self, name: str) -> Array:
         """What was recorded of a channel, shape (length, N, columns)."""
@@ -176,8 +206,20 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
         for name in table.column_names
         if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
     }
-    units = {item.name: (item.metadata or {}).get(b"unit", b"").decode() for item in table.schema}
-    return columns, units, json.loads(encoded)
+    columns = {OLD_COLUMNS.get(name, name): values for name, values in columns.items()}
+    units = {
+        OLD_COLUMNS.get(item.name, item.name): (
+            (item.metadata or {}).get(b"unit", b"").decode(errors="replace")
+        )
+        for item in table.schema
+    }
+    try:
+        metadata = parse_json(encoded)
+    except DataError as error:
+        raise RecordError(f"{file}: metadata 'ballplate': {error}") from error
+    if not isinstance(metadata, dict):
+        raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
+    return columns, units, metadata
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

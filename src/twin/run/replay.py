@@ -14,14 +14,23 @@ from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.errors import RecordError, ScenarioError
 from twin.hal.limits import Limits
-from twin.run.assemble import build_limits, build_reference
+from twin.hal.states import State
+from twin.run.assemble import build_limits
+from twin.run.control import build_reference
+from twin.run.metadata import check_metadata
 from twin.run.metrics import Motion
-from twin.run.record import read_run
+from twin.run.record import CHANNELS, read_run
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 
-NEEDED = ("time", "estimated_x", "applied_phi_acc", "supervisor", "measured_x")
+_OPTIONAL = {"state", "age", "touched", "timing"}
+NEEDED = (
+    "time",
+    *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
+)
 """Columns without which a table is no record of a run."""
+TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
+"""Columns of which a record has all or none."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ class Replay:
         versions: What produced it.
         folder: Where it lies; None for a run that is not on disk.
         events: Conditions that were detected: time in s, severity, text.
-        ledger: Of a run in real time, what ``Ledger.as_dict`` told; else empty.
+        ledger: Of a run in real time, ``TimingLog.as_dict``; else empty.
     """
 
     name: str
@@ -57,7 +66,7 @@ class Replay:
 
     @property
     def limits(self) -> Limits:
-        """What the rig might be told to do."""
+        """What might be commanded of the rig."""
         return build_limits(self.scenario.rig.limits)
 
     @cached_property
@@ -99,6 +108,9 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
     file = path / "run.parquet" if path.is_dir() else path
     values, units, metadata = read_run(file)
     missing = [name for name in NEEDED if name not in values]
+    for group in TOGETHER:
+        if not values.keys().isdisjoint(group):
+            missing += [name for name in group if name not in values]
     if missing or "scenario" not in metadata:
         raise RecordError(
             f"{file}: not a record of a run: no {', '.join(missing) or 'scenario in its metadata'}"
@@ -107,6 +119,8 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         scenario = check(metadata["scenario"], str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
+    check_metadata(metadata, str(file))
+    _check_rows(values, str(file))
     present = np.unique(values["rig"]).astype(int).tolist() if "rig" in values else [0]
     wrong = [rig for rig in rigs if rig not in present]
     if wrong:
@@ -117,8 +131,8 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         chosen = values["rig"] == rig if "rig" in values else slice(None)
         label = name if len(present) == 1 else f"{name}-rig-{rig}"
         rows = {key: column[chosen] for key, column in values.items() if key != "rig"}
-        if len(rows["time"]) == 0:
-            raise RecordError(f"{file}: the run ended before its first period")
+        if not (np.diff(rows["time"]) > 0).all():
+            raise RecordError(f"{file}: time: must rise from row to row")
         found.append(
             Replay(
                 label,
@@ -133,6 +147,25 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
             )
         )
     return found
+
+
+def _check_rows(values: Mapping[str, Array], source: str) -> None:
+    """Make sure that rows, of one rig or several, can be read as a run.
+
+    Raises:
+        RecordError: If there are none, or a time, rig or state in them is none.
+    """
+    if len(values["time"]) == 0:
+        raise RecordError(f"{source}: the run ended before its first period")
+    if not np.isfinite(values["time"]).all():
+        raise RecordError(f"{source}: time: must be a number in every row")
+    rigs = values.get("rig", np.zeros(1))
+    if not (np.isin(rigs, np.arange(len(values["time"])))).all():
+        raise RecordError(f"{source}: rig: must be the number of a rig in every row")
+    strange = set(values["supervisor"].tolist()).difference(State)
+    if strange:
+        known = f"{min(State)} to {max(State)}"
+        raise RecordError(f"{source}: supervisor: no state {min(strange):g} (known: {known})")
 
 
 def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Replay]:

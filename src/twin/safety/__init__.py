@@ -1,1 +1,1 @@
-"""The safety case: everything that can go wrong, done on purpose on a rehearsed rig."""
+"""The safety case: everything that can go wrong, done on purpose to an emulated rig."""

@@ -12,19 +12,19 @@ from twin.devices.realtime import LOOP_OVERRUN
 from twin.emulator.can_faults import Towards
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.rehearsal import RehearsedRig
+from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
 from twin.hal.faults import Condition
 from twin.safety import drive_causes
 
-Act = Callable[[RehearsedRig], None]
+Act = Callable[[LockstepRig], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
-    """One row.
+class FaultCase:
+    """One fault done on purpose, and what must come of it: a row of the matrix.
 
     Attributes:
         name: What is done, in words.
@@ -34,7 +34,7 @@ class Case:
         protocol: What the touch screen speaks.
         resting: Whether the ball rests instead of tracking the circle.
         stubborn: Whether a reset must be refused as long as the cause is there.
-        of_screen: Whether it is seen on the screen's bytes: a dead time and a frame later.
+        of_screen: Whether it shows in the screen's bytes, a dead time and a frame later.
     """
 
     name: str
@@ -47,9 +47,13 @@ class Case:
     of_screen: bool = False
 
 
-def _drive(cause: Callable[..., None], condition: Condition) -> Case:
+def _before(name: str, act: Act, expected: Condition) -> FaultCase:
+    return FaultCase(name=name, act=act, expected=expected, before=True)
+
+
+def _drive(cause: Callable[..., None], condition: Condition) -> FaultCase:
     name = (cause.__doc__ or cause.__name__).rstrip(".")
-    return Case(name=name, act=lambda rig: cause(rig.rehearsal), expected=condition)
+    return FaultCase(name=name, act=lambda rig: cause(rig.lockstep), expected=condition)
 
 
 def _screen(
@@ -59,8 +63,8 @@ def _screen(
     *,
     lasting: float = 0.06,
     protocol: Protocol = Protocol.MICROTOUCH,
-) -> Case:
-    return Case(
+) -> FaultCase:
+    return FaultCase(
         name=name,
         act=lambda rig: rig.inject(fault, lasting),
         expected=expected,
@@ -69,65 +73,69 @@ def _screen(
     )
 
 
-def _wrong_bit_rate(rig: RehearsedRig) -> None:
-    rig.rehearsal.bus.faults.drop()
-    rig.rehearsal.bus.faults.make_passive()
+def _wrong_bit_rate(rig: LockstepRig) -> None:
+    rig.lockstep.bus.faults.drop()
+    rig.lockstep.bus.faults.make_passive()
 
 
-def _absent(rig: RehearsedRig) -> None:
-    rig.rehearsal.bus.drives.pop()
+def _absent(rig: LockstepRig) -> None:
+    rig.lockstep.bus.drives.pop()
 
 
-def _foreign(rig: RehearsedRig) -> None:
-    rig.rehearsal.drives[0].store.set(0x1018, 1, 0x123)
+def _foreign(rig: LockstepRig) -> None:
+    rig.lockstep.drives[0].store.set(0x1018, 1, 0x123)
 
 
-def _twin(rig: RehearsedRig) -> None:
-    rig.rehearsal.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
+def _twin(rig: LockstepRig) -> None:
+    rig.lockstep.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
 
 
-def _no_ball(rig: RehearsedRig) -> None:
-    rig.bench.present = False
+def _no_ball(rig: LockstepRig) -> None:
+    rig.plant.present = False
 
 
-def _no_screen(rig: RehearsedRig) -> None:
+def _no_screen(rig: LockstepRig) -> None:
     rig.port.plugged = False
 
 
-def _sto_before(rig: RehearsedRig) -> None:
-    rig.rehearsal.drives[0].open_sto()
+def _sto_before(rig: LockstepRig) -> None:
+    rig.lockstep.drives[0].open_sto()
 
 
-def _nothing(_: RehearsedRig) -> None:
+def _nothing(_: LockstepRig) -> None:
     """Leave the rig alone."""
 
 
-def _lasting_fault(rig: RehearsedRig) -> None:
-    rig.rehearsal.drives[0].fail(235, lasting=True)
-    rig.rehearsal.drives[0].power.refuse_reset = True
+def _lasting_fault(rig: LockstepRig) -> None:
+    rig.lockstep.drives[0].fail(235, lasting=True)
+    rig.lockstep.drives[0].power.refuse_reset = True
 
 
-def _stall(rig: RehearsedRig) -> None:
+def _stall(rig: LockstepRig) -> None:
     rig.stall = rig.period
 
 
-def _silence(rig: RehearsedRig) -> None:
-    rig.rehearsal.bus.faults.drop(towards=Towards.DRIVES)
+def _silence(rig: LockstepRig) -> None:
+    rig.lockstep.bus.faults.drop(towards=Towards.DRIVES)
 
 
-def _wrap(rig: RehearsedRig) -> None:
-    for drive in rig.rehearsal.drives:
+def _wrap(rig: LockstepRig) -> None:
+    for drive in rig.lockstep.drives:
         drive.motor.jump(2**31 - 2000)
 
 
 AT_START = (
-    Case(name="The bit rate is wrong", act=_wrong_bit_rate, expected=akd.BIT_RATE, before=True),
-    Case(name="Drive theta is absent", act=_absent, expected=akd.NODE_ABSENT, before=True),
-    Case(name="Node 1 is no AKD", act=_foreign, expected=akd.WRONG_IDENTITY, before=True),
-    Case(name="Two drives have node 1", act=_twin, expected=akd.DUPLICATE_ID, before=True),
-    Case(name="STO is open", act=_sto_before, expected=akd.STO_OPEN, before=True),
-    Case(name="The touch screen is absent", act=_no_screen, expected=lumio.UNPLUGGED, before=True),
-    Case(name="There is no ball", act=_no_ball, expected=supervisor.BALL_LOST, before=True),
+    FaultCase(
+        name="The bit rate is wrong", act=_wrong_bit_rate, expected=akd.BIT_RATE, before=True
+    ),
+    FaultCase(name="Drive theta is absent", act=_absent, expected=akd.NODE_ABSENT, before=True),
+    FaultCase(name="Node 1 is no AKD", act=_foreign, expected=akd.WRONG_IDENTITY, before=True),
+    FaultCase(name="Two drives have node 1", act=_twin, expected=akd.DUPLICATE_ID, before=True),
+    FaultCase(name="STO is open", act=_sto_before, expected=akd.STO_OPEN, before=True),
+    FaultCase(
+        name="The touch screen is absent", act=_no_screen, expected=lumio.UNPLUGGED, before=True
+    ),
+    FaultCase(name="There is no ball", act=_no_ball, expected=supervisor.BALL_LOST, before=True),
 )
 
 LATER = {
@@ -136,12 +144,12 @@ LATER = {
     (drive_causes.remote, akd.STOP_IGNORED),
     (drive_causes.second_node, akd.DUPLICATE_ID),
 }
-"""Conditions that would come after the one that ends the run."""
+"""Cases left out: another condition ends the run before theirs can be reported."""
 
 DRIVES = (
     *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
     _drive(drive_causes.second_node, akd.DRIVE_REBOOTED),
-    Case(
+    FaultCase(
         name="Drive phi refuses the reset of its fault",
         act=_lasting_fault,
         expected=akd.DRIVE_FAULT,
@@ -183,8 +191,8 @@ SCREEN = (
     _screen("The touch axes are swapped", ScreenFault.SWAP_AXES, lumio.SWAPPED_AXES, lasting=1.0),
     _screen("The touch is frozen", ScreenFault.FREEZE, lumio.FROZEN, lasting=math.inf),
     _screen("One touch frame jumps", ScreenFault.JUMP, lumio.JUMP),
-    Case(name="The ball rests", act=_nothing, expected=None, resting=True),
-    Case(
+    FaultCase(name="The ball rests", act=_nothing, expected=None, resting=True),
+    FaultCase(
         name="The touch screen is unplugged",
         act=_no_screen,
         expected=lumio.UNPLUGGED,
@@ -192,9 +200,9 @@ SCREEN = (
 )
 
 LOOP = (
-    Case(name="The host falls silent", act=_silence, expected=akd.PDO_STALE),
-    Case(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN),
-    Case(name="The motor positions wrap", act=_wrap, expected=None, before=True),
+    FaultCase(name="The host falls silent", act=_silence, expected=akd.PDO_STALE),
+    FaultCase(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN),
+    FaultCase(name="The motor positions wrap", act=_wrap, expected=None, before=True),
 )
 
 CASES = (*AT_START, *DRIVES, *SCREEN, *LOOP)

@@ -12,7 +12,7 @@ from twin.hal.faults import Condition
 from twin.hal.states import TRANSITIONS
 from twin.hal.supervisor import RIG_CONDITIONS
 from twin.run.record import write_whole
-from twin.safety.matrix import AFTER, Row
+from twin.safety.matrix import AFTER, FaultRow
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -29,33 +29,37 @@ A rig moves only in the state *running*, which takes an explicit start. What is 
 the limits of angle, rate and acceleration. Every condition that a device or the supervisor detects
 has one of three severities:
 
-- **warning**: noted in the record; the datum concerned is not used, its age grows.
-- **level**: the plate is levelled by the drives, then held, whatever the controller says.
+- **warning**: noted in the record; the datum concerned is not used and its age grows.
+- **level**: the drives level the plate, then hold it, whatever the controller says.
 - **stop**: nothing can be trusted to move. Zero rate is commanded in the same period, both drives
-  make a quick stop, and have no torque then. Where nothing can be sent any more, the drives stop
-  by themselves: they watch the host's heartbeat (silence of 60 ms), which their factory setting
-  does not.
+  make a quick stop and then switch their torque off. Where nothing can be sent any more, the
+  drives stop by themselves: they watch the host's heartbeat (60 ms of silence), which with their
+  factory settings they would not do.
 
-Nothing goes on by itself afterwards: *recover* and *reset* are requests of a person, and so is the
-start after them. On the command line both are a new `ballplate run`, with `--reset` where faults
-stand in the drives.
+Afterwards nothing resumes by itself: a person must request *recover* or *reset*, and then start.
+On the command line both are a new `ballplate run`, with `--reset` if the drives hold faults.
 """
 
 
-def write_doc(path: Path, rows: Sequence[Row]) -> None:
+def write_doc(path: Path, rows: Sequence[FaultRow]) -> None:
     """Write the document.
 
     Raises:
         RecordError: If it cannot be written.
     """
+    text = document(rows)
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
+def document(rows: Sequence[FaultRow]) -> str:
+    """The document, as Markdown."""
     parts = [INTRODUCTION, "## States\n", *_table(("state", "event", "next state"), _transitions())]
     parts.append("An event that is not listed for a state changes nothing.\n")
     parts.append("## Conditions\n")
     for title, conditions in GROUPS.items():
         parts += [f"### {title}\n", *_conditions(conditions)]
     parts += ["## Fault matrix\n", _sentence(rows), *_matrix(rows)]
-    text = "\n".join(parts).rstrip() + "\n"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    return "\n".join(parts).rstrip() + "\n"
 
 
 def _transitions() -> list[tuple[str, ...]]:
@@ -76,20 +80,20 @@ def _conditions(conditions: Iterable[Condition]) -> list[str]:
     )
 
 
-def _sentence(rows: Sequence[Row]) -> str:
+def _sentence(rows: Sequence[FaultRow]) -> str:
     good = sum(row.good for row in rows)
     return (
         f"Each fault was injected at the bus or byte level while the circle was tracked, or before "
-        f"the rig was switched on; the rig was watched for {AFTER:g} s. Times count from the "
-        f"injection; for the touch screen the dead time of 42 ms and a frame are allowed on top of "
-        f"the condition's time. *Safe*: motors at rest after a stop, plate level after a level, "
-        f"the run unharmed by a warning. *Whole*: every period is in the record. *Again*: the rig "
-        f"runs after the cause was removed and a person asked for it. "
-        f"{good} of {len(rows)} rows are as they must be.\n"
+        f"the rig was switched on; the rig was then observed for {AFTER:g} s. Times count from the "
+        f"injection; for the touch screen the dead time of 42 ms and one frame are allowed in "
+        f"addition to the condition's time. *Safe*: motors at rest after a stop, plate level after "
+        f"a level, the run not affected by a warning. *Whole*: every period is in the record. "
+        f"*Again*: the rig runs once the cause is removed and a person has asked for it. "
+        f"{good} of {len(rows)} rows pass.\n"
     )
 
 
-def _matrix(rows: Sequence[Row]) -> list[str]:
+def _matrix(rows: Sequence[FaultRow]) -> list[str]:
     heading = ("fault", "condition", "severity", "allowed [ms]", "detected [ms]", "run", "safe")
     return _table(
         (*heading, "whole", "again"),

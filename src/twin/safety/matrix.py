@@ -1,8 +1,11 @@
-"""The fault matrix: every case done to a rehearsed rig while it tracks a circle, and judged."""
+"""The fault matrix: every case done to an emulated rig that tracks a circle, and judged.
+
+It runs in virtual time: the same on every machine.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,16 +14,17 @@ from numpy.typing import NDArray
 
 from controllers.stack import Controller
 from twin.devices.akd.conditions import STOP_IGNORED
-from twin.emulator.rehearsal import RehearsedRig
-from twin.emulator.screen_line import DEAD_TIME, FRAME
-from twin.emulator.virtual import VirtualBench
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import DEAD_TIME, FRAME
+from twin.emulator.virtual import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.faults import Severity
 from twin.jobs import results
-from twin.run.assemble import build_controller, build_limits
+from twin.run.assemble import build_limits
+from twin.run.control import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
-from twin.safety.cases import CASES, Case
+from twin.safety.cases import CASES, FaultCase
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 
@@ -37,7 +41,7 @@ LEVEL = np.radians(0.3)
 
 
 @dataclass(frozen=True)
-class Row:
+class FaultRow:
     """What came of one case.
 
     Attributes:
@@ -67,7 +71,7 @@ class Row:
 
     @property
     def good(self) -> bool:
-        """Whether all of it is as it must be."""
+        """Whether the fault was detected in time, safe, recorded and recovered from."""
         in_time = not self.condition or (
             self.detected is not None and self.detected <= self.allowed + 1e-6
         )
@@ -95,14 +99,19 @@ def scenario(*, resting: bool = False) -> Scenario:
     )
 
 
-def run_case(index: int) -> Row:
-    """Carry out the case of an index in ``CASES``."""
+def run_case(index: int) -> FaultRow:
+    """Carry out one case; index: in ``CASES``."""
     return _Trial(CASES[index]).row()
 
 
-def run_all(processes: int, progress: Callable[[float], None]) -> list[Row]:
-    """Carry out every case."""
-    rows: dict[int, Row] = {}
+def run_all(processes: int, progress: Callable[[float], None]) -> list[FaultRow]:
+    """Carry out every case.
+
+    Args:
+        processes: How many to run at the same time.
+        progress: Called with the number of cases done.
+    """
+    rows: dict[int, FaultRow] = {}
     for index, row in results(run_case, enumerate(range(len(CASES))), processes):
         rows[index] = row
         progress(len(rows))
@@ -112,26 +121,25 @@ def run_all(processes: int, progress: Callable[[float], None]) -> list[Row]:
 class _Trial:
     """One rig, one case."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: FaultCase) -> None:
         self.case = case
         self.scenario = scenario(resting=case.resting)
-        bench = VirtualBench(self.scenario)
-        self.rig = RehearsedRig(
-            bench,
-            transmission=bench.transmission,
+        plant = EmulatedPlant(self.scenario)
+        self.rig = LockstepRig(
+            plant,
+            transmission=plant.transmission,
             limits=build_limits(self.scenario.rig.limits),
             protocol=case.protocol,
             seed=self.scenario.seed,
         )
         self.begun: float | None = None
-        self.drives = list(self.rig.rehearsal.drives)
-        self.still_since: float | None = None
+        self.drives = list(self.rig.lockstep.drives)
 
-    def row(self) -> Row:
+    def row(self) -> FaultRow:
         case, expected = self.case, self.case.expected
         late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
         outcome, record, refused = self._run(self.scenario.duration, act=True)
-        return Row(
+        return FaultRow(
             name=case.name,
             condition=expected.name if expected else "",
             severity=str(expected.severity) if expected else "",
@@ -182,7 +190,7 @@ class _Trial:
         resting = all(abs(drive.rate) < STILL for drive in self.drives)
         if severity is Severity.STOP or refused:
             return resting
-        plate = self.rig.bench.bench.state[0, 2::4]
+        plate = self.rig.plant.devices.state[0, 2::4]
         return resting and bool(np.abs(plate).max() < LEVEL)
 
     def _whole(self, record: Recorder, outcome: Outcome) -> bool:
@@ -198,25 +206,20 @@ class _Trial:
         rig.ask_reset()
         if self.case.stubborn and not self._run(AGAIN, act=False)[2]:
             return False
-        rig.rehearsal.bus.drives[:] = self.drives
-        rig.rehearsal.bus.faults.clear()
-        rig.rehearsal.adapter.plugged = rig.port.plugged = rig.bench.present = True
+        rig.lockstep.bus.drives[:] = self.drives
+        rig.lockstep.bus.faults.clear()
+        rig.lockstep.adapter.plugged = rig.port.plugged = rig.plant.present = True
         rig.line.damage.clear()
         rig.stall = 0.0
         for each in self.drives:
-            each.mend()
-        rig.bench.restart()
+            each.restore()
+        rig.plant.restart()
         before = len(rig.journal)
         outcome, _, refused = self._run(AGAIN, act=False)
-        grave = [
+        serious = [
             entry.note.condition.name
             for entry in rig.journal[before:]
             if entry.note.condition.severity is not Severity.WARNING
             and entry.note.condition != STOP_IGNORED
         ]
-        return outcome.ending is Ending.FINISHED and not refused and not grave
-
-
-def bad(rows: list[Row]) -> Iterator[Row]:
-    """The rows that are not as they must be."""
-    return (row for row in rows if not row.good)
+        return outcome.ending is Ending.FINISHED and not refused and not serious

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from twin.scenario.plant import Friction, Plant
-from twin.scenario.schema import Disturbance, Encoders, Rig, Scenario, Sensors, Touch
+from twin.scenario.plant import FrictionTable, PlantTable
+from twin.scenario.schema import (
+    DisturbanceTable,
+    EncodersTable,
+    RigTable,
+    Scenario,
+    SensorsTable,
+    TouchTable,
+)
 
 
 def clean(scenario: Scenario) -> Scenario:
@@ -17,19 +24,19 @@ def clean(scenario: Scenario) -> Scenario:
     none = (0.0, 0.0)
     return scenario.model_copy(
         update={
-            "plant": Plant(
+            "plant": PlantTable(
                 kind="lagrange",
                 step=scenario.plant.step,
-                friction=Friction(rolling_mm=0.0),
+                friction=FrictionTable(rolling_mm=0.0),
                 start=start,
             ),
-            "rig": Rig(period=scenario.rig.period, limits=scenario.rig.limits),
-            "sensors": Sensors(
+            "rig": RigTable(period=scenario.rig.period, limits=scenario.rig.limits),
+            "sensors": SensorsTable(
                 ideal=scenario.sensors.ideal,
-                touch=Touch(dead_time=0.0, grid=0, variance=none),
-                encoders=Encoders(counts=0, variance=none),
+                touch=TouchTable(dead_time=0.0, grid=0, variance=none),
+                encoders=EncodersTable(counts=0, variance=none),
             ),
-            "disturbance": Disturbance(variance=none),
+            "disturbance": DisturbanceTable(variance=none),
             "predictor": None,
         }
     )

@@ -13,6 +13,8 @@ from typing import Any, TypeGuard, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 import controllers
+from controllers.catalog import broken
+from twin.data_file import DEEPEST, LONGEST_KEY, DataError, is_file, parse_toml, read_toml
 from twin.errors import ScenarioError
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 
@@ -57,11 +59,29 @@ def resolved(
     """
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
-    if file is None:
-        return merged, source
-    merged = put(_laid_over(tables, _parameters(file, source)), settings)
-    merged.pop("parameters", None)
-    return merged, f"{source} with {file}"
+    if file is not None:
+        merged = put(_laid_over(tables, _parameters(file, source)), settings)
+        merged.pop("parameters", None)
+        source = f"{source} with {file}"
+    return _judged_in_time(tables, merged, settings), source
+
+
+def _judged_in_time(
+    tables: Mapping[str, Any], merged: Tables, settings: Collection[tuple[str, Any]]
+) -> Tables:
+    """Tables whose judging begins in time.
+
+    A run that settings cut short of ``metrics.start`` is judged from the same share of it on,
+    unless they say from when.
+    """
+    judged = merged.get("metrics")
+    start = judged.get("start") if isinstance(judged, dict) else None
+    match tables.get("duration"), merged.get("duration"), start:
+        case (int() | float() as was, int() | float() as now, int() | float() as start) if (
+            0 < now <= start < was and "metrics.start" not in dict(settings)
+        ):
+            return put(merged, [("metrics.start", start * now / was)])
+    return merged
 
 
 def read(name: str) -> tuple[Tables, str]:
@@ -72,14 +92,12 @@ def read(name: str) -> tuple[Tables, str]:
     """
     known = shipped()
     path = known.get(name) or Path(name)
-    if not path.is_file():
-        raise ScenarioError(f"scenario '{name}': not found{nearest(name, known)}")
+    if not is_file(path):
+        raise ScenarioError(f"scenario '{_short(name)}': not found{nearest(name, known)}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")), path.name
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: not a TOML file: {error}") from error
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+        return read_toml(path), path.name
+    except DataError as error:
+        raise ScenarioError(f"{path}: {error}") from error
 
 
 def _parameters(file: Any, source: str) -> Tables:
@@ -91,12 +109,9 @@ def _parameters(file: Any, source: str) -> Tables:
     if not isinstance(file, str):
         raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
     try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{source}: parameters: {file}: not a TOML file: {error}") from error
-    except OSError as error:
-        reason = error.strerror
-        raise ScenarioError(f"{source}: parameters: {file}: cannot be read: {reason}") from error
+        return read_toml(Path(file))
+    except DataError as error:
+        raise ScenarioError(f"{source}: parameters: {file}: {error}") from error
 
 
 def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
@@ -129,8 +144,11 @@ def setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     key = key.strip()
     if not equals or not all(key.split(".")):
-        raise ScenarioError(f"override '{text}': write key=value, as in duration=10")
-    return key, _toml_value(value.strip())
+        raise ScenarioError(f"override '{_short(text)}': write key=value, as in duration=10")
+    try:
+        return key, _toml_value(value.strip())
+    except DataError as error:
+        raise ScenarioError(f"override '{_short(key)}': {error}") from None
 
 
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
@@ -144,6 +162,9 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     result = copy.deepcopy(dict(tables))
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
+        if len(names) > DEEPEST or max(map(len, names)) > LONGEST_KEY:
+            allowed = f"at most {DEEPEST} parts of {LONGEST_KEY} characters"
+            raise ScenarioError(f"override '{_short(key)}': too long a key: {allowed}")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
@@ -169,6 +190,7 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
         if choice.kind not in known:
             raise ScenarioError(
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
+                + "".join(f"; not imported: {line}" for line in broken())
             )
         validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
     return scenario
@@ -196,7 +218,7 @@ def validated(
 
 def _one_line(model: type[BaseModel], error: ValidationError) -> str:
     """The first finding of a validation: which key, what is wrong, what is allowed."""
-    # An unknown key explains a missing one beside it, so it is told first.
+    # An unknown key explains a missing one beside it, so it comes first.
     findings = sorted(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
     first = findings[0]
     place = ".".join(str(part) for part in first["loc"])
@@ -208,7 +230,7 @@ def _one_line(model: type[BaseModel], error: ValidationError) -> str:
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     if first["type"] == "value_error" and not place:
         return message
-    return f"{place}: must be {message}, got {json.dumps(first['input'], default=str)}"
+    return f"{place}: must be {message}, got {_short(json.dumps(first['input'], default=str))}"
 
 
 def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
@@ -235,8 +257,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"{hint} (known: {', '.join(names) or 'none'})"
 
 
+def _short(text: str) -> str:
+    """A text that fits into a message."""
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
 def _toml_value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return parse_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+from twin.scenario.tables import Section, table
+from twin.settings import settings_of
+from twin.sim.drives import DriveModel
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import BallStart
+from twin.sim.plant.parts import Parts
+from twin.sim.plant.surface import SurfaceModel
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Pair = tuple[NotNegative, NotNegative]
-Tilt = Annotated[float, Field(ge=-5, le=5)]
-Grid = tuple[tuple[float, ...], ...]
+if TYPE_CHECKING:
+    from twin.scenario.tables import Derived
 
 LEAST_ROLLING_MM = 0.01
 """The smallest arm of rolling resistance the engine can simulate, in mm."""
@@ -30,151 +33,55 @@ BALLS: dict[str, dict[str, dict[str, float]]] = {
 """What each kind of ball sets where a scenario does not."""
 
 
-class Section(BaseModel):
-    """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
-
-    model_config = STRICT
-
-
-class Ball(Section):
-    """The ball; defaults are the thesis's Table A.2, or those of the solid steel ball.
-
-    ``offset_mm``: centre of mass off the middle, (x, y, z) as the ball lies at the start.
-    ``oval_mm``: by how much its upright diameter is shorter than the others.
-    """
+class _Ball(Section):
+    """The ball; defaults are the thesis's Table A.2, or those of the solid steel ball."""
 
     kind: Literal["hollow", "steel"] = "hollow"
-    mass: Positive = 0.024
-    radius: Annotated[float, Field(ge=0.005, le=0.05)] = 0.02
-    inertia: Positive = 6.4e-6
-    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    oval_mm: NotNegative = 0.0
+
+
+class _Surface(Section):
+    """How friction and level vary over the screen: drawn at random, or grids."""
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
-        far = 1000 * self.radius
-        most = self.mass * self.radius**2
-        if sum(part**2 for part in self.offset_mm) >= far**2:
-            return f"plant.ball.offset_mm: must lie within the ball's radius of {far:g} mm"
-        if self.oval_mm >= far:
-            return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
-        if self.inertia > most:
-            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
-        return ""
-
-
-class Friction(Section):
-    """Resistance of ball on screen; all of rolling_mm, viscous_mm 0 for frictionless rolling.
-
-    ``rolling_mm``: arm of steady rolling. ``breakaway_ratio``: arm after long rest over it, lost
-    about ``stribeck_speed`` (m/s), regained at rest with ``dwell_time`` (s). ``viscous_mm``:
-    further arm at 1 m/s. ``sliding``: coefficient of sliding friction. ``spinning_mm``: arm of the
-    resistance to spin about the vertical.
-    """
-
-    rolling_mm: Annotated[float, Field(ge=0, le=10)] = 0.18
-    breakaway_ratio: Annotated[float, Field(ge=1, le=20)] = 1.0
-    stribeck_speed: Annotated[float, Field(ge=1e-4, le=10)] = 0.005
-    dwell_time: NotNegative = 0.0
-    viscous_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    sliding: Positive = 0.5
-    spinning_mm: Annotated[float, Field(ge=0.01, le=10)] = 0.01
-
-
-class Surface(Section):
-    """How friction and level vary over the screen: drawn at random, or grids from edge to edge.
-
-    ``spread_percent``: standard deviation of the friction; ``slope_deg``: root mean square of the
-    local slope; both change over about ``patch_mm``, as the number ``seed`` draws them.
-    ``relative``: friction relative to rolling_mm; ``height_um``: height. Rows go along x, columns
-    along y, both from the negative edge to the positive one.
-    """
-
-    spread_percent: Annotated[float, Field(ge=0, le=100)] = 0.0
-    slope_deg: Annotated[float, Field(ge=0, le=2)] = 0.0
-    patch_mm: Annotated[float, Field(ge=5, le=300)] = 50.0
-    seed: Annotated[int, Field(ge=0)] = 0
-    relative: Grid = ()
-    height_um: Grid = ()
-
-    @property
-    def given(self) -> bool:
-        """Whether grids are given."""
-        return bool(self.relative or self.height_um)
-
-    @property
-    def drawn(self) -> bool:
-        """Whether the surface is drawn at random."""
-        return self.spread_percent > 0 or self.slope_deg > 0
-
-    def problem(self) -> str:
-        """What is wrong with it as a whole, in one line; empty if nothing is."""
-        if self.given and self.drawn:
+        about = vars(self)
+        given = {name: about[name] for name in ("relative", "height_um") if about[name]}
+        if given and (about["spread_percent"] or about["slope_deg"]):
             return "plant.surface: give either grids or spread_percent and slope_deg, not both"
         shapes = {}
-        for name in ("relative", "height_um"):
-            rows = getattr(self, name)
-            if rows and (min(len(rows), *map(len, rows)) < 2 or len(set(map(len, rows))) > 1):
+        for name, rows in given.items():
+            if min(len(rows), *map(len, rows)) < 2 or len(set(map(len, rows))) > 1:
                 return f"plant.surface.{name}: must be 2 or more rows of equally many, 2 or more"
-            if rows:
-                shapes[name] = f"{len(rows)} x {len(rows[0])}"
+            shapes[name] = f"{len(rows)} x {len(rows[0])}"
         if len(set(shapes.values())) > 1:
             sizes = " and ".join(f"{name} is {shape}" for name, shape in shapes.items())
             return f"plant.surface: grids must be of one size, but {sizes}"
-        if any(value < 0 for row in self.relative for value in row):
+        if any(value < 0 for row in about["relative"] for value in row):
             return "plant.surface.relative: must not be negative"
         return ""
 
 
-class Servo(Section):
-    """The drives. Without a number: as in the model file (for the exact equations: ideal).
-
-    ``bandwidth_hz``: corner of a first-order lag of the speed loop, 0 for none. ``backlash_deg``:
-    play, in degrees of plate angle. ``speed_limit``, ``torque_limit``: of a motor, rad/s and N m.
-    """
-
-    bandwidth_hz: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    backlash_deg: Annotated[float, Field(ge=0, le=5)] = 0.0
-    speed_limit: Positive | None = None
-    torque_limit: Positive | None = None
-
-
-class Wheels(Section):
-    """Contact of the follower wheels with their cams, in which the plate rings on its spring.
-
-    Without a number: as in the model file, 80,000 N/m and 0.08. ``damping_ratio`` 1: no ringing.
-    """
-
-    stiffness: Annotated[float, Field(ge=5e3, le=2e6)] | None = None
-    damping_ratio: Annotated[float, Field(ge=0, le=2)] | None = None
+if TYPE_CHECKING:
+    BallTable = Derived
+    FrictionTable = Derived
+    SurfaceTable = Derived
+    ServoTable = Derived
+    WheelsTable = Derived
+    SpringTable = Derived
+    PlateTable = Derived
+    StartTable = Derived
+else:
+    BallTable = table("plant.ball", Parts, base=_Ball, module=__name__)
+    FrictionTable = table("plant.friction", Friction, Parts, module=__name__)
+    SurfaceTable = table("plant.surface", SurfaceModel, base=_Surface, module=__name__)
+    ServoTable = table("plant.servo", DriveModel, Parts, module=__name__)
+    WheelsTable = table("plant.wheels", Parts, module=__name__)
+    SpringTable = table("plant.spring", Parts, module=__name__)
+    PlateTable = table("plant.plate", Parts, module=__name__)
+    StartTable = table("plant.start", BallStart, module=__name__)
 
 
-class Spring(Section):
-    """The spring that holds the wheels on their cams; without a number 90 N at level.
-
-    At a low ``preload`` (N) a wheel lifts off its cam when the plate is moved briskly.
-    """
-
-    preload: Annotated[float, Field(ge=1, le=500)] | None = None
-
-
-class Plate(Section):
-    """The plate: its centre of mass off the joint along x and y; without numbers (4, -3) mm."""
-
-    offset_mm: tuple[float, float] | None = None
-
-
-class Start(Section):
-    """Where the ball begins on the level plate: m and m/s in plate axes, spin in rad/s."""
-
-    x: Annotated[float, Field(ge=-0.35, le=0.35)] = 0.0
-    y: Annotated[float, Field(ge=-0.1975, le=0.1975)] = 0.0
-    x_rate: float = 0.0
-    y_rate: float = 0.0
-    spin: Annotated[float, Field(ge=-500, le=500)] = 0.0
-
-
-class Plant(Section):
+class _PlantTable(Section):
     """What is simulated: the mechanism in MuJoCo, or the exact equations (5.9).
 
     ``level_deg``: tilt (phi, theta) of the base the rig stands on, which its encoders cannot see.
@@ -182,34 +89,33 @@ class Plant(Section):
 
     kind: Literal["mujoco", "lagrange"] = "mujoco"
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
-    level_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
-    ball: Ball = Ball()
-    friction: Friction = Friction()
-    surface: Surface = Surface()
-    servo: Servo = Servo()
-    wheels: Wheels = Wheels()
-    spring: Spring = Spring()
-    plate: Plate = Plate()
-    start: Start = Start()
+    ball: BallTable = BallTable()
+    friction: FrictionTable = FrictionTable()
+    surface: SurfaceTable = SurfaceTable()
+    servo: ServoTable = ServoTable()
+    wheels: WheelsTable = WheelsTable()
+    spring: SpringTable = SpringTable()
+    plate: PlateTable = PlateTable()
+    start: StartTable = StartTable()
 
     @model_validator(mode="after")
-    def _kind_of_ball(self) -> Plant:
+    def _kind_of_ball(self) -> _PlantTable:
         """Put in what the kind of ball sets and the scenario does not."""
-        for table, values in BALLS[self.ball.kind].items():
-            section: Section = getattr(self, table)
+        for name, values in BALLS[self.ball.kind].items():
+            section: Section = getattr(self, name)
             left = {
                 key: value for key, value in values.items() if key not in section.model_fields_set
             }
             if left:
-                object.__setattr__(self, table, section.model_copy(update=left))
+                object.__setattr__(self, name, section.model_copy(update=left))
         return self
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
         if self.kind == "lagrange":
             for key, what in MECHANISM_ONLY.items():
-                table, _, name = key.rpartition(".")
-                section: Section = getattr(self, table)
+                path, _, name = key.rpartition(".")
+                section: Section = getattr(self, path)
                 if getattr(section, name) != type(section).model_fields[name].default:
                     return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         elif self.step > 0.002:
@@ -219,20 +125,30 @@ class Plant(Section):
                 f"plant.friction.rolling_mm: must be 0 or at least {LEAST_ROLLING_MM:g} for the "
                 f"mechanism, got {self.friction.rolling_mm:g}"
             )
-        return self.ball.problem() or self.surface.problem()
+        return self._ball_problem() or str(self.surface.problem())
 
+    def _ball_problem(self) -> str:
+        ball = self.ball
+        far = 1000 * ball.radius
+        most = ball.mass * ball.radius**2
+        if sum(part**2 for part in ball.offset_mm) >= far**2:
+            return f"plant.ball.offset_mm: must lie within the ball's radius of {far:g} mm"
+        if ball.oval_mm >= far:
+            return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
+        if ball.inertia > most:
+            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
+        return ""
+
+
+if TYPE_CHECKING:
+    PlantTable = Derived
+else:
+    PlantTable = table("plant", Parts, base=_PlantTable, module=__name__)
 
 MECHANISM_ONLY = {
-    "ball.offset_mm": "have a ball with its centre of mass in the middle",
-    "ball.oval_mm": "have a round ball",
-    "friction.sliding": "have a ball that never slides",
-    "friction.spinning_mm": "have a ball that never spins",
-    "start.spin": "have a ball that never spins",
-    "servo.speed_limit": "have ideal motors",
-    "servo.torque_limit": "have ideal motors",
-    "wheels.stiffness": "have no wheels",
-    "wheels.damping_ratio": "have no wheels",
-    "spring.preload": "have no spring",
-    "plate.offset_mm": "have a plate that goes where it is told",
+    about.key.removeprefix("plant."): about.exact
+    for cls in (Parts, BallStart)
+    for about in settings_of(cls).values()
+    if about.exact
 }
 """Keys of ``plant`` that the exact equations cannot follow, and why."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 import typing
 from collections.abc import Collection
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Field, create_model
 
+from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
 from twin.devices.lumio.config import LumioConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.plant import STRICT, Section
-from twin.scenario.schema import Limits
+from twin.scenario.schema import LimitsTable
+from twin.scenario.tables import STRICT, Section
 
 Settings = TypeVar("Settings")
 
@@ -72,7 +72,7 @@ class RigFile(Section):
     cams: str | None = None
     late_periods: Annotated[int, Field(ge=1)] = 25
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
-    limits: Limits = Limits()
+    limits: LimitsTable = LimitsTable()
     bus: Bus = Bus()  # type: ignore[valid-type]
     drives: Drives = Drives()  # type: ignore[valid-type]
     phi: Axis = Axis(node=1)  # type: ignore[valid-type]
@@ -109,11 +109,9 @@ def read_rig(file: Path) -> RigFile:
         TwinError: If it cannot be read, or anything in it is unknown or out of range.
     """
     try:
-        tables = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"--rig {file}: not a TOML file: {error}") from error
-    except OSError as error:
-        raise ScenarioError(f"--rig {file}: cannot be read: {error.strerror}") from error
+        tables = read_toml(file)
+    except DataError as error:
+        raise ScenarioError(f"--rig {file}: {error}") from error
     return check_rig(tables, file.name)
 
 

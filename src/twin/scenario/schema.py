@@ -6,92 +6,44 @@ import dataclasses
 import json
 import typing
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator, model_validator
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference
-from twin.scenario.plant import (
-    STRICT,
-    Ball,
-    Friction,
-    NotNegative,
-    Pair,
-    Plant,
-    Positive,
-    Section,
-    Start,
-)
+from twin.hal.limits import Limits
+from twin.scenario.plant import PlantTable
+from twin.scenario.tables import STRICT, Section, table
+from twin.sim.drives import DriveModel
+from twin.sim.encoders import EncoderModel
+from twin.sim.touch import TouchModel
+from twin.sim.transmission import TransmissionError
 
-__all__ = [
-    "KINDS",
-    "STRICT",
-    "Ball",
-    "Choice",
-    "Disturbance",
-    "Encoders",
-    "Friction",
-    "Limits",
-    "Metrics",
-    "Plant",
-    "Predictor",
-    "Rig",
-    "Scenario",
-    "Section",
-    "Sensors",
-    "Start",
-    "Touch",
-    "checked_settings",
-    "choices",
-    "settings_model",
-]
+if TYPE_CHECKING:
+    from twin.scenario.tables import Derived
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 
 MOST_PERIODS = 10_000_000
 """Longest run in control periods, 5.6 h of 2 ms: its record is kept in some GB of memory."""
 
-Error = Annotated[float, Field(ge=-20, le=20)]
 
+class _RigKeys(Section):
+    """Control period in s, and what the rig knows of its cams.
 
-class Limits(Section):
-    """What the rig may be told to do; thesis chapter 3."""
-
-    angle_deg: Annotated[float, Field(gt=0, le=10)] = 10.0
-    rate_deg: Positive = 35.0
-    acceleration: Positive = 7.0
-    area: tuple[Positive, Positive] = (0.25, 0.15)
-    margin: NotNegative = 0.04
-    ball_speed: Positive = 1.5
-
-
-class Rig(Section):
-    """Control period in s, limits, and what the rig knows of its cams.
-
-    ``cams``: the calibrated table over both plate angles, one table an axis, or a plain ratio.
-    ``cam_error_percent``: how much too far (phi, theta) they take the plate.
+    ``cams``: the calibrated table over both plate angles, one table per axis, or a plain ratio.
     """
 
     period: Positive = 0.002
     cams: Literal["table", "per_axis", "ratio"] = "table"
-    cam_error_percent: tuple[Error, Error] = (0.0, 0.0)
-    limits: Limits = Limits()
 
 
-class Touch(Section):
-    """The touch screen: dead time in s, frames a second (0: every period), grid, variances.
+class _TouchChecks(Section):
+    """The touch screen."""
 
-    ``dead_time_spread``: standard deviation in s from sample to sample (thesis Table 7.2: 0.00187).
-    ``rotation_deg``: how far the screen is mounted turned about the plate's normal.
-    """
-
-    dead_time: Annotated[float, Field(ge=0, le=1)] = 0.042
-    dead_time_spread: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    rotation_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
-    frame_rate: Annotated[float, Field(ge=0, le=10_000)] = 0.0
-    grid: Annotated[int, Field(ge=0)] = 4096
-    variance: Pair = (7.2538e-7, 1.7721e-7)
-
-    @field_validator("frame_rate")
+    @field_validator("frame_rate", check_fields=False)
     @classmethod
     def _frames_come(cls, value: float) -> float:
         if 0 < value < 1:
@@ -99,29 +51,38 @@ class Touch(Section):
         return value
 
 
-class Encoders(Section):
-    """The plate encoders: counts a revolution, variances of phi and theta in rad^2."""
+if TYPE_CHECKING:
+    LimitsTable = Derived
+    EncodersTable = Derived
+    TouchTable = Derived
+    DisturbanceTable = Derived
+else:
+    LimitsTable = table("rig.limits", Limits, module=__name__)
+    EncodersTable = table("sensors.encoders", EncoderModel, module=__name__)
+    TouchTable = table("sensors.touch", TouchModel, base=_TouchChecks, module=__name__)
+    DisturbanceTable = table("disturbance", DriveModel, module=__name__)
 
-    counts: Annotated[int, Field(ge=0)] = 16384
-    variance: Pair = (1.5433e-10, 1.1580e-10)
+
+class _LimitedRig(_RigKeys):
+    limits: LimitsTable = LimitsTable()
 
 
-class Sensors(Section):
-    """What the rig measures, or with ``ideal`` the full true state."""
+if TYPE_CHECKING:
+    RigTable = Derived
+else:
+    RigTable = table("rig", TransmissionError, base=_LimitedRig, module=__name__)
+
+
+class SensorsTable(Section):
+    """What the rig measures, or with ``ideal`` the full true state; noise is held so long, s."""
 
     ideal: bool = False
     noise_hold: NotNegative = 0.0
-    touch: Touch = Touch()
-    encoders: Encoders = Encoders()
+    touch: TouchTable = TouchTable()
+    encoders: EncodersTable = EncodersTable()
 
 
-class Disturbance(Section):
-    """White noise on the plate accelerations: variances in (rad/s^2)^2, Table B.1."""
-
-    variance: Pair = (1.0816e-4, 2.8090e-5)
-
-
-class Metrics(Section):
+class MetricsTable(Section):
     """From which time in s on steady tracking is judged, and the settling band in percent."""
 
     start: NotNegative = 0.0
@@ -161,15 +122,15 @@ class Scenario(Section):
     duration: Positive
     seed: Annotated[int, Field(ge=0)] = 0
     baseline: bool = False
-    plant: Plant = Plant()
-    rig: Rig = Rig()
-    sensors: Sensors = Sensors()
-    disturbance: Disturbance = Disturbance()
+    plant: PlantTable = PlantTable()
+    rig: RigTable = RigTable()
+    sensors: SensorsTable = SensorsTable()
+    disturbance: DisturbanceTable = DisturbanceTable()
     controller: Choice
     observer: ObserverChoice = ObserverChoice()
     predictor: Predictor | None = None
     reference: Choice
-    metrics: Metrics = Metrics()
+    metrics: MetricsTable = MetricsTable()
 
     @model_validator(mode="after")
     def _whole_steps(self) -> Scenario:

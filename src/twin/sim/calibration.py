@@ -1,4 +1,4 @@
-"""Calibration of the simulated mechanism: cam tables, what they leave over, and a tap test."""
+"""Calibration of the simulated mechanism: cam tables, the error they leave, and a tap test."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from scipy.optimize import least_squares
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, model_hash
-from twin.hal.rig import Transmission
+from twin.hal.interface import Transmission
 from twin.paths import model_path
 from twin.sim.plant.mechanism import Mechanism, load_model
 
-_BESIDE = (0.6, 0.0, 0.0, 0.0)
-"""Where the ball starts in a calibration: beside the screen, so that it falls and is out of it."""
+_BALL_OFF = (0.6, 0.0, 0.0, 0.0)
+"""Start of the ball in a calibration: beside the screen, so that it falls off the rig."""
 
 
 @dataclass(frozen=True)
-class Residual:
-    """What a transmission leaves between commanded and real plate angle, at rest, in degrees."""
+class StaticError:
+    """Difference of real and commanded plate angle at rest, in degrees."""
 
     max_deg: float
     """Largest error of either axis."""
@@ -37,7 +37,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Resonance:
-    """How one plate axis rings after a tap."""
+    """Decaying oscillation of one plate axis after a tap."""
 
     frequency_hz: float
     """Undamped natural frequency in Hz."""
@@ -57,8 +57,8 @@ def sweep_cams(
 ) -> CamTable:
     """Sweep both motors over a grid of poses at rest, read the encoders, and invert.
 
-    The plate angles are read as its encoders give them; a polynomial in both plate angles,
-    fitted to all poses at once, averages their counts out. Poses that end on a stop are left out.
+    Plate angles are read in whole encoder counts; a polynomial in both plate angles, fitted to
+    all poses at once, averages the rounding out. Poses that end on a stop are left out.
 
     Args:
         model: The MJCF file; None for the packaged one.
@@ -77,8 +77,8 @@ def sweep_cams(
     line = motor_range * np.sin(np.linspace(-1.4, 1.4, lines)) / math.sin(1.4)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     plant = Mechanism(path, rigs=len(target))
-    plant.start(np.broadcast_to(_BESIDE, (plant.rigs, 4)))
-    _glide(plant, plant.motor, target)
+    plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
+    _move_and_settle(plant, plant.motor, target)
     width = 2 * math.pi / counts
     plate = np.round(plant.state[:, [2, 6]] / width) * width
     free = np.all(np.abs(plate) < plate_range - width, axis=1)
@@ -108,25 +108,34 @@ def sweep_cams(
     )
 
 
-def residual(
+def static_error(
     table: Transmission,
     model: Path | None = None,
     *,
     lines: int = 8,
     plate_range: float = math.radians(8),
-) -> Residual:
-    """Integrate plate rates through a transmission, let the plate rest, and compare its angles.
+) -> StaticError:
+    """Command the plate to a grid of poses through a transmission, and compare angles at rest.
 
-    Both axes go to every pose of a grid at once; the motors get rates only, as the drives do,
-    and nothing corrects their angle.
+    Both axes move to each pose at once; the motors get rates only, as the drives do, and nothing
+    corrects their angle.
+
+    Args:
+        table: From plate to motor angles.
+        model: The MJCF file; None for the packaged one.
+        lines: Plate angles per axis.
+        plate_range: The poses reach from minus to plus this plate angle, in rad.
+
+    Raises:
+        ModelError: If the model cannot be used.
     """
     line = np.linspace(-plate_range, plate_range, lines)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     plant = Mechanism(model, rigs=len(target))
-    plant.start(np.broadcast_to(_BESIDE, (plant.rigs, 4)))
-    _glide(plant, np.zeros_like(target), target, table)
+    plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
+    _move_and_settle(plant, np.zeros_like(target), target, table)
     error = np.degrees(plant.state[:, [2, 6]] - target)
-    return Residual(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), len(target))
+    return StaticError(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), len(target))
 
 
 def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[Resonance, Resonance]:
@@ -135,6 +144,9 @@ def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[Resonance
     Args:
         model: The MJCF file; None for the packaged one.
         tap: Rate the tap gives the plate, in rad/s.
+
+    Raises:
+        ModelError: If the model cannot be used.
     """
     mj = load_model(model)
     data = mujoco.MjData(mj)
@@ -146,7 +158,7 @@ def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[Resonance
         for k in range(len(angle)):
             mujoco.mj_step(mj, data)
             angle[k] = data.joint(axis).qpos[0]
-        found.append(_ringing(angle, mj.opt.timestep))
+        found.append(_fit_ringing(angle, mj.opt.timestep))
     return found[0], found[1]
 
 
@@ -158,7 +170,7 @@ def _basis(plate: Array, degree: int) -> Array:
     return np.asarray(product[..., order <= degree])
 
 
-def _ringing(angle: Array, step: float) -> Resonance:
+def _fit_ringing(angle: Array, step: float) -> Resonance:
     """Fit a decaying sine to samples that begin one step after the tap."""
     t = step * np.arange(1, len(angle) + 1)
     spectrum = np.abs(np.fft.rfft(angle - angle.mean(), 8 * len(angle)))
@@ -175,7 +187,7 @@ def _ringing(angle: Array, step: float) -> Resonance:
     return Resonance(natural / (2 * math.pi), float(decay / natural))
 
 
-def _glide(
+def _move_and_settle(
     plant: Mechanism,
     start: Array,
     target: Array,
@@ -184,7 +196,7 @@ def _glide(
     seconds: float = 1.0,
     period: float = 0.01,
 ) -> None:
-    """Take every rig smoothly to its target by motor rates alone, then let it rest.
+    """Move every rig smoothly to its target by motor rates alone, then let it come to rest.
 
     Angles are motor angles, or plate angles where a transmission is given.
     """

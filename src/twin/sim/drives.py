@@ -1,4 +1,4 @@
-"""What lies between a commanded motor rate and the motor's motion: bandwidth and play."""
+"""What lies between a commanded motor rate and the motor's motion: bandwidth, play, vibration."""
 
 from __future__ import annotations
 
@@ -7,57 +7,84 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
+from twin.settings import Unit, setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveModel:
     """A drive's imperfections beyond those of the plant's own servos; zero switches each off.
 
+    Fields may be arrays with one entry per rig.
+
     Attributes:
         bandwidth: Corner frequency in Hz of a first-order lag of the speed loop.
         backlash: Angle in rad that the drive turns without moving the plate, as plate angle.
+        vibration: Amplitude in rad/s^2 of a vibration of both plate axes, a quarter turn apart.
+        vibration_frequency: Its frequency in Hz.
+        disturbance: Variances of white plate accelerations that are added to the commanded ones,
+            for phi and theta, (rad/s^2)^2; Table B.1.
     """
 
-    bandwidth: float = 0.0
-    backlash: float = 0.0
+    bandwidth: Number = setting("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
+    backlash: Number = setting("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
+    vibration: Number = setting("plant.servo.vibration", 0.0, ge=0, le=100)
+    vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
+    disturbance: tuple[float, float] | Array = setting(
+        "disturbance.variance", (1.0816e-4, 2.8090e-5), otherwise=(0.0, 0.0), ge=0
+    )
 
 
 class SimulatedDrives:
     """Two drives of N rigs: commanded motor rates in, rates of the cam shafts out.
 
     Args:
-        model: The imperfections.
+        model: The imperfections; its disturbance is the rig's to add.
         period: Control period in s.
         ratio: Motor angle per plate angle, dimensionless.
+        rigs: Number of rigs.
     """
 
-    def __init__(self, model: DriveModel, period: float, ratio: float) -> None:
-        self.ideal = model == DriveModel()
-        """Whether the shafts do at once what they are told."""
-        self._period = period
-        self._rate: float | Array = 0.0
+    def __init__(self, model: DriveModel, period: float, ratio: float, rigs: int) -> None:
+        def each(value: Number) -> Array:
+            return np.broadcast_to(np.asarray(value, float), (rigs,))[:, None]
+
+        shares = (2 * math.pi * each(model.bandwidth) * period)[:, 0].tolist()
         # Of the step from old rate to new, what is left at the end of a period and in its mean.
-        self._left = self._mean = 0.0
-        if model.bandwidth > 0:
-            share = 2 * math.pi * model.bandwidth * period
-            self._left = math.exp(-share)
-            self._mean = -math.expm1(-share) / share
-        self._half = model.backlash * ratio / 2
-        self._motor: float | Array = 0.0
-        self._shaft: float | Array = 0.0
+        left = [math.exp(-share) if share else 0.0 for share in shares]
+        mean = [-math.expm1(-share) / share if share else 0.0 for share in shares]
+        self._left, self._mean = np.array(left)[:, None], np.array(mean)[:, None]
+        self._half = each(model.backlash) * ratio / 2
+        omega = 2 * math.pi * each(model.vibration_frequency)
+        self._swing = ratio * each(model.vibration) / omega
+        self._turn = omega * period
+        self._playing, self._vibrating = bool(self._half.any()), bool(self._swing.any())
+        self.ideal = not (any(shares) or self._playing or self._vibrating)
+        """Whether the shafts follow every command at once."""
+        self._period = period
+        self._rate: Array = np.zeros((rigs, 2))
+        self._motor: Array = np.zeros((rigs, 2))
+        self._shaft: Array = np.zeros((rigs, 2))
+        self._tick = 0
 
     def follow(self, rate: Array) -> Array:
         """Mean rates over the next period for the commanded ones, both rad/s, shape (N, 2)."""
         lacking = self._rate - rate
-        mean = rate + self._mean * lacking
+        mean: Array = rate + self._mean * lacking
         self._rate = rate + self._left * lacking
-        if not self._half:
-            return mean
-        self._motor = self._motor + self._period * mean
+        if self._playing:
+            mean = self._with_play(mean)
+        if self._vibrating:
+            self._tick += 1
+            phase = self._turn * self._tick
+            mean = mean + self._swing * np.concatenate((np.sin(phase), np.cos(phase)), axis=1)
+        return mean
+
+    def _with_play(self, rate: Array) -> Array:
+        self._motor = self._motor + self._period * rate
         moved = np.minimum(
             np.maximum(self._shaft, self._motor - self._half), self._motor + self._half
         )
-        result: Array = (moved - self._shaft) / self._period
+        followed = (moved - self._shaft) / self._period
         self._shaft = moved
-        return result
+        return np.where(self._half > 0, followed, rate)

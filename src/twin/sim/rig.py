@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from controllers.interfaces import Measurement
-from twin.hal.interface import Touch
+from twin.hal.interface import Touch, Transmission
 from twin.hal.limits import Limits
-from twin.hal.rig import Rig, Transmission
+from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
 from twin.sim.drives import DriveModel, SimulatedDrives
+from twin.sim.encoders import EncoderModel, SimulatedEncoders
+from twin.sim.noise import Hold, Noise
 from twin.sim.plant.interface import Plant
-from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
+from twin.sim.touch import SimulatedScreen, TouchModel
 
 
-class Bench:
+class SimulatedDevices:
     """Servos, touch screen and clock of N simulated rigs, all looking at one plant.
 
     Args:
-        plant: What is simulated.
+        plant: What is simulated, started.
         period: Control period in s, a whole number of physics steps.
         touch: Imperfections of the touch screen.
         encoders: Imperfections of the plate encoders.
-        drives: Imperfections of the drives; None for those of the plant alone.
-        disturbance: Variances of the white plate accelerations added to the commanded ones,
-            (rad/s^2)^2, for phi and theta; Table B.1.
+        drives: Imperfections of the drives beyond those of the plant, and their disturbance.
         hold: Control periods for which noise and disturbance are held.
-        seed: Root of all random streams.
+        seeds: One seed sequence per rig; it spawns those of screen, frames, encoders, disturbance.
     """
 
     def __init__(
@@ -37,21 +38,19 @@ class Bench:
         period: float,
         touch: TouchModel,
         encoders: EncoderModel,
-        drives: DriveModel | None = None,
-        disturbance: tuple[float, float] = (0.0, 0.0),
-        hold: int = 1,
-        seed: int = 0,
+        drives: DriveModel,
+        hold: Hold = 1,
+        seeds: Sequence[np.random.SeedSequence],
     ) -> None:
         self.plant = plant
         self._steps = round(period / plant.step)
         self._period = period
-        streams = [np.random.SeedSequence(seed, spawn_key=(rig,)) for rig in range(plant.rigs)]
-        self._screen = SimulatedScreen(touch, period, streams, hold)
-        self._encoders = SimulatedEncoders(encoders, streams, hold)
-        self._drives = SimulatedDrives(drives or DriveModel(), period, plant.ratio)
+        self._screen = SimulatedScreen(touch, period, seeds, hold)
+        self._encoders = SimulatedEncoders(encoders, seeds, hold)
+        self._drives = SimulatedDrives(drives, period, plant.ratio, plant.rigs)
         # Accelerations of the plate, drawn as steps of the motor rates they add up to.
-        step = (plant.ratio * period) ** 2 * np.asarray(disturbance)
-        self._disturbance = Noise(step, [s.spawn(1)[0] for s in streams], hold)
+        step = (plant.ratio * period) ** 2 * np.asarray(drives.disturbance)
+        self._disturbance = Noise(step, [s.spawn(1)[0] for s in seeds], hold)
         self._drift: Array = np.zeros((plant.rigs, 2))
         self._rate: Array = np.zeros((plant.rigs, 2))
         self._tick = 0
@@ -99,57 +98,55 @@ class Bench:
 
 
 class SimulatedRig(Rig):
-    """N simulated rigs; hands over only what real ones would, unless told to be ideal.
+    """N simulated rigs; hands over only what real ones would, unless it is to be ideal.
 
     Args:
-        bench: The simulated devices, their plant started.
+        devices: The simulated devices, their plant started.
         transmission: Plate angles to motor angles.
         limits: What may be commanded.
         period: Control period in s.
         ideal: Whether measurements carry the full true state, as the thesis's simulations of full
             state feedback assume; no real rig can.
+        anchor: Time in s after which the cams are looked up where the plate is measured, again.
     """
 
     def __init__(
         self,
-        bench: Bench,
+        devices: SimulatedDevices,
         *,
         transmission: Transmission,
         limits: Limits,
         period: float,
         ideal: bool = False,
+        anchor: float = Rig.ANCHOR,
     ) -> None:
         super().__init__(
-            servos=bench,
-            screen=bench,
-            clock=bench,
+            servos=devices,
+            screen=devices,
+            clock=devices,
             transmission=transmission,
-            supervisor=Supervisor(limits, period, bench.plant.rigs),
+            supervisor=Supervisor(limits, period, devices.plant.rigs),
             period=period,
+            anchor=anchor,
         )
-        self.bench = bench
-        self.channels = bench.plant.channels
+        self.devices = devices
+        self.channels = devices.plant.channels
         self._ideal = ideal
 
-    def read(self) -> Measurement:
-        """What the sensors say now, with the true state beside it if ideal."""
-        measurement = super().read()
-        if not self._ideal:
-            return measurement
-        return Measurement(
-            measurement.time, measurement.y, measurement.age, measurement.touched, self.bench.state
-        )
+    def truth(self) -> Array | None:
+        """The true state for the measurement, shape (N, 8), if the rig is ideal."""
+        return self.devices.state if self._ideal else None
 
     @property
     def fallen(self) -> Mask:
         """Whether a ball has left the plate, shape (N,)."""
-        return ~self.bench.on_plate
+        return ~self.devices.on_plate
 
     @property
     def diverged(self) -> Mask:
         """Whether a rig's numbers have run away, shape (N,)."""
-        return self.bench.plant.diverged
+        return self.devices.plant.diverged
 
     def telemetry(self) -> dict[str, Array]:
         """True state and the plant's own channels."""
-        return {"state": self.bench.state, "plant": self.bench.plant.telemetry()}
+        return {"state": self.devices.state, "plant": self.devices.plant.telemetry()}

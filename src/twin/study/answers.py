@@ -1,4 +1,4 @@
-"""What the rows of a study say: indices, curves, spreads, and how sure that is."""
+"""Statistics of a study's rows: sensitivity indices, curves, spreads, and their intervals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from twin.study.work import Work
 
 
 @dataclass(frozen=True)
-class Index:
+class SensitivityIndex:
     """How much one parameter matters.
 
     Attributes:
@@ -28,9 +28,9 @@ class Index:
             correlation.
         half: Half-width of its 95 % interval; NaN if there is none. Bootstrap for Sobol and Morris.
         first: First-order Sobol index, or Morris's sigma; NaN for others.
-        decided: Whether the interval leaves out zero.
-        slope: Change of the metric for one unit of the parameter, over its whole range; NaN if it
-            might be none.
+        decided: Whether the interval excludes zero.
+        slope: Change of the metric per unit of the parameter, over its whole range; NaN if its 95 %
+            interval contains zero.
     """
 
     key: str
@@ -48,15 +48,15 @@ class Index:
 
 @dataclass(frozen=True)
 class Spread:
-    """What comes of one variant at one point, or over all points.
+    """Distribution of the metric of one variant at one point, or over all points.
 
     Attributes:
         median: Of the finished runs; NaN without any.
         low: Their 5 % quantile.
         high: Their 95 % quantile.
-        runs: How many runs there are.
-        failed: How many of them did not end well; kept out of the quantiles.
-        chance: 95 % interval of the probability of that.
+        runs: Number of runs.
+        failed: Number of those that did not finish; they are left out of the quantiles.
+        chance: 95 % interval of the probability of failure.
     """
 
     median: float
@@ -73,10 +73,10 @@ class Curve:
 
     Attributes:
         key: The parameter.
-        where: What the other parameters are.
+        where: Values of the other parameters.
         values: Its values.
         spreads: The metric at each.
-        slope: Change of the metric for one unit of the parameter; None if it is not numeric.
+        slope: Change of the metric per unit of the parameter; None if it is not numeric.
     """
 
     key: str
@@ -93,22 +93,31 @@ class Curve:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a study says of one variant."""
+    """The results of one variant.
+
+    Attributes:
+        variant: Its name.
+        whole: Distribution of the metric over all points.
+        indices: One per parameter, for methods that have indices.
+        curves: For one-at-a-time and grid studies.
+        notes: What was left out, in words.
+        values: The metric of each run, NaN for runs that failed, shape (K,).
+    """
 
     variant: str
     whole: Spread
-    indices: tuple[Index, ...] = ()
+    indices: tuple[SensitivityIndex, ...] = ()
     curves: tuple[Curve, ...] = ()
     notes: tuple[str, ...] = ()
     values: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def answers(work: Work, rows: pa.Table) -> list[Answer]:
-    """One answer a variant, about the study's first metric.
+    """One answer per variant, for the study's first metric.
 
     Args:
         work: The runs.
-        rows: What came of each.
+        rows: One row per run: outcome and metrics.
     """
     study, design = work.study, work.design
     every = _finished(rows, study.metrics[0])
@@ -117,7 +126,7 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
         places = [place for place, task in enumerate(work.tasks) if task.variant == variant.name]
         at, values = np.array([work.tasks[place].point for place in places]), every[places]
         notes: list[str] = []
-        indices: tuple[Index, ...] = ()
+        indices: tuple[SensitivityIndex, ...] = ()
         if study.method in {"sobol", "morris", "lhs", "montecarlo"}:
             # a mean over the seeds of each point, NaN where a run failed
             mean = np.bincount(at, values) / np.bincount(at)
@@ -129,13 +138,17 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
 
 
 def _finished(rows: pa.Table, metric: str) -> Array:
-    """A metric of every run, NaN where it did not end well."""
+    """A metric of every run, NaN for those that did not finish."""
     good = np.array(pc.equal(rows["outcome"], "finished"), bool)
     return np.where(good, np.array(rows[metric], float), np.nan)
 
 
 def spread(values: Array) -> Spread:
-    """Median and quantiles of the runs that ended well, and the chance of those that did not."""
+    """Median and quantiles of finished runs, and the probability of failure.
+
+    Args:
+        values: A metric, NaN for runs that failed, shape (K,).
+    """
     good = values[np.isfinite(values)]
     failed = len(values) - len(good)
     chance = stats.binomtest(failed, max(len(values), 1)).proportion_ci(method="wilson")
@@ -145,7 +158,9 @@ def spread(values: Array) -> Spread:
     return Spread(middle, low, high, len(values), failed, (float(chance.low), float(chance.high)))
 
 
-def _indices(study: Study, design: Design, mean: Array, notes: list[str]) -> tuple[Index, ...]:
+def _indices(
+    study: Study, design: Design, mean: Array, notes: list[str]
+) -> tuple[SensitivityIndex, ...]:
     keys = list(study.parameters)
     if study.method in {"lhs", "montecarlo"}:
         return _ranks(design, mean)
@@ -168,7 +183,7 @@ def _indices(study: Study, design: Design, mean: Array, notes: list[str]) -> tup
         got = sobol.analyze(problem(study), mean[kept], calc_second_order=False, seed=SEED)
         triples = zip(got["ST"], got["ST_conf"], got["S1"], strict=True)
     return tuple(
-        Index(
+        SensitivityIndex(
             key,
             float(value),
             float(half),
@@ -180,7 +195,7 @@ def _indices(study: Study, design: Design, mean: Array, notes: list[str]) -> tup
     )
 
 
-def _ranks(design: Design, mean: Array) -> tuple[Index, ...]:
+def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
     found = []
     good = np.isfinite(mean)
     for key, settings in design.columns.items():
@@ -193,20 +208,20 @@ def _ranks(design: Design, mean: Array) -> tuple[Index, ...]:
         low, high = np.tanh((reach - width, reach + width))
         decided = bool(low * high > 0)
         half = float(high - low) / 2
-        found.append(Index(key, rank, half, np.nan, decided, _slope(settings, mean)))
+        found.append(SensitivityIndex(key, rank, half, np.nan, decided, _slope(settings, mean)))
     return tuple(found)
 
 
 def _slope(settings: Array, mean: Array) -> float:
-    """Slope of the straight line through a metric; NaN if its 95 % interval holds zero."""
+    """Slope of the straight line through a metric; NaN if its 95 % interval contains zero."""
     good = np.isfinite(mean)
     line: Any = stats.linregress(settings[good], mean[good])
-    sure = abs(line.slope) > stats.t.ppf(0.975, good.sum() - 2) * line.stderr
-    return float(line.slope) if sure else np.nan
+    significant = abs(line.slope) > stats.t.ppf(0.975, good.sum() - 2) * line.stderr
+    return float(line.slope) if significant else np.nan
 
 
 def _curves(study: Study, at: Design, values: Array) -> tuple[Curve, ...]:
-    """Of a grid: over its first parameter, one curve for each setting of the others."""
+    """Of a grid: over its first parameter, one curve per combination of the others."""
     keys = list(study.parameters)
     if study.method == "oat":
         return tuple(_curve(study, key, {}, at, values) for key in keys)
@@ -222,8 +237,8 @@ def _curve(study: Study, key: str, where: Point, at: Design, values: Array) -> C
     steps = study.parameters[key].steps(study.samples)
     spreads, means = [], []
     for value in steps:
-        wanted = {key: value, **where}
-        there = np.logical_and.reduce([at.columns[name] == each for name, each in wanted.items()])
+        point = {key: value, **where}
+        there = np.logical_and.reduce([at.columns[name] == each for name, each in point.items()])
         spreads.append(spread(values[there]))
         good = values[there][np.isfinite(values[there])]
         means.append(good.mean() if len(good) else np.nan)

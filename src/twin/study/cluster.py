@@ -1,4 +1,4 @@
-"""The workers of a Dask scheduler, as an executor that notices when the scheduler is gone."""
+"""The workers of a Dask scheduler as an executor that notices when the scheduler is lost."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from twin.errors import ScenarioError
 
 T = TypeVar("T")
 
-ANSWER = 5.0
-"""Seconds within which a scheduler must answer at first."""
-PATIENCE = 30.0
-"""Seconds that one which is lost later is waited for."""
+CONNECT_TIMEOUT = 5.0
+"""Seconds within which a scheduler must accept a connection."""
+TIMEOUT = 30.0
+"""Seconds within which it must answer, and come back after it was lost."""
 
 
 class Cluster(Executor):
-    """Work for the workers of a scheduler.
+    """Executor of calls on the workers of a scheduler.
 
-    A scheduler that is lost and comes back within ``PATIENCE`` gets all unfinished work again; one
-    that stays away fails it, where Dask alone would leave it waiting for ever.
+    A scheduler that is lost and comes back within ``TIMEOUT`` gets all unfinished calls again; if
+    it stays away they fail, where Dask alone would leave them waiting for ever.
 
     Args:
         address: Of the scheduler, as in tcp://HOST:8786.
 
     Attributes:
-        workers: Chunks that can be under way at the same time, as the scheduler said at first; 1
-            if there was nobody.
+        workers: Calls that can run at the same time, as reported when connecting; 1 if the
+            scheduler had no workers.
 
     Raises:
-        ScenarioError: If nobody answers there, or the extra is not installed.
+        ScenarioError: If no scheduler answers there, or the extra is not installed.
     """
 
     workers: int
@@ -48,27 +48,27 @@ class Cluster(Executor):
                 "--scheduler: needs the extra cluster: pip install 'ballplate[cluster]'"
             ) from error
         for name in ("distributed", "distributed.client"):
-            # it would tell of every lost connection with a traceback
+            # it would log every lost connection with a traceback
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             place = get_address_host_port(address, strict=True)
-            socket.create_connection(place, ANSWER).close()
-            self._client = _within(PATIENCE, lambda: Client(address, timeout=PATIENCE))
-            threads = _within(PATIENCE, self._client.nthreads)
+            socket.create_connection(place, CONNECT_TIMEOUT).close()
+            self._client = _with_timeout(TIMEOUT, lambda: Client(address, timeout=TIMEOUT))
+            threads = _with_timeout(TIMEOUT, self._client.nthreads)
         except Exception as error:  # anything may listen there, and say anything
             raise ScenarioError(f"--scheduler {address}: no scheduler answers there") from error
         self.workers = max(1, sum(threads.values()))
         self._address = address
         self._executor = self._client.get_executor(pure=False, retries=2)
         self._pending: set[Future[Any]] = set()
-        self._over = Event()
+        self._closed = Event()
         Thread(target=self._watch, name="scheduler", daemon=True).start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Have a call made by a worker.
+        """Submit a call to the workers.
 
         Raises:
-            ScenarioError: If the scheduler was given up before.
+            ScenarioError: If the scheduler is lost.
         """
         try:
             future: Future[T] = self._executor.submit(fn, *args, **kwargs)
@@ -81,14 +81,14 @@ class Cluster(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the scheduler."""
+        """Disconnect from the scheduler."""
         del wait, cancel_futures
-        self._over.set()
+        self._closed.set()
         self._client.close()
 
     def _watch(self) -> None:
-        """Fail what is under way once the client has given the scheduler up."""
-        while not self._over.wait(1.0):
+        """Fail all pending calls once the client has given up on the scheduler."""
+        while not self._closed.wait(1.0):
             if self._given_up:
                 for future in list(self._pending):
                     with suppress(InvalidStateError):
@@ -100,13 +100,13 @@ class Cluster(Executor):
 
     def _lost(self) -> ScenarioError:
         return ScenarioError(
-            f"--scheduler {self._address}: lost, and not back within {PATIENCE:g} s; "
+            f"--scheduler {self._address}: lost, and not back within {TIMEOUT:g} s; "
             "the same command goes on from here"
         )
 
 
-def _within(seconds: float, make: Callable[[], T]) -> T:
-    """What is made in a thread of its own: Dask waits for ever for a scheduler that says nothing.
+def _with_timeout(seconds: float, make: Callable[[], T]) -> T:
+    """Result of a call in a separate thread, since Dask waits for ever for a silent scheduler.
 
     Raises:
         TimeoutError: If it takes longer.
@@ -116,7 +116,7 @@ def _within(seconds: float, make: Callable[[], T]) -> T:
     def work() -> None:
         try:
             made.set_result(make())
-        except Exception as error:  # noqa: BLE001 - whatever it is, the waiting thread is told
+        except Exception as error:  # noqa: BLE001 - passed on to the waiting thread
             made.set_exception(error)
 
     Thread(target=work, name="connect", daemon=True).start()

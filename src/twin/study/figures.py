@@ -1,4 +1,4 @@
-"""The pictures of a study."""
+"""The figures of a study."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.report.numbers import LABELS
-from twin.run.picture import COLOURS, LOOK, STYLES
+from twin.run.overview_plot import COLOURS, LOOK, STYLES
 from twin.study import interaction
-from twin.study.answers import Answer, Curve, Index
+from twin.study.answers import Answer, Curve, SensitivityIndex
 from twin.study.design import Design, Point
 from twin.study.schema import Study
 
@@ -25,15 +25,15 @@ INDEX = {
 }
 FAILED = "#B00000"
 MANY = 5000
-"""Runs from which a cloud of dots is kept as a bitmap, not dot by dot."""
+"""Number of runs above which a scatter plot is kept as a bitmap."""
 
 
 def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, Figure]:
-    """Name to picture: indices, curves, spread, and where runs fail.
+    """Figures by name: indices, curves, spread, and where runs fail.
 
     Args:
         study: What was asked.
-        found: One answer a variant.
+        found: One answer per variant.
         design: The point of each of an answer's values.
     """
     with mpl.rc_context(LOOK):
@@ -79,7 +79,7 @@ def where_label(study: Study, where: Point) -> str:
 
 
 def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
-    """The parameters, those that matter most first."""
+    """The parameters, the most influential first."""
     sizes = dict.fromkeys(study.parameters, 0.0)
     for answer in found:
         for index in answer.indices:
@@ -87,7 +87,7 @@ def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
     return sorted(sizes, key=lambda key: -sizes[key])
 
 
-def _look(k: int) -> dict[str, Any]:
+def _style(k: int) -> dict[str, Any]:
     return {"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k // len(COLOURS) % len(STYLES)]}
 
 
@@ -102,7 +102,7 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
         for index in answer.indices:
             at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
             _bar(panel, index, at, height * 0.9, k)
-        panel.barh(0, 0, color=_look(k)["color"], label=answer.variant)
+        panel.barh(0, 0, color=_style(k)["color"], label=answer.variant)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set(
         xlabel=f"{INDEX[study.method]}; hollow: undecided",
@@ -117,10 +117,10 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
     return figure
 
 
-def _bar(panel: Axes, index: Index, at: float, height: float, k: int) -> None:
-    colour = _look(k)["color"]
+def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, k: int) -> None:
+    colour = _style(k)["color"]
     if not index.decided:
-        # no bar: the number means nothing, only how large it might be
+        # no bar: its sign is unknown, only its interval is shown
         reach = (index.value - index.half, index.value + index.half)
         panel.plot(reach, (at, at), color=colour, lw=1, alpha=0.6)
         panel.plot(0, at, "o", mec=colour, mfc="white", ms=4)
@@ -144,7 +144,7 @@ def _curves(study: Study, found: Sequence[Answer]) -> Figure:
         panel.set(xlabel=parameter_label(study, curve.key))
         if curve.where:
             panel.set_title(where_label(study, curve.where), fontsize=9)
-    panels[0].set(ylabel=metric_label(study), ylim=(_foot(found), None))
+    panels[0].set(ylabel=metric_label(study), ylim=(_lower_limit(found), None))
     if any(each.failed for answer in found for curve in answer.curves for each in curve.spreads):
         panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
     if len(panels[0].get_legend_handles_labels()[0]) > 1:
@@ -152,8 +152,8 @@ def _curves(study: Study, found: Sequence[Answer]) -> Figure:
     return figure
 
 
-def _foot(found: Sequence[Answer]) -> float:
-    """Where the axis of a metric begins: at 0 unless it can be negative."""
+def _lower_limit(found: Sequence[Answer]) -> float:
+    """Lower limit of a metric's axis: 0 unless it can be negative."""
     return min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
 
 
@@ -164,11 +164,11 @@ def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         np.array([getattr(each, name) for each in curve.spreads])
         for name in ("median", "low", "high")
     )
-    panel.plot(x, middle, marker="o", ms=3.5, lw=1.4, label=label, **_look(k))
+    panel.plot(x, middle, marker="o", ms=3.5, lw=1.4, label=label, **_style(k))
     if (high > low).any():
-        panel.fill_between(x, low, high, color=_look(k)["color"], alpha=0.15, lw=0)
+        panel.fill_between(x, low, high, color=_style(k)["color"], alpha=0.15, lw=0)
     failed = np.array([each.failed > 0 for each in curve.spreads])
-    # a point none of whose runs finished has no height: it is shown at the foot
+    # a point without finished runs has no median: it is shown on the axis
     if failed.any():
         foot = np.nan_to_num(middle[failed])
         panel.plot(x[failed], foot, "x", color=FAILED, ms=8, clip_on=False, zorder=5)
@@ -180,7 +180,7 @@ def _spread(study: Study, found: Sequence[Answer]) -> Figure:
     figure = Figure(figsize=(9, 1.5 + 0.3 * len(found)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     for k, answer in enumerate(found):
-        whole, colour = answer.whole, _look(k)["color"]
+        whole, colour = answer.whole, _style(k)["color"]
         left.plot((whole.low, whole.high), (k, k), color=colour, lw=5, alpha=0.35)
         left.plot(whole.median, k, "o", color=colour)
         low, high = whole.chance
@@ -198,7 +198,7 @@ def _spread(study: Study, found: Sequence[Answer]) -> Figure:
 
 
 def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
-    """A panel for each variant, all with the same axes."""
+    """One panel per variant, all with the same axes."""
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     size = (max(6.0, 1.5 + 3.2 * columns), 1.2 + 2.7 * rows)
@@ -210,7 +210,7 @@ def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
 
 
 def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
-    """Runs over the two parameters that matter most: how large the metric is, and which failed."""
+    """Runs over the two most influential parameters: the metric as colour, and which failed."""
     first, second = ranked(study, found)[:2]
     figure, panels = _panels(found)
     x, y = (design.columns[key] for key in (first, second))

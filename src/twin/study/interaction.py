@@ -9,14 +9,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.run.picture import COLOURS
+from twin.run.overview_plot import COLOURS
 
 BINS = 5
 """Intervals of the first parameter, with equally many runs in each."""
 THIRDS = ("low", "middle", "high")
 
 
-class Line(NamedTuple):
+class InteractionLine(NamedTuple):
     """The mean of a metric over one parameter, for a third of the runs by another one.
 
     Attributes:
@@ -30,11 +30,11 @@ class Line(NamedTuple):
     error: Array
 
 
-def lines(first: Array, second: Array, values: Array) -> tuple[Line, ...]:
-    """The metric over ``first`` for low, middle and high ``second``: parallel if each acts alone.
+def lines(first: Array, second: Array, values: Array) -> tuple[InteractionLine, ...]:
+    """The metric over ``first`` for low, middle and high ``second``: parallel without interaction.
 
     Args:
-        first: A parameter, one number a run, shape (K,).
+        first: A parameter, one number per run, shape (K,).
         second: Another one, shape (K,).
         values: The metric, NaN for runs that failed, shape (K,).
     """
@@ -47,16 +47,16 @@ def lines(first: Array, second: Array, values: Array) -> tuple[Line, ...]:
         many = np.array([len(each) for each in bins])
         mean = np.array([values[each].mean() if len(each) > 1 else np.nan for each in bins])
         wide = np.array([values[each].std(ddof=1) if len(each) > 1 else np.nan for each in bins])
-        found.append(Line(x, mean, wide / np.sqrt(np.maximum(many, 1))))
+        found.append(InteractionLine(x, mean, wide / np.sqrt(np.maximum(many, 1))))
     return tuple(found)
 
 
 def _split(numbers: Array, parts: int) -> list[NDArray[np.integer]]:
-    """Places of the smallest numbers, of the next ones, and so on, in parts of one size."""
+    """Indices of the numbers in ascending order, in parts of equal size."""
     return np.array_split(np.argsort(numbers, kind="stable"), parts)
 
 
-def draw(panel: Axes, found: tuple[Line, ...], label: str | None) -> None:
+def draw(panel: Axes, found: tuple[InteractionLine, ...], label: str | None) -> None:
     """Draw one variant's lines; named with the second parameter's label, if any."""
     for line, third, colour in zip(found, THIRDS, COLOURS, strict=False):
         panel.errorbar(

@@ -1,4 +1,4 @@
-"""What is written of a study: page, pictures, rows, and a summary for the documentation."""
+"""The files of a study: HTML report, figures, rows, and a summary in Markdown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from twin.html import inline, render
 from twin.run.record import write_whole
 from twin.study.answers import Answer
 from twin.study.figures import figures, metric_label
-from twin.study.words import NEGLIGIBLE, needed, sentences
+from twin.study.summary import NEGLIGIBLE, needed, sentences
 from twin.study.work import Work
 
 HEADINGS = {
@@ -40,7 +40,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     Raises:
         RecordError: If a file cannot be written.
     """
-    study, drawn = work.study, _drawn(work, found)
+    study, drawn = work.study, _inline_figures(work, found)
     for name, picture in drawn.items():
         _write(folder / "figures" / f"{name}.svg", picture)
     table = data(work, rows)
@@ -67,7 +67,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
 
 
 def document(work: Work, found: Sequence[Answer], path: Path) -> None:
-    """Write the answer as Markdown, and its pictures beside it.
+    """Write the results as Markdown, and the figures beside it.
 
     Raises:
         RecordError: If a file cannot be written.
@@ -75,7 +75,7 @@ def document(work: Work, found: Sequence[Answer], path: Path) -> None:
     study = work.study
     lines = [f"# {study.title}", "", _about(work), ""]
     lines += [f"- {sentence}" for sentence in sentences(study, found)]
-    for name, picture in _drawn(work, found).items():
+    for name, picture in _inline_figures(work, found).items():
         file = f"{path.stem}-{name}.svg"
         _write(path.with_name(file), picture)
         lines += ["", f"![{HEADINGS[name]}]({file})"]
@@ -85,7 +85,7 @@ def document(work: Work, found: Sequence[Answer], path: Path) -> None:
     _write(path, "\n".join(lines) + "\n")
 
 
-def _drawn(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
+def _inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
     # every variant has the same points in the same order
     at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
     drawn = figures(work.study, found, work.design[at])
@@ -102,7 +102,7 @@ def _about(work: Work) -> str:
 
 
 def endings(work: Work, rows: pa.Table) -> list[str]:
-    """How the runs that failed ended, and for an example why."""
+    """How many runs failed in which way, with the reason of one of them."""
     counted: dict[tuple[str, str], list[str]] = {}
     columns = (rows["outcome"].to_pylist(), rows["reason"].to_pylist())
     for task, outcome, reason in zip(work.tasks, *columns, strict=True):
@@ -119,7 +119,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def data(work: Work, rows: pa.Table) -> pa.Table:
-    """One row a run: variant, point, seed, parameters, outcome, metrics."""
+    """One row per run: variant, point, seed, parameters, outcome, metrics."""
     tasks = work.tasks
     at = [task.point for task in tasks]
     columns: dict[str, Any] = {
@@ -138,7 +138,7 @@ def compared(answer: Answer) -> tuple[str, ...]:
     low, high = whole.chance
     return (
         answer.variant,
-        *(_shown(value) for value in (whole.median, whole.low, whole.high)),
+        *(_digits(value) for value in (whole.median, whole.low, whole.high)),
         str(whole.runs),
         str(whole.failed),
         f"{100 * low:.1f} to {100 * high:.1f} %",
@@ -148,15 +148,15 @@ def compared(answer: Answer) -> tuple[str, ...]:
 def _indices(answer: Answer) -> list[tuple[Any, ...]]:
     rows = []
     for index in answer.indices:
-        value = _shown(index.value) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
+        value = _digits(index.value) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
         verdict = "matters" if abs(index.value) >= NEGLIGIBLE else "negligible"
-        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else _shown(index.first)
+        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else _digits(index.first)
         if not index.decided:
             value, first = "-", "-"
             verdict = "undecided: the interval holds zero"
-        rows.append((index.key, answer.variant, value, _shown(index.half), first, verdict))
+        rows.append((index.key, answer.variant, value, _digits(index.half), first, verdict))
     return rows
 
 
-def _shown(value: float) -> str:
+def _digits(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"

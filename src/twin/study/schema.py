@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from scipy import stats
 
 from controllers.arrays import Array
+from twin.data_file import DataError, is_file, read_toml
 from twin.errors import ScenarioError
 from twin.run.metrics import Metrics
 from twin.scenario.load import folder, nearest
@@ -186,22 +186,20 @@ def read(name: str, **given: Any) -> Study:
     """
     known = shipped()
     path = known.get(name) or Path(name)
-    if not path.is_file():
-        raise ScenarioError(f"study '{name}': not found{nearest(name, known)}")
+    if not is_file(path):
+        raise ScenarioError(f"study '{name[:200]}': not found{nearest(name, known)}")
     try:
-        tables: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = read_toml(path)
         tables |= {key: value for key, value in given.items() if value is not None}
         return Study.model_validate(tables)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path.name}: not a TOML file: {error}") from error
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+    except DataError as error:
+        raise ScenarioError(f"{path.name}: {error}") from error
     except ValidationError as error:
         raise ScenarioError(f"{path.name}: {_one_line(error)}") from None
 
 
 def _one_line(error: ValidationError) -> str:
-    # an unknown key explains a missing one beside it, so it is told first
+    # an unknown key explains a missing one beside it, so it comes first
     first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":

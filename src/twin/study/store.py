@@ -70,4 +70,10 @@ def _read(path: Path) -> pa.Table:
         raise RecordError(
             f"{path}: a chunk of another version of this program; choose another --out"
         )
+    for name, wanted, kind in zip(SCHEMA.names, SCHEMA.types, table.schema.types, strict=True):
+        if kind != wanted:
+            raise RecordError(f"{path}: {name}: must be {wanted}, is {kind}; delete this chunk")
+    for name in ("key", "outcome"):
+        if table[name].null_count:
+            raise RecordError(f"{path}: {name}: missing in a row; delete this chunk")
     return table

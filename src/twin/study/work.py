@@ -6,20 +6,19 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import controllers
-from controllers.stack import Controller
 from twin.errors import TwinError
 from twin.paths import model_path
-from twin.run.assemble import build_controller
+from twin.run.batch import alike, simulate
+from twin.run.control import build_controller
 from twin.run.loop import Ending
 from twin.run.metrics import Metrics
 from twin.scenario import Scenario
-from twin.study.alike import common
-from twin.study.batch import simulate
 from twin.study.build import Builder
 from twin.study.design import points
 from twin.study.schema import METRICS, Study
@@ -104,10 +103,10 @@ class Work:
 
     def _task(self, variant: str, point: int, seed: int) -> Task:
         scenario = self._scenario(variant, point, seed)
-        alike = digest(json.dumps(common(scenario), sort_keys=True, default=str))
+        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
         # one string for all that are alike
-        alike = self._kinds.setdefault(alike, alike)
-        return Task(digest(code() + scenario.model_dump_json()), alike, variant, point, seed)
+        kind = self._kinds.setdefault(kind, kind)
+        return Task(digest(code() + scenario.model_dump_json()), kind, variant, point, seed)
 
     def _scenario(self, variant: str, point: int, seed: int) -> Scenario:
         fixed = (*self._fixed[variant], f"seed={seed}")
@@ -122,24 +121,23 @@ def carry_out(jobs: Sequence[Job]) -> list[Row]:
     A run that cannot be carried out, or whose numbers run away, is an outcome, too.
     """
     rows: dict[str, Row] = {}
-    ready: dict[str, list[tuple[str, Scenario, Controller]]] = {}
-    build = cache(_controller)
+    ready: dict[str, list[tuple[str, Scenario]]] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
         try:
-            item = (job.key, scenario, build(_controlled(scenario)))
+            build_controller(scenario)
         except TwinError as error:
             rows[job.key] = _refused(job.key, error)
             continue
-        ready.setdefault(job.alike, []).append(item)
+        ready.setdefault(job.alike, []).append((job.key, scenario))
     for batch in ready.values():
         rows |= {row["key"]: row for row in _together(batch)}
     return [rows[job.key] for job in jobs]
 
 
-def _together(batch: Sequence[tuple[str, Scenario, Controller]]) -> Iterator[Row]:
+def _together(batch: Sequence[tuple[str, Scenario]]) -> Iterator[Row]:
     try:
-        found = simulate([item[1] for item in batch], [item[2] for item in batch])
+        found = simulate([scenario for _, scenario in batch])
     except TwinError as error:
         if len(batch) == 1:
             yield _refused(batch[0][0], error)
@@ -147,7 +145,7 @@ def _together(batch: Sequence[tuple[str, Scenario, Controller]]) -> Iterator[Row
         for item in batch:
             yield from _together([item])
         return
-    for (key, _, _), metrics in zip(batch, found, strict=True):
+    for (key, _), metrics in zip(batch, found, strict=True):
         yield _row(key, metrics)
 
 
@@ -163,16 +161,6 @@ def _refused(key: str, error: TwinError) -> Row:
     return row | dict.fromkeys(METRICS)
 
 
-def _controlled(scenario: Scenario) -> str:
-    """A scenario without what its controller does not depend on."""
-    plain = {"seed": 0, "plant": type(scenario.plant)(), "sensors": type(scenario.sensors)()}
-    return scenario.model_copy(update=plain).model_dump_json()
-
-
-def _controller(text: str) -> Controller:
-    return build_controller(Scenario.model_validate_json(text))
-
-
 def digest(text: str) -> str:
     """A short name for a text, different for every text."""
     return hashlib.sha256(text.encode()).hexdigest()[:32]
@@ -180,18 +168,32 @@ def digest(text: str) -> str:
 
 @cache
 def code() -> str:
-    """What the code that runs is: the sum over its sources and its model."""
+    """What a simulated run executes: its sources, its model, and the libraries it calculates with.
+
+    How a run is handed out, what a real rig needs and what is drawn of it are not among them.
+    """
     total = hashlib.sha256()
-    twin = Path(str(files("twin")))
-    sources = [
-        path
-        for folder in (Path(controllers.__file__).parent, twin / "sim", twin / "hal")
-        for path in sorted(folder.rglob("*.py"))
-    ]
-    names = ("loop.py", "assemble.py", "metrics.py")
-    sources += [twin / "run" / name for name in names]
-    sources += [twin / "study" / name for name in ("alike.py", "batch.py", "bench.py", "work.py")]
-    sources += [model_path(), model_path("cams.json")]
-    for path in sources:
+    for path in sources():
         total.update(path.read_bytes())
+    for library in LIBRARIES:
+        total.update(f"{library} {version(library)}".encode())
     return total.hexdigest()
+
+
+LIBRARIES = ("mujoco", "numpy", "scipy", "control")
+"""Whose version may change what a run gives."""
+
+
+def sources() -> list[Path]:
+    """The files that a simulated run executes or reads."""
+    twin, laws = Path(str(files("twin"))), Path(controllers.__file__).parent
+    found = [path for path in laws.rglob("*.py") if "analysis" not in path.parts]
+    found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
+    found += [twin / "run" / f"{name}.py" for name in RUN]
+    found += [twin / "scenario" / f"{name}.py" for name in ("schema", "plant", "tables")]
+    found += [twin / "settings.py", Path(__file__), model_path(), model_path("cams.json")]
+    return sorted(found)
+
+
+RUN = ("assemble", "batch", "control", "loop", "metrics", "plants", "record")
+"""What of the room ``run`` a run of a study executes."""

@@ -14,7 +14,7 @@ Layout = Literal["showing", "tuning"]
 LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
 
 _KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg")
-"""The plots that stand beside the mechanism."""
+"""The plots next to the mechanism."""
 
 
 def blueprint(
@@ -32,7 +32,7 @@ def blueprint(
         groups: Entities of the plots there are, below each root.
         timeline: Name of the time line.
         layout: Which tab is open.
-        live: Whether a run is watched while it goes on: then also how many rows were dropped.
+        live: Whether a run in progress is watched: then dropped rows are plotted, too.
     """
     return rrb.Blueprint(
         rrb.Tabs(

@@ -1,26 +1,41 @@
-"""Where a running experiment can be watched: a window, a page, a viewer elsewhere."""
+"""A run shown live: another process sends its rows to a viewer."""
 
 from __future__ import annotations
 
+import os
 import re
 import socket
+import time
+from contextlib import closing
 
+import rerun as rr
+
+from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
 from twin.scenario.schema import Scenario
-from twin.view.layout import Layout
-from twin.view.sender import work
-from twin.view.tap import Tap
+from twin.view.layout import Layout, blueprint
+from twin.view.live_process import Address, LiveProcess, step_back
+from twin.view.recording import new_stream, send
+from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.streams import TIMELINE, Batch, RunStream
+from twin.view.viewer import environment
+
+EVERY = 0.08
+"""Seconds between two looks for new rows."""
+MOST = 2000
+"""Rows sent at a time, so that a view that is behind a fast run still moves."""
+DROPPED = "/view/dropped_rows"
 
 
-def live(
+def show(
     scenario: Scenario,
     name: str,
     url: str,
     *,
     rigs: tuple[int, ...] = (0,),
     layout: Layout = "showing",
-) -> Tap:
-    """Show a run while it goes on.
+) -> LiveProcess:
+    """Show a run live.
 
     Args:
         scenario: What is run.
@@ -30,14 +45,14 @@ def live(
         layout: Which tab is open.
     """
     names = (name,) if len(rigs) == 1 else tuple(f"{name}-rig-{rig}" for rig in rigs)
-    return Tap(work, (scenario, names, url, layout), rigs)
+    return LiveProcess(work, (scenario, names, url, layout), rigs)
 
 
 def address(text: str) -> str:
-    """The address of a viewer as it wants it, for HOST:PORT or a complete one.
+    """The address of a viewer in the viewer's own form, from HOST:PORT or that form itself.
 
     Raises:
-        ScenarioError: If it is none.
+        ScenarioError: If the text is neither.
     """
     host = r"[\w.\-]+|\[[0-9a-fA-F:]+\]"
     found = re.fullmatch(rf"(?:rerun\+http://)?({host}):(\d{{1,5}})(?:/proxy)?", text)
@@ -58,3 +73,71 @@ def reach(url: str) -> str:
     except OSError as error:
         raise ViewError(f"{host}:{port}: no viewer there ({error.strerror or error})") from error
     return url
+
+
+def work(
+    buffer: Address, scenario: Scenario, names: tuple[str, ...], url: str, layout: Layout
+) -> None:
+    """Send rows until the writer has ended, or is gone; the body of the process."""
+    step_back()
+    os.environ.update(environment())
+    parent = os.getppid()
+    with closing(SharedRingBuffer(*buffer)) as ring:
+        _send_rows(ring, scenario, names, url, layout, parent)
+
+
+def _send_rows(
+    ring: SharedRingBuffer,
+    scenario: Scenario,
+    names: tuple[str, ...],
+    url: str,
+    layout: Layout,
+    parent: int,
+) -> None:
+    stream = new_stream(names[0])
+    together = len(names) > 1
+    runs = [RunStream(name, scenario, i if together else None) for i, name in enumerate(names)]
+    while not ring.columns:
+        if ring.done or os.getppid() != parent:
+            return
+        time.sleep(EVERY)
+    width = (len(ring.columns) - 1) // len(names)
+    columns = ring.columns[1 : 1 + width]
+    started = False
+    shown = -1
+    while True:
+        done = ring.done or os.getppid() != parent
+        rows = ring.take(MOST)
+        for i, each in enumerate(runs):
+            own = rows[:, 1 + i * width : 1 + (i + 1) * width]
+            block = {"time": rows[:, 0], **dict(zip(columns, own.T, strict=True))}
+            if len(rows) and not started:
+                _begin(stream, runs, block, url, layout)
+                started = True
+            for batch in each.batches(block):
+                send(stream, batch)
+        if len(rows) and ring.dropped != shown:
+            shown = ring.dropped
+            send(stream, Batch(DROPPED, rows[-1:, 0], rr.Scalars.columns(scalars=[shown])))
+        if len(rows):
+            stream.flush()
+        elif done:
+            return
+        if len(rows) < MOST:
+            time.sleep(EVERY)
+
+
+def _begin(
+    stream: rr.RecordingStream,
+    runs: list[RunStream],
+    block: dict[str, Array],
+    url: str,
+    layout: Layout,
+) -> None:
+    """Connect, and send what does not change."""
+    groups = set(runs[0].plots(block))
+    plan = blueprint([each.root for each in runs], groups, TIMELINE, layout, live=True)
+    stream.connect_grpc(url, default_blueprint=plan)
+    for each in runs:
+        for entity, shape in (*each.fixed(), *each.styles(block)):
+            stream.log(entity, shape, static=True)

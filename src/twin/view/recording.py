@@ -1,19 +1,28 @@
-"""Runs sent to a Rerun stream: a file, a viewer, or whoever connects."""
+"""Recorded runs as an ``.rrd`` file, sent to a viewer, or as a picture of the view."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import rerun as rr
+from PIL import Image
+from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
 from twin.run.record import write_whole
 from twin.run.replay import Replay
 from twin.view.layout import Layout, blueprint
-from twin.view.streams import TIMELINE, Batch, Stream
+from twin.view.streams import TIMELINE, Batch, RunStream
+from twin.view.viewer import headless
 
 APPLICATION = "ballplate"
+SETTLE = 9.0
+"""Seconds after which the viewer has loaded everything and its notices have faded."""
+
+MENU = 36
+"""Height of the viewer's own menu, which is cut off."""
 
 
 def new_stream(name: str) -> rr.RecordingStream:
@@ -43,7 +52,7 @@ def write(path: Path, runs: Sequence[Replay], layout: Layout = "showing") -> Non
 def encoded(runs: Sequence[Replay], layout: Layout = "showing") -> bytes:
     """The content of an ``.rrd`` file of runs side by side.
 
-    It is made in memory, because the library's own file writer only logs that a disk is full.
+    Made in memory, because the library's own file writer only logs that a disk is full.
     """
     stream = new_stream(runs[0].name)
     memory = stream.memory_recording()
@@ -72,7 +81,7 @@ def forward(url: str, runs: Sequence[Replay], layout: Layout = "showing") -> Non
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout) -> None:
     together = len(runs) > 1
     streams = [
-        Stream(run.name, run.scenario, i if together else None) for i, run in enumerate(runs)
+        RunStream(run.name, run.scenario, i if together else None) for i, run in enumerate(runs)
     ]
     groups = {
         group for each, run in zip(streams, runs, strict=True) for group in each.plots(run.rows)
@@ -84,3 +93,34 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout
             stream.log(entity, shape, static=True)
         for batch in each.batches(run.rows):
             send(stream, batch)
+
+
+def screenshot(
+    recording: Path, picture: Path, at: float, size: tuple[int, int] = (1600, 900)
+) -> None:
+    """Save what the viewer shows of a recording.
+
+    Args:
+        recording: The ``.rrd`` file.
+        picture: The PNG file to write.
+        at: Simulated time in s to show.
+        size: Width and height in points.
+
+    Raises:
+        ViewError: If the viewer does not start.
+        RecordError: If the picture cannot be written.
+    """
+    with headless(recording, size) as viewer:
+        viewer.set_time(TIMELINE, duration=at, play_state="paused")
+        time.sleep(SETTLE)
+        write_whole(picture, lambda target: _take(viewer, target, size))
+
+
+def _take(viewer: ViewerClient, target: Path, size: tuple[int, int]) -> None:
+    """Save the viewer's window without its menu."""
+    viewer.save_screenshot(str(target.resolve()))
+    with Image.open(target) as large:
+        scale = large.width // size[0]
+        page = large.crop((0, scale * MENU, large.width, large.height)).convert("RGB")
+        small = page.resize((size[0], size[1] - MENU), Image.Resampling.LANCZOS)
+    small.save(target, optimize=True)

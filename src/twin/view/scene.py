@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import rerun as rr
+from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
-from twin.view.turns import about, rotate, to_rig
+from twin.view.signals import Colour
 
 _BOX, _CYLINDER, _CAPSULE = (
     mujoco.mjtGeom.mjGEOM_BOX,
@@ -67,7 +68,7 @@ class Scene:
         self.radius = float(ball.size[0])
         self._lift = float(ball.size[2]) if ball.size[2] > 0 else self.radius
 
-    def shapes(self, colour: tuple[int, int, int]) -> Iterator[tuple[str, rr.AsComponents]]:
+    def shapes(self, colour: Colour) -> Iterator[tuple[str, rr.AsComponents]]:
         """What does not change: entity and shape, to be logged once; the trail in a colour."""
         yield self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP
         model = self._model
@@ -118,8 +119,8 @@ class Scene:
             return rr.Cylinders3D(centers=centre, fill_mode=solid, **round_, **place)
         if kind == _CAPSULE:
             # a capsule of Rerun begins at its lower cap's centre, one of MuJoCo in its middle
-            turn = _matrix(model.geom_quat[i])
-            start = model.geom_pos[i] - size[1] * turn[:, 2]
+            turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
+            start = model.geom_pos[i] - size[1] * turn.as_matrix()[:, 2]
             long = {"lengths": [2 * size[1]], "radii": [size[0]]}
             return rr.Capsules3D(translations=[start], fill_mode=solid, **long, **place)
         return None
@@ -140,27 +141,28 @@ class Scene:
             body = model.body(name)
             axis = model.jnt_axis[int(body.jntadr[0])]
             poses[self._paths[body.id]] = Pose(
-                np.broadcast_to(body.pos, (count, 3)), about(axis, angle[name])
+                np.broadcast_to(body.pos, (count, 3)), about(axis, angle[name]).as_quat()
             )
         height = np.full(count, self.surface + self._lift)
         poses[self.ball] = Pose(np.stack((state[:, 0], state[:, 4], height), axis=1), roll)
         low = model.site("spring_base").pos
-        high = to_rig(np.broadcast_to(model.site("spring_plate").pos, (count, 3)), phi, theta)
+        high = plate_to_rig(phi, theta).apply(model.site("spring_plate").pos)
         poses[self.spring] = _between(low, high)
         return poses
 
     def wheels(self, state: Array, motor: Array) -> dict[str, tuple[Array, Array]]:
         """Where each wheel touches its cam and the direction of the push, rig axes, (K, 3).
 
-        The place is moved along the shaft to beside the wheel, where an arrow can be seen.
+        The place is moved along the shaft, off the wheel, where an arrow can be seen.
         """
         model, found = self._model, {}
+        tilt = plate_to_rig(state[:, 2], state[:, 6])
         for axis, turn in (("phi", motor[:, 0]), ("theta", motor[:, 1])):
             wheel, cam = model.geom(f"wheel_{axis}"), model.geom(f"cam_{axis}")
             body = model.body(f"motor_{axis}")
             spin = about(model.jnt_axis[int(body.jntadr[0])], turn)
-            middle = body.pos + rotate(spin, np.broadcast_to(cam.pos, (len(turn), 3)))
-            centre = to_rig(np.broadcast_to(wheel.pos, (len(turn), 3)), state[:, 2], state[:, 6])
+            middle = body.pos + spin.apply(cam.pos)
+            centre = tilt.apply(wheel.pos)
             way = centre - middle
             way[:, 1 if axis == "phi" else 0] = 0.0  # along the shaft nothing is pushed
             normal = way / np.linalg.norm(way, axis=1, keepdims=True)
@@ -171,6 +173,43 @@ class Scene:
                 place[:, 0] -= BESIDE
             found[axis] = place, normal
         return found
+
+
+def about(axis: Array, angle: Array) -> Rotation:
+    """Turns by angles (K,) in rad about a unit axis (3,)."""
+    return Rotation.from_rotvec(angle[:, None] * axis)
+
+
+def plate_to_rig(phi: Array, theta: Array) -> Rotation:
+    """Plate axes to rig axes, R = Rx(theta) Ry(phi) (4.5), for angles (K,) in rad."""
+    return Rotation.from_euler("XY", np.stack((theta, phi), axis=1))
+
+
+def rolled(turn: Array, position: Array, radius: float) -> Array:
+    """How a ball lies that rolls without slip along positions (K, 2), quaternions (K, 4).
+
+    A way d along the screen turns it by |d| / radius about the axis (-d_y, d_x, 0), in plate axes.
+    The first entry is ``turn``, the way it lay at the first position. Spin about the normal is not
+    seen in positions and so left out.
+    """
+    steps = np.diff(position, axis=0)
+    way = np.hypot(steps[:, 0], steps[:, 1])
+    safe = np.where(way > 0, way, 1.0)[:, None]
+    axis = np.stack((-steps[:, 1], steps[:, 0], np.zeros(len(way))), axis=1) / safe
+    half = way[:, None] / radius / 2
+    each = np.concatenate((np.sin(half) * axis, np.cos(half)), axis=1)
+    out = np.empty((len(position), 4))
+    out[0] = x, y, z, w = turn
+    for k, (a, b, c, d) in enumerate(each.tolist(), start=1):
+        x, y, z, w = (
+            d * x + a * w + b * z - c * y,
+            d * y - a * z + b * w + c * x,
+            d * z + a * y - b * x + c * w,
+            d * w - a * x - b * y - c * z,
+        )
+        out[k] = x, y, z, w
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return out
 
 
 def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
@@ -186,7 +225,7 @@ def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
         (np.stack((corner, below, below + 1), 1), np.stack((corner, below + 1, corner + 1), 1))
     )
     points = unit.reshape(-1, 3)
-    # each triangle has corners of its own, so that the colours meet in a sharp line
+    # triangles share no corners, so that the colours meet in a sharp line
     flat = points[quads].reshape(-1, 3)
     middle = np.repeat(points[quads].mean(axis=1), 3, axis=0)
     white, orange, dark = [248, 246, 238], [238, 120, 20], [25, 25, 25]
@@ -218,9 +257,3 @@ def _between(low: Array, high: Array) -> Pose:
     scale = np.ones_like(way)
     scale[:, 2] = length[:, 0]
     return Pose(np.broadcast_to(low, way.shape), turn, scale)
-
-
-def _matrix(quaternion: Array) -> Array:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)

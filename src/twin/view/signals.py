@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.hal.limits import Limits
 from twin.run.replay import motion_of
 
@@ -72,7 +71,7 @@ GROUPS = (
     Group("rate_deg_per_s", "plate rates [deg/s]"),
     Group("effort_rad_per_s2", "control effort: plate acceleration [rad/s²]"),
     Group("estimation_error_mm", "estimation error of the position [mm]"),
-    Group("delay_ms", "touch: age told by the screen, dead time simulated [ms]"),
+    Group("delay_ms", "touch: age reported by the screen, dead time simulated [ms]"),
     Group("timing_ms", "loop timing [ms]"),
     Group("wheel_force_N", "contact force of the wheels on their cams [N]"),
     Group("ball_force_N", "contact force of the ball on the screen [N]"),
@@ -94,8 +93,8 @@ def signals(
 
     Args:
         rows: Recorded columns, (K,) each.
-        reference: Wished ball position in m, shape (K, 2).
-        limits: What the rig may be told to do.
+        reference: Desired ball position in m, shape (K, 2).
+        limits: Limits of the rig's commands.
         dead_time: Dead time of the simulated screen, s.
     """
     state = motion_of(rows)
@@ -154,7 +153,7 @@ def signals(
 
 
 def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
-    """Applied accelerations, and a mark where a clamp made them less than was wished."""
+    """Applied accelerations, and a mark where a clamp made them less than requested."""
     applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
     plot = {"phi": Signal(applied[:, 0], BLUE), "theta": Signal(applied[:, 1], VERMILION)}
     cut = saturated(rows)
@@ -164,11 +163,11 @@ def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
     return plot
 
 
-def saturated(rows: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Where the applied accelerations (phi, theta) differ from the wished ones, shape (K, 2)."""
+def saturated(rows: Mapping[str, Array]) -> Mask:
+    """Where the applied accelerations (phi, theta) differ from the requested ones, shape (K, 2)."""
     applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
-    wished = _pair(rows, "wished_{}_acc", ("phi", "theta"))
-    return np.asarray(np.abs(applied - wished) > 1e-6 + 1e-6 * np.abs(wished))
+    requested = _pair(rows, "requested_{}_acc", ("phi", "theta"))
+    return np.asarray(np.abs(applied - requested) > 1e-6 + 1e-6 * np.abs(requested))
 
 
 def _pair(rows: Mapping[str, Array], pattern: str, names: str | tuple[str, str]) -> Array:

@@ -1,4 +1,4 @@
-"""From recorded rows to columns for Rerun: one stream a run, fed with blocks of rows."""
+"""From recorded rows to columns for Rerun: one stream per run, fed with blocks of rows."""
 
 from __future__ import annotations
 
@@ -14,22 +14,25 @@ from controllers.interfaces import Reference
 from twin.hal.cams import CamTable
 from twin.hal.states import State
 from twin.paths import model_path
-from twin.run.assemble import build_friction, build_limits, build_parts, build_reference
+from twin.run.assemble import build_limits
+from twin.run.control import build_reference
+from twin.run.plants import build_friction
 from twin.run.replay import columns, motion_of
 from twin.scenario.schema import Scenario
+from twin.settings import changed
 from twin.sim.plant.model import load_model
-from twin.view import plan
-from twin.view.scene import Scene
+from twin.sim.plant.parts import Parts
+from twin.view.scene import Scene, rolled
 from twin.view.signals import RUNS, Signal, signals, tinted
-from twin.view.turns import rolled
+from twin.view.top_view import fixed, in_view
 
 TIMELINE = "simulated time [s]"
 FRAMES = 50.0
-"""Poses and trails a second; the plots have every period."""
+"""Poses and trails per second; the plots have every period."""
 TRAIL = 3.0
-"""Seconds of the ball's way that its trail shows."""
+"""Seconds of the ball's path that its trail shows."""
 FORCE_SCALE = {"phi": 0.001, "theta": 0.001, "ball": 0.25}
-"""Metres of arrow a newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
+"""Metres of arrow per newton: a wheel bears some 50 N, the ball presses with 0.24 N."""
 COLOURS = {
     State.OFF: 0x757575FF,
     State.INITIALISING: 0x56B4E9FF,
@@ -48,7 +51,7 @@ class Batch(NamedTuple):
     columns: rr.ComponentColumnList
 
 
-class Stream:
+class RunStream:
     """One run as entities under its name.
 
     Args:
@@ -68,7 +71,7 @@ class Stream:
         self._reference: Reference = build_reference(scenario)
         self._limits = build_limits(scenario.rig.limits)
         self._scenario = scenario
-        model = load_model(parts=build_parts(scenario.plant))
+        model = load_model(parts=changed(Parts, scenario))
         self.scene = Scene(model, f"{self.root}/mechanism")
         self._cams = CamTable.from_file(model_path("cams.json"))
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
@@ -79,16 +82,16 @@ class Stream:
         self._marks: dict[str, bool] = {}
 
     def fixed(self) -> Iterator[tuple[str, rr.AsComponents]]:
-        """What does not change over the run: shapes, plan of the plate, reference path."""
+        """What does not change over the run: shapes, top view of the plate, reference path."""
         yield from self.scene.shapes(self._colour)
         times = np.linspace(0, self._scenario.duration, 2000)
         path = self._reference(times)[0]
-        friction = build_friction(self._scenario.plant)
+        friction = build_friction([self._scenario])
         surface = friction.map if friction is not None else None
-        yield from plan.fixed(
+        yield from fixed(
             f"{self.root}/plate_mm",
             path,
-            self._limits.area,
+            self._scenario.rig.limits.area,
             surface,
             colour=self._colour,
             label=None if self._among is None else self.name,
@@ -107,7 +110,7 @@ class Stream:
         )
 
     def batches(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
-        """A block of rows, of all columns equally many, as columns for the viewer."""
+        """A block of rows, shape (K,) per column, as columns for the viewer."""
         time = rows["time"]
         if len(time) == 0:
             return
@@ -115,7 +118,7 @@ class Stream:
         for group, plot in self.plots(rows).items():
             for name, signal in plot.items():
                 yield from self._plot(f"{self.root}/{group}/{name}", time, signal)
-        yield from self._told(rows)
+        yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
             frames = {name: column[keep] for name, column in rows.items()}
@@ -164,13 +167,13 @@ class Stream:
                 yield f"{self.root}/{group}/{name}", look
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
-        """Indices of the rows of which a picture is made, FRAMES a second."""
+        """Indices of the rows of which a picture is made, FRAMES per second."""
         slot = np.floor(time * FRAMES + 1e-6)
         first = slot > np.concatenate(([self._next_frame], slot[:-1]))
         self._next_frame = float(slot[-1])
         return np.flatnonzero(first)
 
-    def _told(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
+    def _states_and_events(self, rows: Mapping[str, Array]) -> Iterator[Batch]:
         """Supervisor states and events as they change."""
         time, state = rows["time"], rows["supervisor"].astype(int)
         changed = np.flatnonzero(np.diff(state, prepend=self._state))
@@ -181,13 +184,13 @@ class Stream:
             yield Batch(
                 f"{self.root}/supervisor", time[changed], rr.StateChange.columns(state=names)
             )
-        yes = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
+        active = {"ball off the screen's touch": rows.get("touched", np.ones(len(time))) < 0.5}
         for axis in ("phi", "theta"):
-            wished, applied = rows[f"wished_{axis}_acc"], rows[f"applied_{axis}_acc"]
-            yes[f"{axis} effort limited"] = np.abs(wished - applied) > 0.01
+            requested, applied = rows[f"requested_{axis}_acc"], rows[f"applied_{axis}_acc"]
+            active[f"{axis} effort limited"] = np.abs(requested - applied) > 0.01
             if f"wheel_{axis}_N" in rows:
-                yes[f"wheel {axis} lifted off its cam"] = rows[f"wheel_{axis}_N"] <= 0
-        for what, mask in yes.items():
+                active[f"wheel {axis} lifted off its cam"] = rows[f"wheel_{axis}_N"] <= 0
+        for what, mask in active.items():
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
             events += [(time[k], what) for k in began[:20]]
@@ -236,9 +239,9 @@ class Stream:
             yield Batch(
                 f"{self.root}/plate_mm/{name}",
                 time,
-                rr.Points2D.columns(positions=plan.seen(points)),
+                rr.Points2D.columns(positions=in_view(points)),
             )
-        strips = [plan.seen(trail) for trail in trails]
+        strips = [in_view(trail) for trail in trails]
         yield Batch(f"{self.root}/plate_mm/trail", time, rr.LineStrips2D.columns(strips=strips))
         high = self.scene.surface + 0.0015
         lifted = [np.column_stack((trail, np.full(len(trail), high))) for trail in trails]

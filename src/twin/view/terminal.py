@@ -1,4 +1,4 @@
-"""A run summed up on the terminal while it goes on, by a process of its own."""
+"""A live summary of a run on the terminal, printed by another process."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from dataclasses import dataclass, field
 import numpy as np
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from controllers.arrays import Array
 from twin.hal.states import State
-from twin.run.assemble import build_reference
+from twin.run.control import build_reference
 from twin.run.replay import motion_of
 from twin.scenario.schema import Scenario
-from twin.view.ring import Ring
-from twin.view.tap import Address, step_back
+from twin.view.live_process import Address, step_back
+from twin.view.shared_ring_buffer import SharedRingBuffer
 
 SHOWN_EVERY = 0.5
-"""Seconds between two pictures on a terminal; half a kilobyte each."""
+"""Seconds between two updates on a terminal; half a kilobyte each."""
 LINE_EVERY = 5.0
 """Seconds between two lines where there is no terminal."""
 
 
 @dataclass
 class Summary:
-    """What a person wants to know of a run while it goes on.
+    """The state of a run in progress, in a few words.
 
     Args:
         scenario: What is run.
@@ -61,13 +62,13 @@ class Summary:
         self.rows = {name: column[-1:] for name, column in rows.items()}
 
     def fields(self) -> dict[str, str]:
-        """Word to text, in the order of reading; empty before the first row."""
+        """Label to text, in the order of display; empty before the first row."""
         if not self.rows:
             return {}
         now = float(self.rows["time"][0]) + self.scenario.rig.period
         end = self.scenario.duration
         state = motion_of(self.rows)[0]
-        told = {
+        shown = {
             "progress": f"{now:.1f} of {end:g} s ({now / end:.0%})",
             "error": f"{1000 * self._error[-1]:.1f} mm (last second "
             f"{1000 * float(np.sqrt((self._error**2).mean())):.1f} mm RMS, "
@@ -78,24 +79,24 @@ class Summary:
         }
         spent = time.monotonic() - self._begun
         if spent > 0.5:
-            told["speed"] = f"{(now - self._first) / spent:.2g} x real time"
+            shown["speed"] = f"{(now - self._first) / spent:.2g} x real time"
         late = [name for name in self.rows if name.startswith("late")]
         if late:
-            told["timing"] = f"{1e6 * self.rows[late[0]][0]:.0f} us late"
+            shown["timing"] = f"{1e6 * self.rows[late[0]][0]:.0f} us late"
         if self.dropped:
-            told["missed"] = f"{self.dropped} rows by this summary; the record has them"
-        return told
+            shown["missed"] = f"{self.dropped} rows by this summary; the record has them"
+        return shown
 
 
-def work(ring_address: Address, scenario: Scenario) -> None:
+def work(buffer: Address, scenario: Scenario) -> None:
     """Print until the writer has ended, or is gone; the body of the process."""
     step_back()
     parent = os.getppid()
-    with closing(Ring(*ring_address)) as ring:
+    with closing(SharedRingBuffer(*buffer)) as ring:
         _print(ring, scenario, parent)
 
 
-def _print(ring: Ring, scenario: Scenario, parent: int) -> None:
+def _print(ring: SharedRingBuffer, scenario: Scenario, parent: int) -> None:
     summary = Summary(scenario)
     console = Console(stderr=True, highlight=False)
     every = SHOWN_EVERY if console.is_terminal else LINE_EVERY
@@ -107,13 +108,13 @@ def _print(ring: Ring, scenario: Scenario, parent: int) -> None:
                 rows = ring.take()
                 summary.take(dict(zip(ring.columns, rows.T, strict=True)))
                 summary.dropped = ring.dropped
-            told = summary.fields()
-            if told and console.is_terminal:
-                screen.update(_table(scenario.title, told), refresh=True)
-            elif told:
+            shown = summary.fields()
+            if shown and console.is_terminal:
+                screen.update(_table(scenario.title, shown), refresh=True)
+            elif shown:
                 line = ", ".join(
                     text if key != "error" else f"error {text}"
-                    for key, text in told.items()
+                    for key, text in shown.items()
                     if key != "plate"
                 )
                 sys.stderr.write(f"{line}\n")
@@ -123,15 +124,15 @@ def _print(ring: Ring, scenario: Scenario, parent: int) -> None:
             _wait(every, ring, parent)
 
 
-def _wait(seconds: float, ring: Ring, parent: int) -> None:
+def _wait(seconds: float, ring: SharedRingBuffer, parent: int) -> None:
     """Sleep, but not past the end of the run."""
     until = time.monotonic() + seconds
     while time.monotonic() < until and not ring.done and os.getppid() == parent:
         time.sleep(0.05)
 
 
-def _table(title: str, told: Mapping[str, str]) -> Table:
-    table = Table(title=title, title_justify="left", show_header=False, box=None)
-    for word, text in told.items():
+def _table(title: str, shown: Mapping[str, str]) -> Table:
+    table = Table(title=escape(title), title_justify="left", show_header=False, box=None)
+    for word, text in shown.items():
         table.add_row(f"[bold]{word}[/bold]", text)
     return table

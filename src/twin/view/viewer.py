@@ -1,4 +1,4 @@
-"""The viewer's program: started with usage reports off, on this machine only."""
+"""The viewer's program, started with usage reports off and reachable from this machine only."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from urllib.parse import quote
 from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
+
+NEEDS = "it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
 
 
 def program() -> Path:
@@ -73,7 +75,7 @@ def check_free(port: int) -> None:
 
 @dataclass(frozen=True)
 class Opened:
-    """A viewer's program that runs.
+    """A running viewer.
 
     Attributes:
         process: The program.
@@ -133,7 +135,7 @@ def headless(
         wait: Longest time in s for starting and for loading.
 
     Raises:
-        ViewError: If it does not start or does not load the file.
+        ViewError: If it does not start, does not load the file, or ends by itself.
     """
     port = free_port()
     viewer = _start(*_local(port), "--headless", "--window-size", f"{size[0]}x{size[1]}")
@@ -150,6 +152,8 @@ def headless(
                 raise ViewError(f"the viewer did not load {path} within {wait:g} s")
             time.sleep(0.1)
         yield client
+    except ConnectionError as error:
+        raise ViewError(f"the viewer ended by itself; {NEEDS}") from error
     finally:
         viewer.terminate()
         viewer.wait()
@@ -165,13 +169,11 @@ def _connect(viewer: subprocess.Popen[bytes], port: int, wait: float) -> ViewerC
             time.sleep(0.1)
         else:
             return client
-    raise ViewError(
-        "the viewer did not start; it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
-    )
+    raise ViewError(f"the viewer did not start; {NEEDS}")
 
 
 def _local(port: int) -> list[str]:
-    """The program, told to listen on this machine only."""
+    """The command that starts the viewer, listening on this machine only."""
     return [str(program()), "--bind", "127.0.0.1", "--port", str(port)]
 
 

@@ -3,24 +3,21 @@ import numpy as np
 import pytest
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, Watch
+from twin.devices.akd.conditions import DriveError
+from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import dictionary
-from twin.devices.akd.errors import DriveError
 from twin.devices.akd.network import Network
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_rehearsal import Rehearsal
-from twin.emulator.can_serve import Served
-from twin.emulator.can_virtual import VirtualPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.lockstep import LockstepDrives
 
 
 @pytest.fixture
 def rig():
-    with Rehearsal() as rehearsal:
-        yield rehearsal
+    with LockstepDrives() as rig:
+        yield rig
 
 
 def refused(rig, condition):
@@ -115,7 +112,7 @@ def test_signs_and_gear_of_the_configuration_hold_for_command_and_measurement():
         AxisConfig(name="phi", node=1, motor_sign=-1, gear=2.0),
         AxisConfig(name="theta", node=2, plate_sign=-1),
     )
-    with Rehearsal(AkdConfig(axes=axes)) as rig:
+    with LockstepDrives(AkdConfig(axes=axes)) as rig:
         rig.enabled()
         rig.run(0.3, lambda _: (1.0, 1.0))
         assert rig.drives[0].rate == pytest.approx(-2.0, rel=1e-3)
@@ -138,7 +135,7 @@ def test_the_age_counts_from_the_sync_that_sampled(rig):
     rig.enabled()
     rig.servos.receive()
     np.testing.assert_allclose(rig.servos.age(), 0.002, atol=1e-9)
-    assert rig.servos.cycle.of_data == (rig.servos.cycle.sent,) * 2
+    assert rig.servos.cycles.of_data == (rig.servos.cycles.sent,) * 2
 
 
 def test_plate_encoders_may_be_another_device():
@@ -155,7 +152,7 @@ def test_plate_encoders_may_be_another_device():
         def faults(self):
             return ()
 
-    rig = Rehearsal()
+    rig = LockstepDrives()
     rig.servos = AkdServos(
         rig.config,
         plate=Card(),
@@ -244,7 +241,7 @@ def test_the_vendor_s_eds_file_does_as_well_as_the_built_in_dictionary(tmp_path)
     eds = tmp_path / "akd.eds"
     with eds.open("w") as file:
         canopen.export_od(dictionary(1), file, doc_type="eds")
-    with Rehearsal(AkdConfig(eds=eds)) as rig:
+    with LockstepDrives(AkdConfig(eds=eds)) as rig:
         rig.enabled()
         assert rig.servos.enabled
         store = rig.drives[0].store
@@ -255,33 +252,10 @@ def test_the_vendor_s_eds_file_does_as_well_as_the_built_in_dictionary(tmp_path)
 def test_a_file_that_is_no_eds_is_refused_in_one_line(rig, tmp_path, text):
     eds = tmp_path / "bad.eds"
     eds.write_text(text)
-    with Rehearsal(AkdConfig(eds=eds)) as other:
+    with LockstepDrives(AkdConfig(eds=eds)) as other:
         assert "bad.eds" in refused(other, c.WRONG_SETTING)
 
 
 def test_a_missing_eds_is_refused_in_one_line(tmp_path):
-    with Rehearsal(AkdConfig(eds=tmp_path / "none.eds")) as rig:
+    with LockstepDrives(AkdConfig(eds=tmp_path / "none.eds")) as rig:
         assert "No such file" in refused(rig, c.WRONG_SETTING)
-
-
-@pytest.mark.real_time
-def test_the_same_works_over_python_can_in_real_time():
-    drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
-    bus = EmulatedBus(drives)
-    with VirtualPort(bus, "bring-up") as port, Served(bus, port) as served:
-        # Patient, because the machine that runs the tests may be busy.
-        channel = BusConfig(interface="virtual", channel="bring-up")
-        config = AkdConfig(bus=channel, silence=0.5, answer=5.0, watch=Watch(stale=50, unsteady=51))
-        servos = AkdServos(config)
-        servos.start()
-        servos.enable()
-        for _ in range(200):
-            servos.exchange()
-            servos.settle(0.002)
-            if servos.enabled:
-                break
-        assert servos.enabled
-        servos.stop()
-        with served.lock:
-            assert [drive.state for drive in drives] == [Power.SWITCH_ON_DISABLED] * 2
-            assert [drive.fault_numbers for drive in drives] == [(), ()]

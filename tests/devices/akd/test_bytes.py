@@ -6,12 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.devices.akd import cia402, frames
-from twin.devices.akd.axis import Counter
-from twin.devices.akd.cia402 import State, Wish
-from twin.devices.akd.config import AkdConfig, AxisConfig, unconfirmed
-from twin.devices.akd.enquiry import Enquiry, Question
-from twin.devices.akd.scaling import RPM, Scale, difference
-from twin.devices.akd.stream import Stream, Tally
+from twin.devices.akd.axis import EncoderCounter, PdoCycleStats, PdoTracker, difference
+from twin.devices.akd.cia402 import AxisRequest, DriveState
+from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
+from twin.devices.akd.sdo_poll import SdoReader, SdoRequest, SdoResponse
 from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
@@ -58,119 +56,182 @@ def test_a_step_over_the_wrap_is_seen_as_the_step_it_is(start, step):
 
 @given(st.lists(st.integers(-1000, 1000), max_size=60), INT32)
 def test_a_counter_adds_up_across_wraps(steps, start):
-    counter = Counter(AXIS.position, 100.0, 0.01)
+    counter = EncoderCounter(AXIS.position, 100.0, 0.01)
     raw = start
-    counter.take(raw, 0.002)
+    counter.update(raw, 0.002)
     for step in steps:
         raw = (raw + step + 2**31) % 2**32 - 2**31
-        counter.take(raw, 0.002)
+        counter.update(raw, 0.002)
     assert counter.counts == start + sum(steps)
     assert not counter.jump
 
 
 def test_a_counter_leaves_out_a_jump_and_the_jump_back():
-    counter = Counter(AXIS.position, 10.0, 0.01)
+    counter = EncoderCounter(AXIS.position, 10.0, 0.01)
     for raw in (0, 100, 900_000, 200):
-        counter.take(raw, 0.002)
+        counter.update(raw, 0.002)
     assert counter.counts == 100
     assert counter.jump == 200 - 900_000
 
 
 @given(st.binary(max_size=12))
 def test_decoders_take_any_bytes(data):
-    motion = frames.motion(data)
-    assert (motion is None) == (len(data) != 7)
-    assert (frames.sensors(data, True) is None) == (len(data) != 8)
-    assert (frames.sensors(data, False) is None) == (len(data) != 4)
-    assert frames.emergency(data).short == (len(data) < 8)
-    assert isinstance(frames.emergency(data).words, str)
-    assert (frames.nmt_state(data) is None) == (len(data) != 1)
+    assert (frames.decode_tpdo1(data) is None) == (len(data) != 7)
+    assert (frames.decode_tpdo2(data, True) is None) == (len(data) != 8)
+    assert (frames.decode_tpdo2(data, False) is None) == (len(data) != 4)
+    assert frames.decode_emergency(data).short == (len(data) < 8)
+    assert (frames.decode_nmt_state(data) is None) == (len(data) != 1)
 
 
-@given(st.binary(max_size=10))
-def test_an_enquiry_takes_any_answer(data):
-    enquiry = Enquiry(0.1)
-    enquiry.ask(Question(1, 0x1016, 1))
-    enquiry.next(0.0)
-    enquiry.take(1, data)
+@given(st.binary(max_size=12))
+def test_the_words_of_an_emergency_are_one_printable_line_that_begins_with_its_code(data):
+    words = frames.decode_emergency(data).words
+    code = f"{int.from_bytes(data[:2], 'little'):04X}h" if len(data) >= 2 else "no code"
+    assert words.startswith(code)
+    assert words.isprintable()
+
+
+def reading():
+    """A reader whose request for 1016h:1 of node 1 is on the wire since 0 s."""
+    reader = SdoReader(0.1)
+    reader.request(SdoRequest(1, 0x1016, 1))
+    assert reader.next_frame(0.0) == (0x601, bytes.fromhex("4016100100000000"))
+    return reader
+
+
+HEADERS = st.builds(
+    lambda command, sub: bytes((command, 0x16, 0x10, sub)),
+    st.sampled_from([0x43, 0x47, 0x4B, 0x4F, 0x80, 0x40, 0x41, 0x60]) | st.integers(0, 255),
+    st.sampled_from([1, 1, 1, 0, 2]),
+)
+ANSWERS = st.builds(bytes.__add__, HEADERS, st.binary(min_size=4, max_size=4))
+
+
+@given(ANSWERS | st.binary(max_size=10))
+def test_any_answer_ends_the_request_it_answers_and_no_other(data):
+    reader = reading()
+    response = reader.receive(1, data)
+    answered = len(data) == 8 and data[1:4] == b"\x16\x10\x01"
+    sizes = {0x43: 4, 0x47: 3, 0x4B: 2, 0x4F: 1, 0x80: 4}  # CiA 301: 4 - n, and an abort's code
+    if answered and data[0] in sizes:
+        value = int.from_bytes(data[4 : 4 + sizes[data[0]]], "little")
+        assert response == SdoResponse(SdoRequest(1, 0x1016, 1), value, data[0] == 0x80)
+        assert reader.idle
+        assert reader.expired(1.0) is None
+    else:
+        assert response is None
+        assert not reader.idle
+        assert reader.expired(0.1) is None
+        assert reader.expired(0.11) == SdoRequest(1, 0x1016, 1)
+        assert reader.idle
+
+
+def test_an_answer_of_another_node_answers_nothing():
+    reader = reading()
+    assert reader.receive(2, bytes.fromhex("4316100100000000")) is None
+    assert not reader.idle
+
+
+def test_one_request_is_on_the_wire_at_a_time():
+    reader = reading()
+    reader.request(SdoRequest(2, 0x2001, 1))
+    assert reader.next_frame(0.01) is None
+    reader.receive(1, bytes.fromhex("4316100100000000"))
+    assert reader.next_frame(0.02) == (0x602, bytes.fromhex("4001200100000000"))
 
 
 def test_rpdo1_is_control_word_and_target_velocity():
-    assert frames.target(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
+    assert frames.encode_rpdo1(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
 
 
 def test_tpdo1_is_status_word_mode_and_position():
-    assert frames.motion(bytes.fromhex("3702 03 00001000")) == (0x0237, 3, 1 << 20)
+    assert frames.decode_tpdo1(bytes.fromhex("3702 03 00001000")) == (0x0237, 3, 1 << 20)
 
 
 def test_tpdo2_is_velocity_and_plate_encoder():
-    assert frames.sensors(bytes.fromhex("4d250000 ffffffff"), True) == (9549, -1)
+    assert frames.decode_tpdo2(bytes.fromhex("4d250000 ffffffff"), True) == (9549, -1)
 
 
 def test_the_emergency_of_the_manual_is_a_hot_heat_sink():
-    message = frames.emergency(bytes.fromhex("1043080100000000"))
+    message = frames.decode_emergency(bytes.fromhex("1043080100000000"))
     assert (message.code, message.register, message.short) == (0x4310, 0x08, False)
     assert "heat sink hot" in message.words
 
 
 def test_the_fault_number_in_an_emergency_is_read_as_text():
-    assert frames.emergency(b"\x30\x81\x01F129\0").words == "8130h heartbeat or life guard F129"
+    message = frames.decode_emergency(b"\x30\x81\x01F129\0")
+    assert message.words == "8130h heartbeat or life guard F129"
 
 
-@given(st.integers(0, 0xFFFF))
-def test_every_status_word_has_a_state(status):
-    expected = {0x00: State.NOT_READY, 0x40: State.SWITCH_ON_DISABLED}
-    expected |= {0x08: State.FAULT, 0x0F: State.FAULT_REACTION}
-    narrow = {0x21: State.READY, 0x23: State.SWITCHED_ON}
-    narrow |= {0x27: State.OPERATION_ENABLED, 0x07: State.QUICK_STOP}
-    truth = expected.get(status & 0x4F, narrow.get(status & 0x6F, State.UNKNOWN))
-    assert cia402.state(status) is truth
+PRINTED = {
+    "xxxx xxxx x0xx 0000": DriveState.NOT_READY,
+    "xxxx xxxx x1xx 0000": DriveState.SWITCH_ON_DISABLED,
+    "xxxx xxxx x01x 0001": DriveState.READY,
+    "xxxx xxxx x01x 0011": DriveState.SWITCHED_ON,
+    "xxxx xxxx x01x 0111": DriveState.OPERATION_ENABLED,
+    "xxxx xxxx x00x 0111": DriveState.QUICK_STOP,
+    "xxxx xxxx x0xx 1111": DriveState.FAULT_REACTION,
+    "xxxx xxxx x0xx 1000": DriveState.FAULT,
+}
+"""Status words as CiA 402 prints them, bit 15 first; x is either."""
+
+
+def matches(pattern, word):
+    bits = pattern.replace(" ", "")
+    fixed = int(bits.replace("0", "1").replace("x", "0"), 2)
+    return word & fixed == int(bits.replace("x", "0"), 2)
+
+
+def test_every_status_word_means_the_state_that_cia_402_prints():
+    for status in range(1 << 16):
+        printed = [state for pattern, state in PRINTED.items() if matches(pattern, status)]
+        assert [cia402.state(status)] == (printed or [DriveState.UNKNOWN])
 
 
 @pytest.mark.parametrize(
-    ("now", "wish", "word"),
+    ("now", "request_", "word"),
     [
-        (State.SWITCH_ON_DISABLED, Wish.ON, 0x06),
-        (State.READY, Wish.ON, 0x07),
-        (State.SWITCHED_ON, Wish.ON, 0x0F),
-        (State.OPERATION_ENABLED, Wish.ON, 0x0F),
-        (State.OPERATION_ENABLED, Wish.QUICK_STOP, 0x02),
-        (State.QUICK_STOP, Wish.QUICK_STOP, 0x02),
-        (State.OPERATION_ENABLED, Wish.OFF, 0x07),
-        (State.SWITCHED_ON, Wish.OFF, 0x06),
-        (State.READY, Wish.OFF, 0x00),
+        (DriveState.SWITCH_ON_DISABLED, AxisRequest.ENABLE, 0x06),
+        (DriveState.READY, AxisRequest.ENABLE, 0x07),
+        (DriveState.SWITCHED_ON, AxisRequest.ENABLE, 0x0F),
+        (DriveState.OPERATION_ENABLED, AxisRequest.ENABLE, 0x0F),
+        (DriveState.OPERATION_ENABLED, AxisRequest.QUICK_STOP, 0x02),
+        (DriveState.QUICK_STOP, AxisRequest.QUICK_STOP, 0x02),
+        (DriveState.OPERATION_ENABLED, AxisRequest.DISABLE, 0x07),
+        (DriveState.SWITCHED_ON, AxisRequest.DISABLE, 0x06),
+        (DriveState.READY, AxisRequest.DISABLE, 0x00),
     ],
 )
-def test_the_control_word_takes_one_transition_towards_the_wish(now, wish, word):
-    assert cia402.control(now, wish) == word
+def test_the_control_word_takes_one_transition_towards_the_request(now, request_, word):
+    assert cia402.control_word(now, request_) == word
 
 
-@pytest.mark.parametrize("wish", Wish)
-@pytest.mark.parametrize("now", State)
-def test_no_wish_ever_resets_a_fault(now, wish):
-    assert not cia402.control(now, wish) & 0x80
+@pytest.mark.parametrize("request_", AxisRequest)
+@pytest.mark.parametrize("now", DriveState)
+def test_no_request_ever_resets_a_fault(now, request_):
+    assert not cia402.control_word(now, request_) & 0x80
 
 
 def test_a_frame_each_cycle_is_regular():
-    stream = Stream()
+    pdo = PdoTracker()
     for cycle in range(1, 6):
-        stream.arrive(cycle)
-        assert stream.close() == Tally(False, 0, 0)
+        pdo.arrive(cycle)
+        assert pdo.close() == PdoCycleStats(False, 0, 0)
 
 
 def test_a_frame_that_comes_a_cycle_later_is_late():
-    stream = Stream()
-    assert stream.close() == Tally(True, 0, 0)
-    stream.arrive(2)
-    stream.arrive(2)
-    assert stream.close() == Tally(False, 1, 0)
+    pdo = PdoTracker()
+    assert pdo.close() == PdoCycleStats(True, 0, 0)
+    pdo.arrive(2)
+    pdo.arrive(2)
+    assert pdo.close() == PdoCycleStats(False, 1, 0)
 
 
 def test_a_second_frame_that_nobody_owed_belongs_to_no_cycle():
-    stream = Stream()
-    stream.arrive(1)
-    stream.arrive(1)
-    assert stream.close() == Tally(False, 0, 1)
+    pdo = PdoTracker()
+    pdo.arrive(1)
+    pdo.arrive(1)
+    assert pdo.close() == PdoCycleStats(False, 0, 1)
 
 
 def test_what_is_not_confirmed_is_listed_with_its_source():

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd.cia402 import State
+from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.errors import DriveError
-from twin.emulator.can_rehearsal import Rehearsal, still
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.lockstep import LockstepDrives, still
 from twin.hal.faults import Severity
 from twin.safety import drive_causes as cause_of
 from twin.safety.drive_causes import CASES, TPDO1
@@ -27,12 +27,12 @@ def turn(_):
 
 @pytest.fixture
 def rig():
-    with Rehearsal() as rehearsal:
-        rehearsal.enabled()
-        rehearsal.run(0.2, swing)
-        assert rehearsal.servos.enabled
-        assert not rehearsal.seen
-        yield rehearsal
+    with LockstepDrives() as rig:
+        rig.enabled()
+        rig.run(0.2, swing)
+        assert rig.servos.enabled
+        assert not rig.seen
+        yield rig
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_a_command_that_is_no_number_stops_at_once(rig):
 
 def test_nothing_is_reported_while_the_position_wraps():
     drives = [EmulatedDrive(DriveSettings(node=n, start_counts=2**31 - 5000)) for n in (1, 2)]
-    with Rehearsal(drives=drives) as rig:
+    with LockstepDrives(drives=drives) as rig:
         rig.enabled()
         begin = rig.servos.motor()
         assert not rig.run(0.5, lambda _: (1.0, 1.0))
@@ -110,7 +110,7 @@ def test_an_isolated_missing_frame_does_not_stop_the_rig_but_its_age_shows(rig):
 def test_the_other_drive_stops_too_when_one_falls_silent(rig):
     rig.bus.faults.silence(2)
     rig.run(0.2, turn)
-    assert rig.servos.axes[0].state is not State.OPERATION_ENABLED
+    assert rig.servos.axes[0].state is not DriveState.OPERATION_ENABLED
     assert rig.drives[0].rate == 0
 
 
@@ -229,7 +229,7 @@ def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
 
 def test_a_lower_limit_in_the_drive_holds_whatever_is_sent():
     config = AkdConfig(rate_limit=0.5)
-    with Rehearsal(config) as rig:
+    with LockstepDrives(config) as rig:
         rig.enabled()
         rig.servos.config = replace(config, rate_limit=8.0)
         rig.run(0.05, lambda _: (3.0, 0.0))

@@ -5,9 +5,9 @@ import random
 import pytest
 
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.detect import DECODERS, Detector
-from twin.devices.lumio.gate import Gate
-from twin.devices.lumio.intake import Intake
+from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.protocols import DECODERS
+from twin.devices.lumio.stream import Detector, TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 from twin.sim.plant.exact import SCREEN
 
@@ -50,19 +50,19 @@ def test_nearly_all_whole_packets_of_a_damaged_stream_are_recovered(protocol):
 @pytest.mark.parametrize("name", ["auto", *sorted(DECODERS)])
 def test_random_bytes_of_any_kind_never_raise_nor_leave_the_screen(name):
     dice = random.Random(12)
-    intake = Intake(name, 1000.0, Calibration.nominal(), Gate())
+    touch_stream = TouchStream(name, 1000.0, Calibration.nominal(), PlausibilityLimits())
     marks = b"\x31\x30\x55\x54\x01\x0d\xc0\x80\x00\xff"
     time = 0.0
     for _ in range(PACKETS):
         size = dice.randrange(40)
         data = bytes(dice.choice(marks) for _ in range(size)) if dice.random() < 0.5 else b""
-        intake.take(time, data or dice.randbytes(size))
+        touch_stream.take(time, data or dice.randbytes(size))
         time += dice.choice((0.0005, 0.004, 0.017, 0.2))
-        if intake.sample is not None:
-            x, y = intake.sample.position
+        if touch_stream.sample is not None:
+            x, y = touch_stream.sample.position
             assert abs(x) <= SCREEN[0] / 2 + 1e-12
             assert abs(y) <= SCREEN[1] / 2 + 1e-12
-        intake.faults()
+        touch_stream.faults()
 
 
 @pytest.mark.parametrize("protocol", list(Protocol))
@@ -83,8 +83,8 @@ def test_the_protocol_is_detected_from_any_offset_and_never_taken_for_another(pr
 @pytest.mark.parametrize("protocol", list(Protocol))
 def test_a_rolling_ball_is_never_placed_far_from_the_truth_by_damaged_bytes(protocol):
     dice = random.Random(14)
-    calibration, gate = Calibration.nominal(), Gate()
-    intake = Intake(protocol.value, 1e6, calibration, gate)
+    calibration, limits = Calibration.nominal(), PlausibilityLimits()
+    touch_stream = TouchStream(protocol.value, 1e6, calibration, limits)
     worst, x, step = 0.0, 0.0, 0.3 * FRAME
     for frame in range(PACKETS // 4):
         x += step
@@ -95,9 +95,9 @@ def test_a_rolling_ball_is_never_placed_far_from_the_truth_by_damaged_bytes(prot
             packet = packet[: dice.randrange(1, len(packet))]
         if dice.random() < 0.05:
             packet += dice.randbytes(dice.randrange(1, 12))
-        intake.take(frame * FRAME, packet)
-        sample = intake.sample
+        touch_stream.take(frame * FRAME, packet)
+        sample = touch_stream.sample
         if sample is not None and sample.time == frame * FRAME:
             worst = max(worst, abs(sample.position[0] - x), abs(sample.position[1] - 0.05))
-    # What passes the gate lies within its reach of the last position, after at most two misses.
-    assert worst <= gate.slack + gate.speed * 3 * FRAME + 0.3 * FRAME
+    # What passes the limits lies within its reach of the last position, after at most two misses.
+    assert worst <= limits.slack + limits.speed * 3 * FRAME + 0.3 * FRAME

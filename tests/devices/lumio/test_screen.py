@@ -12,10 +12,9 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.presence import TouchState
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.transports import ScreenError
-from twin.emulator.screen import EmulatedScreen
+from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
-from twin.emulator.screen_line import ScreenLine
 
 pytestmark = pytest.mark.real_time
 

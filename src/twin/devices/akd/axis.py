@@ -1,41 +1,63 @@
-"""One servo axis as the host sees it: newest data, and the control word that follows from them."""
+"""One servo axis as the host sees it: its newest data, and the control word that follows.
+
+A PDO carries no number, so its frames are counted: every SYNC owes one. A frame too many pays a
+debt of the last cycles (late) or belongs to no SYNC at all (surplus). A PDO that lags by exactly
+one period for good looks like one that was lost once; only its first cycle shows it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.arrays import Array
 from twin.devices.akd import cia402, frames
-from twin.devices.akd.cia402 import State, Wish
-from twin.devices.akd.config import AxisConfig
-from twin.devices.akd.scaling import Scale, difference
-from twin.devices.akd.stream import Stream
+from twin.devices.akd.cia402 import AxisRequest, DriveState
+from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
+from twin.hal.faults import Fault
 
-_TORQUE = {State.OPERATION_ENABLED, State.QUICK_STOP, State.UNKNOWN}
-_PATIENCE = 8
+_TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
+_RESET_CYCLES = 8
 """Cycles for which a request to reset stands."""
-_STILL = 0.01
-"""Motor rate in rad/s that counts as rest."""
+_STANDSTILL = 0.01
+"""Motor rate in rad/s that counts as standstill."""
+_OWED_CYCLES = 25
+"""Cycles after which a missing frame is no longer expected."""
 
 
-class Counter:
+def difference(new: int, old: int) -> int:
+    """Motion of a signed 32-bit counter, the shorter way round its wrap, in counts."""
+    return (new - old + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+class EncoderCounter:
     """A 32-bit position counter, unwrapped; implausible steps are left out.
 
     Args:
         scale: Counts to rad.
-        speed: Fastest motion taken for real, rad/s.
-        slack: Motion that is always taken for real, rad.
+        speed: Fastest plausible motion, rad/s.
+        slack: Motion that is always plausible, rad.
     """
 
     def __init__(self, scale: Scale, speed: float, slack: float) -> None:
         self.scale = scale
         self.counts = 0
-        """Position without wraps and jumps; starts at what the drive says first."""
+        """Position without wraps and jumps; starts at the first value of the drive."""
         self.jump = 0
-        """Last step that was left out, in counts; whoever notes it sets it back to 0."""
+        """Last step that was left out, in counts; whoever reports it sets it back to 0."""
         self._speed = abs(speed / scale.unit)
         self._slack = abs(slack / scale.unit)
         self._raw: int | None = None
 
-    def take(self, raw: int, elapsed: float) -> int:
-        """Take in the drive's counter; elapsed: s since the last; the step taken, in counts."""
+    @property
+    def angle(self) -> float:
+        """Position in rad."""
+        return self.scale.value(self.counts)
+
+    def update(self, raw: int, elapsed: float) -> int:
+        """Take in the drive's counter, s after the last time; return the step in counts."""
         if self._raw is None:
             self.counts = self._raw = raw
             return 0
@@ -48,84 +70,172 @@ class Counter:
         return step
 
 
+class PdoCycleStats(NamedTuple):
+    """Frames of one PDO in one cycle: whether missing, how many late, how many of no cycle."""
+
+    missing: bool
+    late: int
+    surplus: int
+
+
+class PdoTracker:
+    """Counts the frames of one PDO per SYNC."""
+
+    def __init__(self) -> None:
+        self.cycle = 0
+        """SYNC that the newest frame answers; 0 before the first."""
+        self.missed = 0
+        """Cycles in a row without a frame."""
+        self.doubled = 0
+        """Cycles in a row with surplus frames."""
+        self._arrived = 0
+        self._owed = 0
+        self._since = 0
+
+    def arrive(self, cycle: int) -> None:
+        """Count a frame that arrives after this SYNC and before the next."""
+        self.cycle = cycle
+        self._arrived += 1
+
+    def close(self) -> PdoCycleStats:
+        """Judge the cycle before the next SYNC is sent."""
+        arrived, self._arrived = self._arrived, 0
+        self._since += 1
+        if self._since > _OWED_CYCLES:
+            self._owed = 0
+        if not arrived:
+            self.missed += 1
+            self._owed += 1
+            self._since = 0
+            self.doubled = 0
+            return PdoCycleStats(missing=True, late=0, surplus=0)
+        late = min(arrived - 1, self._owed)
+        self._owed -= late
+        surplus = arrived - 1 - late
+        self.missed = 0
+        self.doubled = self.doubled + 1 if surplus else 0
+        return PdoCycleStats(missing=False, late=late, surplus=surplus)
+
+
 class Axis:
-    """A drive's newest data, its state, and what it is to do.
+    """A drive's newest data, its state, and what is requested of it.
 
     Args:
         config: The axis.
-        motor: Counter of the motor encoder.
-        plate: Counter of the plate encoder, None if it is not read through the drive.
+        drives: Thresholds of what is plausible.
+        with_plate: Whether the plate encoder is read through the drive.
+        at: Time in s from which its heartbeat is awaited.
     """
 
-    def __init__(self, config: AxisConfig, motor: Counter, plate: Counter | None) -> None:
+    def __init__(
+        self, config: AxisConfig, drives: AkdConfig, *, with_plate: bool, at: float
+    ) -> None:
+        limits = drives.watch
         self.config = config
-        self.motor = motor
-        self.plate = plate
-        self.motion = Stream()
-        self.sensors = Stream()
+        self.motor = EncoderCounter(
+            config.position, limits.jump * drives.rate_limit, limits.slack[0]
+        )
+        self.plate: EncoderCounter | None = None
+        if with_plate:
+            self.plate = EncoderCounter(config.plate, limits.plate_rate, limits.slack[1])
+        self.tpdo1, self.tpdo2 = PdoTracker(), PdoTracker()
         self.sampled = -float("inf")
         """Time in s of the SYNC that sampled the motor position."""
         self.plate_sampled = -float("inf")
         self.status: int | None = None
         """Status word; None before the first."""
-        self.state = State.UNKNOWN
+        self.state = DriveState.UNKNOWN
         self.mode: int | None = None
         self.rate = 0.0
         """Measured motor rate at the cam shaft, rad/s."""
         self.nmt: int | None = None
-        self.heartbeat = 0.0
+        self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
         self.booted = False
-        """Whether the drive has said since the start that it booted."""
+        """Whether a boot-up message of the drive has arrived since the start."""
         self.emergencies: list[frames.Emergency] = []
         """The newest emergency messages, at most 16."""
-        self.wish = Wish.OFF
+        self.request = AxisRequest.DISABLE
         self.target = 0.0
         """Rate to be sent while operation is enabled, rad/s at the cam shaft."""
         self.sent = 0.0
         """Rate sent last, rad/s."""
-        self._asked = 0
+        self._reset_cycles = 0
 
     @property
     def enabled(self) -> bool:
         """Whether the drive follows its target."""
-        return self.state is State.OPERATION_ENABLED and self.wish is Wish.ON
+        return self.state is DriveState.OPERATION_ENABLED and self.request is AxisRequest.ENABLE
 
-    def take_motion(self, data: frames.Motion, cycle: int, at: float) -> int:
-        """Take in TPDO1 that answers a SYNC sent at a time in s; the step in counts."""
-        step = self.motor.take(data.position, at - self.sampled)
+    def update_motion(self, data: frames.MotionPdo, cycle: int, at: float) -> int:
+        """Take in TPDO1 that answers a SYNC sent at a time in s; return the step in counts."""
+        step = self.motor.update(data.position, at - self.sampled)
         self.status, self.mode = data.status, data.mode
         self.state = cia402.state(data.status)
         self.sampled = at
-        self.motion.arrive(cycle)
+        self.tpdo1.arrive(cycle)
         return step
 
-    def take_sensors(self, data: frames.Sensors, cycle: int, at: float) -> int:
-        """Take in TPDO2 that answers a SYNC sent at a time in s; the plate's step in counts."""
+    def update_feedback(self, data: frames.FeedbackPdo, cycle: int, at: float) -> int:
+        """Take in TPDO2 that answers a SYNC sent at a time in s; return the plate's step."""
         step = 0
         if self.plate is not None and data.plate is not None:
-            step = self.plate.take(data.plate, at - self.plate_sampled)
+            step = self.plate.update(data.plate, at - self.plate_sampled)
         self.rate = self.config.velocity.value(data.velocity)
         self.plate_sampled = at
-        self.sensors.arrive(cycle)
+        self.tpdo2.arrive(cycle)
         return step
 
-    def settle_stop(self) -> None:
-        """End a quick stop that has brought the drive out of operation, or to rest."""
-        resting = self.state is State.QUICK_STOP and abs(self.rate) < _STILL
-        if self.wish is Wish.QUICK_STOP and (resting or self.state not in _TORQUE):
-            self.wish = Wish.OFF
+    def finish_quick_stop(self) -> None:
+        """End a quick stop that has brought the drive out of operation, or to standstill."""
+        resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _STANDSTILL
+        if self.request is AxisRequest.QUICK_STOP and (resting or self.state not in _TORQUE):
+            self.request = AxisRequest.DISABLE
 
-    def ask_reset(self) -> None:
-        """Ask for one rising edge of the reset bit, if the drive is, or soon shows, in fault."""
-        self._asked = _PATIENCE
+    def request_reset(self) -> None:
+        """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault."""
+        self._reset_cycles = _RESET_CYCLES
 
-    def output(self) -> bytes:
-        """RPDO1 for now: one transition further towards the wish at most."""
-        control = cia402.control(self.state, self.wish)
-        if self._asked and self.state is State.FAULT:
+    def next_rpdo1(self) -> bytes:
+        """RPDO1 of this cycle: at most one transition further towards the request."""
+        control = cia402.control_word(self.state, self.request)
+        if self._reset_cycles and self.state is DriveState.FAULT:
             # The first cycle has no reset bit yet, so that there is an edge.
-            control = cia402.DISABLE_VOLTAGE if self._asked == _PATIENCE else cia402.RESET
-        self._asked = max(0, self._asked - 1)
+            first = self._reset_cycles == _RESET_CYCLES
+            control = cia402.DISABLE_VOLTAGE if first else cia402.RESET
+        self._reset_cycles = max(0, self._reset_cycles - 1)
         self.sent = self.target if self.enabled else 0.0
-        return frames.target(control, self.config.velocity.counts32(self.sent))
+        return frames.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
+
+
+class DriveEncoders:
+    """Plate encoders wired to the drives; a `PlateEncoders`.
+
+    Args:
+        axes: Gives the axes as they are now, phi then theta.
+        now: Monotonic time in s.
+    """
+
+    def __init__(self, axes: Callable[[], tuple[Axis, ...]], now: Callable[[], float]) -> None:
+        self._axes = axes
+        self._now = now
+        self._zero = np.zeros((1, 2))
+
+    def plate(self) -> Array:
+        """Newest plate angles in rad, shape (1, 2)."""
+        return self._angles() - self._zero
+
+    def age(self) -> Array:
+        """Seconds since the SYNC that sampled them, shape (1, 2); inf before the first."""
+        return self._now() - np.array([[axis.plate_sampled for axis in self._axes()]])
+
+    def home(self, plate: Array) -> None:
+        """Declare the plate's present angles in rad, shape (1, 2)."""
+        self._zero = self._angles() - plate
+
+    def faults(self) -> tuple[Fault, ...]:
+        """None: faults of these encoders are reported where the drives are monitored."""
+        return ()
+
+    def _angles(self) -> Array:
+        return np.array([[axis.plate.angle if axis.plate else 0.0 for axis in self._axes()]])

@@ -1,14 +1,14 @@
-"""Bring-up of the drives: who they are, what they are set to, what they exchange, who watches."""
+"""Bring-up of the drives over SDO: identity, settings, PDO mapping, heartbeat monitoring."""
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable
 
 import can
 
 from twin.devices.akd import cia402, frames
+from twin.devices.akd.axis import difference
 from twin.devices.akd.conditions import (
     BIT_RATE,
     DUPLICATE_ID,
@@ -16,12 +16,11 @@ from twin.devices.akd.conditions import (
     NODE_ABSENT,
     WRONG_IDENTITY,
     WRONG_SETTING,
+    DriveError,
 )
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import PDO_INVALID, dictionary
-from twin.devices.akd.errors import DriveError
 from twin.devices.akd.network import Network, Remote, absent
-from twin.devices.akd.scaling import difference
 
 VENDOR = 0x6A
 DEVICE = 0x00020192
@@ -37,13 +36,14 @@ _SETTLE = 0.02
 """Time in s after which nothing of an earlier exchange is on its way any more."""
 _STANDSTILL = 3.0
 """Longest wait in s for a drive that was found turning."""
-_LOOK = 0.01
+_POLL = 0.01
+"""Time in s between two readings of the position."""
 _STILL = 5e-5
-"""Time in s between two looks at the position, and the motion in rad that counts as none."""
+"""Motion in rad between them that counts as none."""
 
 
 def monitoring(config: AkdConfig) -> int:
-    """What 1016h:1 holds: the host's node and the silence in ms after which the drive stops."""
+    """Value of 1016h:1: the host's node, and the silence in ms after which the drive stops."""
     return config.host << 16 | round(config.silence * 1e3)
 
 
@@ -54,7 +54,7 @@ def bring_up(
     with_plate: bool = True,
     now: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Take both drives from whatever state to operational, monitored, without torque.
+    """Take both drives from any state to operational, monitored, without torque.
 
     The host must send its heartbeat from now on. On an error nothing has torque.
 
@@ -76,8 +76,8 @@ def bring_up(
         _identify(network, remote)
     for remote in remotes:
         _stand_still(remote)
-        _settings(remote, config)
-        _exchange(remote, with_plate)
+        _configure(remote, config)
+        _map_pdos(remote, with_plate)
     for remote in remotes:
         remote.write(0x1016, 1, monitoring(config))
     for remote in remotes:
@@ -92,8 +92,7 @@ def _identify(network: Network, remote: Remote) -> None:
     """Make sure that exactly one AKD answers to the node's id."""
     axis = remote.axis
     before = network.answers.get(axis.node, 0)
-    request = struct.pack("<BHBI", 0x40, 0x1000, 0, 0)
-    network.send_message(frames.REQUEST + axis.node, request)
+    network.send_message(frames.SDO_REQUEST + axis.node, frames.encode_sdo_read(0x1000, 0))
     network.pump(_LISTEN)
     answers = network.answers.get(axis.node, 0) - before
     if not answers:
@@ -104,13 +103,13 @@ def _identify(network: Network, remote: Remote) -> None:
     if answers > 1:
         detail = f"{answers} devices answer to this id; give every drive its own"
         raise DriveError(DUPLICATE_ID, axis.where, detail)
-    wanted = [(0x1000, 0, DEVICE, "device type"), (0x1018, 1, VENDOR, "vendor")]
+    expected = [(0x1000, 0, DEVICE, "device type"), (0x1018, 1, VENDOR, "vendor")]
     if axis.product is not None:
-        wanted.append((0x1018, 2, axis.product, "product code"))
-    for index, sub, value, name in wanted:
-        found = remote.read(index, sub)
-        if found != value:
-            detail = f"{name} is {found:#x}, an AKD has {value:#x}"
+        expected.append((0x1018, 2, axis.product, "product code"))
+    for index, sub, value, name in expected:
+        actual = remote.read(index, sub)
+        if actual != value:
+            detail = f"{name} is {actual:#x}, an AKD has {value:#x}"
             raise DriveError(WRONG_IDENTITY, axis.where, detail)
 
 
@@ -119,9 +118,9 @@ def _stand_still(remote: Remote) -> None:
     remote.write(0x60FF, 0, 0)
     deadline = remote.network.now() + _STANDSTILL
     while cia402.state(status := remote.read(0x6041)) in {
-        cia402.State.OPERATION_ENABLED,
-        cia402.State.QUICK_STOP,
-        cia402.State.FAULT_REACTION,
+        cia402.DriveState.OPERATION_ENABLED,
+        cia402.DriveState.QUICK_STOP,
+        cia402.DriveState.FAULT_REACTION,
     }:
         if remote.network.now() > deadline:
             detail = f"does not leave operation (status word {status:04X}h)"
@@ -131,7 +130,7 @@ def _stand_still(remote: Remote) -> None:
     remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE)
     before = remote.read(0x6064)
     while True:
-        remote.network.pump(_LOOK)
+        remote.network.pump(_POLL)
         now = remote.read(0x6064)
         if abs(remote.axis.position.value(difference(now, before))) < _STILL:
             return
@@ -140,11 +139,11 @@ def _stand_still(remote: Remote) -> None:
             raise DriveError(WRONG_SETTING, remote.axis.where, "does not come to rest")
 
 
-def _settings(remote: Remote, config: AkdConfig) -> None:
+def _configure(remote: Remote, config: AkdConfig) -> None:
     axis = remote.axis
     counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
     if counts != axis.motor_counts:
-        detail = f"counts {counts:g} a motor revolution, the configuration says {axis.motor_counts}"
+        detail = f"{counts:g} counts per motor revolution, configured are {axis.motor_counts}"
         raise DriveError(WRONG_SETTING, axis.where, detail)
     if remote.read(0x36E9) & _CUSTOM_VELOCITY:
         detail = "velocity is scaled by 204Ch (36E9h bit 4 is set); clear it in the drive"
@@ -166,7 +165,7 @@ def _settings(remote: Remote, config: AkdConfig) -> None:
         remote.write(index, sub, value)
 
 
-def _exchange(remote: Remote, with_plate: bool) -> None:
+def _map_pdos(remote: Remote, with_plate: bool) -> None:
     """Map what is exchanged at every SYNC, and switch every other PDO off."""
     node, axis = remote.axis.node, remote.axis
     for number in range(4):
@@ -174,8 +173,8 @@ def _exchange(remote: Remote, with_plate: bool) -> None:
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
     remote.map_pdo(remote.node.rpdo, 1, frames.RPDO1 + node, frames.RPDO1_MAP)
     remote.map_pdo(remote.node.tpdo, 1, frames.TPDO1 + node, frames.TPDO1_MAP)
-    sensors = (frames.VELOCITY, axis.plate_object) if with_plate else (frames.VELOCITY,)
-    remote.map_pdo(remote.node.tpdo, 2, frames.TPDO2 + node, sensors)
+    feedback = (frames.VELOCITY, axis.plate_object) if with_plate else (frames.VELOCITY,)
+    remote.map_pdo(remote.node.tpdo, 2, frames.TPDO2 + node, feedback)
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import difflib
 import errno
 import logging
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 import can
 from serial.tools.list_ports import comports
 
-from twin.devices.akd.conditions import BAD_BUS
+from twin.devices.akd.conditions import BAD_BUS, DriveError
 from twin.devices.akd.config import BusConfig
-from twin.devices.akd.errors import DriveError
 from twin.devices.akd.slcan_bus import PromptSlcanBus
 
 # Libraries log to stderr what becomes one line here.
@@ -34,7 +34,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
         near = _nearest(config.interface, can.VALID_INTERFACES)
         raise _bad(config, f"unknown CAN interface {config.interface!r}; {near}")
     try:
-        if config.interface == "slcan":
+        # On Windows a serial port has no file descriptor: the library's own slcan has to do.
+        if config.interface == "slcan" and sys.platform != "win32":
             return PromptSlcanBus(config.channel, config.bitrate, **config.options)
         # SocketCAN's bit rate is set by the operating system, and python-can warns if it is given.
         options = dict(config.options)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum, IntFlag
 
 
-class State(Enum):
-    """States of a drive's power stage; the values are how they are called."""
+class DriveState(Enum):
+    """States of a drive's power stage; the values are what CiA 402 calls them."""
 
     NOT_READY = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -19,8 +19,8 @@ class State(Enum):
     UNKNOWN = "unknown"
 
 
-class Status(IntFlag):
-    """Bits of the status word that are looked at beside the state."""
+class StatusBit(IntFlag):
+    """Bits of the status word that are evaluated besides the state."""
 
     VOLTAGE = 1 << 4
     WARNING = 1 << 7
@@ -28,11 +28,11 @@ class Status(IntFlag):
     INTERNAL_LIMIT = 1 << 11
 
 
-class Wish(Enum):
-    """What an axis is to be brought to."""
+class AxisRequest(Enum):
+    """What an axis is requested to reach."""
 
-    OFF = "off"
-    ON = "on"
+    DISABLE = "disable"
+    ENABLE = "enable"
     QUICK_STOP = "quick stop"
 
 
@@ -44,38 +44,42 @@ ENABLE = 0x0F
 RESET = 0x80
 
 _WIDE = {
-    0x00: State.NOT_READY,
-    0x40: State.SWITCH_ON_DISABLED,
-    0x08: State.FAULT,
-    0x0F: State.FAULT_REACTION,
+    0x00: DriveState.NOT_READY,
+    0x40: DriveState.SWITCH_ON_DISABLED,
+    0x08: DriveState.FAULT,
+    0x0F: DriveState.FAULT_REACTION,
 }
 _NARROW = {
-    0x21: State.READY,
-    0x23: State.SWITCHED_ON,
-    0x27: State.OPERATION_ENABLED,
-    0x07: State.QUICK_STOP,
+    0x21: DriveState.READY,
+    0x23: DriveState.SWITCHED_ON,
+    0x27: DriveState.OPERATION_ENABLED,
+    0x07: DriveState.QUICK_STOP,
 }
 
 _UP = {
-    State.SWITCH_ON_DISABLED: SHUTDOWN,
-    State.READY: SWITCH_ON,
-    State.SWITCHED_ON: ENABLE,
-    State.OPERATION_ENABLED: ENABLE,
+    DriveState.SWITCH_ON_DISABLED: SHUTDOWN,
+    DriveState.READY: SWITCH_ON,
+    DriveState.SWITCHED_ON: ENABLE,
+    DriveState.OPERATION_ENABLED: ENABLE,
 }
-_DOWN = {State.OPERATION_ENABLED: SWITCH_ON, State.SWITCHED_ON: SHUTDOWN}
-_QUICK = {State.OPERATION_ENABLED: QUICK_STOP, State.QUICK_STOP: QUICK_STOP}
-_STEPS = {Wish.ON: _UP, Wish.OFF: _DOWN, Wish.QUICK_STOP: _QUICK}
+_DOWN = {DriveState.OPERATION_ENABLED: SWITCH_ON, DriveState.SWITCHED_ON: SHUTDOWN}
+_QUICK = {DriveState.OPERATION_ENABLED: QUICK_STOP, DriveState.QUICK_STOP: QUICK_STOP}
+_TRANSITIONS = {
+    AxisRequest.ENABLE: _UP,
+    AxisRequest.DISABLE: _DOWN,
+    AxisRequest.QUICK_STOP: _QUICK,
+}
 
 
-def state(status: int) -> State:
+def state(status: int) -> DriveState:
     """The state that a status word means, any integer; masks 4Fh and 6Fh of CiA 402."""
-    return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or State.UNKNOWN
+    return _WIDE.get(status & 0x4F) or _NARROW.get(status & 0x6F) or DriveState.UNKNOWN
 
 
-def control(now: State, wish: Wish) -> int:
-    """The control word that takes a drive one transition from a state towards a wish.
+def control_word(current: DriveState, request: AxisRequest) -> int:
+    """The control word that takes a drive one transition from a state towards a request.
 
-    It never resets a fault: in both fault states, and wherever no step leads on, it disables the
-    voltage, which is also what comes before the rising edge of a reset.
+    It never resets a fault: in both fault states, and wherever no transition leads on, it disables
+    the voltage, which is also what comes before the rising edge of a reset.
     """
-    return _STEPS[wish].get(now, DISABLE_VOLTAGE)
+    return _TRANSITIONS[request].get(current, DISABLE_VOLTAGE)

@@ -1,14 +1,42 @@
-"""How the drives are wired and set, with the source of every number that is not certain."""
+"""How the drives are wired, scaled and set, with the source of every uncertain number."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from twin.devices.akd.scaling import RPM, TURN, Scale
 from twin.errors import ScenarioError
+
+TURN = 2 * math.pi
+RPM = TURN / 60
+"""One revolution per minute in rad/s."""
+INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A linear scale between whole counts and a physical quantity.
+
+    Attributes:
+        unit: Value of one count in rad, rad/s or rad/s^2; negative where signs differ.
+    """
+
+    unit: float
+
+    def value(self, counts: float) -> float:
+        """The quantity for counts."""
+        return counts * self.unit
+
+    def counts(self, value: float) -> int:
+        """The nearest counts for a finite quantity."""
+        return round(value / self.unit)
+
+    def counts32(self, value: float) -> int:
+        """The nearest counts that a signed 32-bit object can hold, for a finite quantity."""
+        return max(INT32_MIN, min(INT32_MAX, self.counts(value)))
 
 
 def _fact(default: Any, source: str, confidence: str) -> Any:
@@ -88,7 +116,7 @@ class AxisConfig:
 
     @property
     def where(self) -> str:
-        """How the drive is called in messages."""
+        """Name of the drive in messages."""
         return f"drive {self.name} (node {self.node})"
 
     @property
@@ -118,25 +146,25 @@ class AxisConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch:
+class MonitorConfig:
     """Thresholds of the monitoring; s, rad, rad/s, or cycles where said.
 
     Attributes:
         stale: Cycles without a PDO after which the axis counts as unknown.
         unsteady: Irregular cycles (missing, late, surplus, short) among the last 50 that level.
         burst: Emergencies within 1 s that level.
-        travel: Commanded motor travel without a single count of motion, rad, that is suspicious.
+        travel: Commanded motor travel without a single count of motion, rad, that is a fault.
         plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
             it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
         frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.
         jump: Factor of the rate limit that no encoder can pass.
-        plate_rate: Fastest plate motion taken for real, rad/s.
+        plate_rate: Fastest plausible plate motion, rad/s.
         slack: Motion that is never a jump: motor rad, plate rad.
         lag: Motor rate error, rad/s, for longer than ``lag_time`` s that counts as not following.
         limit_time: Duration of an internal limit that levels, s.
         reset: Time a fault reset may take, s.
         stop: Time a quick stop may take before the heartbeat is withheld, s.
-        enquiry: Pause between two looks at the drives' own monitoring, s.
+        enquiry: Pause between two readings of the drives' own monitoring, s.
         answer: Time an SDO answer may take, s.
         repeat: Shortest time between two reports of one warning, s.
     """
@@ -168,12 +196,12 @@ class AkdConfig:
         bus: The bus.
         axes: phi, then theta.
         period: SYNC period in s, a whole number of ms.
-        host: The host's own node, whose heartbeat the drives watch.
+        host: The host's own node, whose heartbeat the drives monitor.
         heartbeat: Period of every heartbeat in s.
         silence: Silence after which either side acts, in s.
         answer: Time an SDO answer may take before the cycle runs, s.
         rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s.
-        ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate is told
+        ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate needs
             (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
         eds: The vendor's EDS file instead of the built-in object dictionary.
         watch: Thresholds.
@@ -192,7 +220,7 @@ class AkdConfig:
     rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
     ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
     eds: Path | None = None
-    watch: Watch = field(default_factory=Watch)
+    watch: MonitorConfig = field(default_factory=MonitorConfig)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -213,11 +241,11 @@ class AkdConfig:
 
 def unconfirmed(config: AkdConfig) -> list[Unconfirmed]:
     """Every setting whose default nobody has confirmed, and its value here."""
-    found = []
+    settings = []
     for prefix, part in (("", config), ("phi.", config.axes[0]), ("theta.", config.axes[1])):
         for each in fields(part):
             if "source" in each.metadata:
                 value = getattr(part, each.name)
                 source, confidence = each.metadata["source"], each.metadata["confidence"]
-                found.append(Unconfirmed(prefix + each.name, value, source, confidence))
-    return found
+                settings.append(Unconfirmed(prefix + each.name, value, source, confidence))
+    return settings

@@ -12,8 +12,7 @@ from typing import Any
 import canopen
 from canopen import objectdictionary as od
 
-from twin.devices.akd.conditions import WRONG_SETTING
-from twin.devices.akd.errors import DriveError
+from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""

@@ -14,11 +14,11 @@ EMERGENCY = 0x080
 TPDO1 = 0x180
 TPDO2 = 0x280
 RPDO1 = 0x200
-ANSWER = 0x580
-REQUEST = 0x600
+SDO_RESPONSE = 0x580
+SDO_REQUEST = 0x600
 HEARTBEAT = 0x700
 
-NODE = 0x7F
+NODE_MASK = 0x7F
 """Mask of the node in an identifier; the rest is the service."""
 
 START, STOP, PRE_OPERATIONAL, RESET_NODE = 1, 2, 128, 129
@@ -32,11 +32,15 @@ TPDO1_MAP = ((0x6041, 0), (0x6061, 0), (0x6064, 0))
 VELOCITY = (0x606C, 0)
 """First entry of TPDO2; the plate encoder's object follows where it is read through the drive."""
 
-_TARGET = struct.Struct("<Hi")
-_MOTION = struct.Struct("<Hbi")
-_SENSORS = struct.Struct("<ii")
-_RATE = struct.Struct("<i")
+SDO = struct.Struct("<BHBI")
+"""An expedited SDO: command specifier, index, subindex, value."""
+
+_RPDO1 = struct.Struct("<Hi")
+_TPDO1 = struct.Struct("<Hbi")
+_TPDO2 = struct.Struct("<ii")
+_TPDO2_WITHOUT_PLATE = struct.Struct("<i")
 _CODE = struct.Struct("<H")
+_SDO_READ, _SDO_WRITE_32_BIT = 0x40, 0x23
 
 NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
 
@@ -67,7 +71,7 @@ CODES = {
     0x8210: "PDO too short",
     0x8220: "PDO too long",
 }
-"""Emergency codes: hardware facts A9 and CiA 301."""
+"""Emergency codes of CiA 301 and of the drive's manual."""
 
 FAULTS = {
     129: "CAN monitoring: the master went silent",
@@ -85,7 +89,7 @@ FAULTS = {
 """The drive's own fault numbers worth naming."""
 
 
-class Motion(NamedTuple):
+class MotionPdo(NamedTuple):
     """TPDO1: status word, mode display, motor position in counts."""
 
     status: int
@@ -93,7 +97,7 @@ class Motion(NamedTuple):
     position: int
 
 
-class Sensors(NamedTuple):
+class FeedbackPdo(NamedTuple):
     """TPDO2: motor velocity and plate encoder in the drive's units; None where not mapped."""
 
     velocity: int
@@ -110,7 +114,7 @@ class Emergency(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What it says, for people."""
+        """Code, name and fault number as text."""
         if self.code is None:
             return "no code"
         name = CODES.get(self.code, "")
@@ -120,30 +124,42 @@ class Emergency(NamedTuple):
         return " ".join(part for part in parts if part)
 
 
-def target(control: int, velocity: int) -> bytes:
+def encode_rpdo1(control: int, velocity: int) -> bytes:
     """RPDO1: control word and target velocity in the drive's units."""
-    return _TARGET.pack(control, velocity)
+    return _RPDO1.pack(control, velocity)
 
 
-def motion(data: bytes) -> Motion | None:
+def encode_sdo_read(index: int, sub: int) -> bytes:
+    """The request to read an object."""
+    return SDO.pack(_SDO_READ, index, sub, 0)
+
+
+def encode_sdo_write(index: int, sub: int, value: int) -> bytes:
+    """The request to write an object of 32 bits."""
+    return SDO.pack(_SDO_WRITE_32_BIT, index, sub, value)
+
+
+def decode_tpdo1(data: bytes) -> MotionPdo | None:
     """TPDO1; None unless it is exactly as long as mapped."""
-    return Motion(*_MOTION.unpack(data)) if len(data) == _MOTION.size else None
+    return MotionPdo(*_TPDO1.unpack(data)) if len(data) == _TPDO1.size else None
 
 
-def sensors(data: bytes, with_plate: bool) -> Sensors | None:
+def decode_tpdo2(data: bytes, with_plate: bool) -> FeedbackPdo | None:
     """TPDO2; None unless it is exactly as long as mapped."""
-    if with_plate:
-        return Sensors(*_SENSORS.unpack(data)) if len(data) == _SENSORS.size else None
-    return Sensors(_RATE.unpack(data)[0], None) if len(data) == _RATE.size else None
+    layout = _TPDO2 if with_plate else _TPDO2_WITHOUT_PLATE
+    if len(data) != layout.size:
+        return None
+    velocity, *plate = layout.unpack(data)
+    return FeedbackPdo(velocity, plate[0] if plate else None)
 
 
-def emergency(data: bytes) -> Emergency:
+def decode_emergency(data: bytes) -> Emergency:
     """An emergency message of any length."""
     code = _CODE.unpack_from(data)[0] if len(data) >= 2 else None
     register = data[2] if len(data) >= 3 else None
     return Emergency(code, register, bytes(data[3:8]), len(data) < 8)
 
 
-def nmt_state(data: bytes) -> int | None:
-    """The NMT state in a heartbeat or boot-up."""
+def decode_nmt_state(data: bytes) -> int | None:
+    """The NMT state in a heartbeat or boot-up; None unless it is one byte."""
     return data[0] & 0x7F if len(data) == 1 else None

@@ -17,14 +17,14 @@ from twin.devices.akd.conditions import (
     SDO_ABORT,
     SDO_TIMEOUT,
     WRONG_SETTING,
+    DriveError,
 )
 from twin.devices.akd.config import AxisConfig
-from twin.devices.akd.errors import DriveError
 
 BUS_ERRORS = (can.CanError, OSError, SerialException)
 """What python-can and the drivers below it raise when an adapter goes."""
 
-SEEN = (frames.HEARTBEAT, frames.ANSWER, frames.TPDO1, frames.TPDO2)
+_SERVICES = (frames.HEARTBEAT, frames.SDO_RESPONSE, frames.TPDO1, frames.TPDO2)
 
 
 class Network(canopen.Network):  # type: ignore[misc]
@@ -41,7 +41,7 @@ class Network(canopen.Network):  # type: ignore[misc]
         self.now = now
         """Monotonic time in s."""
         self.heard: set[int] = set()
-        """Nodes that have said anything."""
+        """Nodes that have sent anything."""
         self.states: dict[int, int] = {}
         """NMT states from heartbeats, by node."""
         self.answers: dict[int, int] = {}
@@ -51,13 +51,13 @@ class Network(canopen.Network):  # type: ignore[misc]
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send, and for an SDO request wait until its answer is in."""
         super().send_message(can_id, data, remote)
-        if can_id & ~frames.NODE == frames.REQUEST:
-            node = can_id & frames.NODE
+        if can_id & ~frames.NODE_MASK == frames.SDO_REQUEST:
+            node = can_id & frames.NODE_MASK
             before = self.answers.get(node, 0)
             self.pump(self.answer, lambda: self.answers.get(node, 0) > before)
 
     def pump(self, seconds: float, done: Callable[[], bool] = lambda: False) -> bool:
-        """Read the bus until something is done, at most for a time; whether it was done.
+        """Read the bus until something is done, at most for s; return whether it was done.
 
         What arrived in time counts even if the computer was busy elsewhere until after it; a bus
         that does not become quiet is read for twice the time.
@@ -76,13 +76,14 @@ class Network(canopen.Network):  # type: ignore[misc]
         if message.is_error_frame:
             self.bus_errors += 1
         elif not message.is_remote_frame and not message.is_extended_id:
-            service, node = message.arbitration_id & ~frames.NODE, message.arbitration_id & 0x7F
-            if node and service in SEEN:
+            node = message.arbitration_id & frames.NODE_MASK
+            service = message.arbitration_id - node
+            if node and service in _SERVICES:
                 self.heard.add(node)
-            if service == frames.ANSWER and len(message.data) == 8:
+            if service == frames.SDO_RESPONSE and len(message.data) == 8:
                 self.answers[node] = self.answers.get(node, 0) + 1
                 self.notify(message.arbitration_id, message.data, message.timestamp)
-            state = frames.nmt_state(bytes(message.data))
+            state = frames.decode_nmt_state(bytes(message.data))
             if service == frames.HEARTBEAT and state is not None:
                 self.states[node] = state
 
@@ -103,7 +104,7 @@ class Remote:
         Raises:
             DriveError: If the drive does not answer, or refuses.
         """
-        with self._asking(f"reading {index:04X}h:{sub}"):
+        with self._errors(f"reading {index:04X}h:{sub}"):
             return int(self._variable(index, sub).raw)
 
     def write(self, index: int, sub: int, value: int) -> None:
@@ -112,7 +113,7 @@ class Remote:
         Raises:
             DriveError: If the drive does not answer, refuses, or keeps another value.
         """
-        with self._asking(f"writing {value} to {index:04X}h:{sub}"):
+        with self._errors(f"writing {value} to {index:04X}h:{sub}"):
             variable = self._variable(index, sub)
             variable.raw = value
             kept = int(variable.raw)
@@ -126,7 +127,7 @@ class Remote:
         Raises:
             DriveError: If the drive does not answer, or refuses.
         """
-        with self._asking(f"mapping PDO {cob_id:03X}h"):
+        with self._errors(f"mapping PDO {cob_id:03X}h"):
             pdo = maps[number]
             pdo.clear()
             for index, sub in entries:
@@ -141,7 +142,7 @@ class Remote:
         return item[sub] if hasattr(item, "__getitem__") and not hasattr(item, "raw") else item
 
     @contextmanager
-    def _asking(self, what: str) -> Iterator[None]:
+    def _errors(self, what: str) -> Iterator[None]:
         try:
             yield
         except canopen.SdoAbortedError as error:

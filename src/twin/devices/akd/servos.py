@@ -10,21 +10,24 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
+from twin.devices.akd.axis import Axis, DriveEncoders
+from twin.devices.akd.bringup import bring_up
 from twin.devices.akd.bus import open_bus
-from twin.devices.akd.cia402 import Wish
+from twin.devices.akd.cia402 import AxisRequest
+from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.cycling import Cycling
-from twin.devices.akd.encoders import DriveEncoders
-from twin.devices.akd.errors import DriveError
-from twin.devices.akd.seam import PlateEncoders
-from twin.hal.faults import Fault
+from twin.devices.akd.exchange import CyclicExchange, SyncCycles
+from twin.devices.akd.network import BUS_ERRORS
+from twin.devices.akd.transport import CanTransport
+from twin.devices.interface import PlateEncoders
+from twin.hal.faults import Fault, Severity
 
 
-class AkdServos(Cycling):
+class AkdServos:
     """Two AKD drives; a `PoweredServos`.
 
-    Between ``start`` and ``stop``, ``receive`` and ``send`` are called once a period, or the
-    drives stop themselves: they watch the host's heartbeat.
+    Between ``start`` and ``stop``, ``receive`` and ``send`` are called once per period, or the
+    drives stop themselves: they monitor the host's heartbeat.
 
     Args:
         config: Bus, axes and thresholds.
@@ -43,9 +46,80 @@ class AkdServos(Cycling):
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        super().__init__(config, with_plate=plate is None, opener=opener, now=now, sleep=sleep)
+        self.config = config
+        self.axes: tuple[Axis, ...] = ()
+        """phi and theta, since ``start``."""
+        self.stale = 0
+        """Cycles in which an older position than that of the last SYNC had to be used."""
+        self.now, self.sleep = now, sleep
+        self._through_drives = plate is None
         self._plate: PlateEncoders = plate or DriveEncoders(lambda: self.axes, now)
         self._motor_zero = np.zeros((1, 2))
+        self._opener = opener
+        self._reports = FaultReports(config.watch.repeat)
+        self._exchange: CyclicExchange | None = None
+
+    def start(self) -> None:
+        """Open the bus and take both drives to operational, monitored and without torque.
+
+        Blocks for some tenths of a second, and for as long as the adapter takes to open.
+
+        Raises:
+            DriveError: If anything is not as it should be; the bus is closed again then.
+        """
+        self.stop()
+        config, where = self.config, f"CAN {self.config.bus}"
+        self._reports = FaultReports(config.watch.repeat)
+        bus = self._opener(config.bus)
+        transport = CanTransport(bus, where, self._reports, self.now)
+        try:
+            bring_up(bus, config, with_plate=self._through_drives, now=self.now)
+        except BaseException as error:
+            transport.close()
+            if isinstance(error, BUS_ERRORS) and not isinstance(error, DriveError):
+                raise DriveError(c.ADAPTER_GONE, where, str(error)) from error
+            raise
+        transport.send_heartbeat(config.host)
+        at = self.now()
+        phi, theta = (
+            Axis(axis, config, with_plate=self._through_drives, at=at) for axis in config.axes
+        )
+        self.axes, self.stale = (phi, theta), 0
+        self._exchange = CyclicExchange(config, (phi, theta), transport, self._reports, self.now)
+
+    def stop(self) -> None:
+        """Target zero, quick stop, disable, and only then no more SYNC; close the bus.
+
+        Blocks for about a second at most; idempotent; never raises.
+        """
+        if self._exchange is not None:
+            self._exchange.shut_down(self.sleep)
+            self._exchange = None
+
+    def receive(self) -> None:
+        """Take in everything that has arrived; never waits."""
+        if self._exchange is not None:
+            self.stale += not self._exchange.receive()
+
+    def settle(self, limit: float) -> None:
+        """Wait for the answers to what was sent last, at most for a time in s."""
+        if self._exchange is not None:
+            self._exchange.settle(limit)
+
+    def send(self) -> None:
+        """Send the commands and the next SYNC; never waits."""
+        if self._exchange is not None:
+            self._exchange.send()
+
+    def exchange(self) -> None:
+        """``receive`` and ``send``, where nothing is computed between them."""
+        self.receive()
+        self.send()
+
+    def quick_stop(self) -> None:
+        """Request target zero and quick stop, then no torque."""
+        if self._exchange is not None:
+            self._exchange.quick_stop()
 
     def command(self, motor_rate: Array) -> None:
         """Motor rates in rad/s at the cam shafts, shape (1, 2), until the next command.
@@ -61,35 +135,31 @@ class AkdServos(Cycling):
                 self._reports.report(c.BAD_COMMAND, axis.config.where, detail, self.now())
 
     def enable(self) -> None:
-        """Ask for torque at zero rate, one state a cycle; ``enabled`` tells when it is there.
+        """Request torque at zero rate, one state per cycle; ``enabled`` tells when it is there.
 
         Raises:
             DriveError: If a fault stands that forbids it; it must be reset first.
         """
-        standing = [f for f in self._reports.standing if f.condition.severity == "stop"]
-        if standing or not self._up:
-            if not standing:
-                raise DriveError(c.ADAPTER_GONE, f"CAN {self.config.bus}", "not started")
+        standing = [f for f in self._reports.standing if f.condition.severity is Severity.STOP]
+        if standing:
             fault = standing[0]
             detail = f"{fault.condition.name} stands ({fault.detail}); reset the faults first"
             raise DriveError(fault.condition, fault.where, detail)
+        if not self._up:
+            raise DriveError(c.ADAPTER_GONE, f"CAN {self.config.bus}", "not started")
         for axis in self.axes:
             axis.target = 0.0
-            axis.wish = Wish.ON
+            axis.request = AxisRequest.ENABLE
 
     def reset_faults(self) -> None:
-        """Ask, explicitly, for the reset of all faults; never enables.
+        """Request, explicitly, the reset of all faults; never enables.
 
         What persists is reported again; where ``needs_restart`` is set, only ``stop`` and
         ``start`` help, and nothing is reset.
         """
-        if self.needs_restart or not self._up:
-            return
-        at = self.now()
-        self._reports.reset()
-        self._lookout.forget()
-        for guard in self._guards:
-            guard.ask_reset(at)
+        if self._exchange is not None and self._up and not self.needs_restart:
+            self._reports.reset()
+            self._exchange.request_reset()
 
     @property
     def enabled(self) -> bool:
@@ -100,6 +170,26 @@ class AkdServos(Cycling):
     def needs_restart(self) -> bool:
         """Whether a fault stands that only ``stop`` and ``start`` can clear."""
         return self._reports.needs_restart
+
+    @property
+    def heartbeat(self) -> bool:
+        """Whether the host sends its heartbeat; set it to False only to test that drives stop."""
+        return self._exchange is not None and self._exchange.heartbeat
+
+    @heartbeat.setter
+    def heartbeat(self, on: bool) -> None:
+        if self._exchange is not None:
+            self._exchange.heartbeat = on
+
+    @property
+    def cycles(self) -> SyncCycles:
+        """SYNCs sent since ``start``, and those that the newest positions answer."""
+        return self._exchange.cycles if self._exchange is not None else SyncCycles(0, (0, 0))
+
+    @property
+    def round_trip(self) -> float | None:
+        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
+        return self._exchange.round_trip if self._exchange is not None else None
 
     def plate(self) -> Array:
         """Newest plate angles (phi, theta) in rad, shape (1, 2)."""
@@ -124,8 +214,12 @@ class AkdServos(Cycling):
         self._motor_zero = self._motor_angles() - motor
 
     def faults(self) -> tuple[Fault, ...]:
-        """What has been detected since the last call, oldest first; never waits."""
+        """Faults detected since the last call, oldest first; never waits."""
         return self._reports.take() + self._plate.faults()
 
+    @property
+    def _up(self) -> bool:
+        return self._exchange is not None and self._exchange.up
+
     def _motor_angles(self) -> Array:
-        return np.array([[axis.motor.scale.value(axis.motor.counts) for axis in self.axes]])
+        return np.array([[axis.motor.angle for axis in self.axes]])

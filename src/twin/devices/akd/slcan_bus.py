@@ -1,7 +1,7 @@
 """Serial-line CAN adapters (LAWICEL protocol) without waiting, and with their bus errors.
 
 python-can's own bus reads byte by byte, waits a millisecond when nothing is there, ends a drain at
-every acknowledgement, and never asks the adapter how the bus is. This one differs in just that,
+every acknowledgement, and never polls the adapter's status flags. This one differs in just that,
 and writes all frames of a period in one piece; opening, bit rate and closing are the library's.
 """
 
@@ -11,7 +11,7 @@ import os
 import select
 import time
 from contextlib import suppress
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from can import BusABC, Message
 from can.exceptions import CanOperationError
@@ -25,24 +25,41 @@ BUS_OFF_FRAME = (0x040, bytes(8))
 _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
 
 
-class PromptSlcanBus(slcanBus):
-    """A LAWICEL adapter on a serial port; bus errors arrive as error frames.
+@runtime_checkable
+class QueuedBus(Protocol):
+    """A bus that queues frames until ``send_queued``, and reads lines of text.
 
-    Only classic data frames with 11-bit identifiers are taken; other lines are counted in
-    ``garbled``. Every ``ASK`` seconds the adapter is asked for its status flags.
+    Not named ``flush``: python-can's buses of that name discard what has been received.
     """
 
-    ASK = 0.05
-    """Pause in s between two questions for the status flags."""
+    @property
+    def unreadable_lines(self) -> int:
+        """Lines received so far that are no frame and no answer."""
+
+    def send_queued(self) -> None:
+        """Send all queued frames.
+
+        Raises:
+            can.CanError: If the adapter cannot take them.
+        """
+
+
+class PromptSlcanBus(slcanBus):
+    """A LAWICEL adapter on a serial port, a `QueuedBus`; bus errors arrive as error frames.
+
+    Only classic data frames with 11-bit identifiers are read; other lines are counted in
+    ``unreadable_lines``. Every ``POLL`` seconds the adapter's status flags are requested.
+    """
+
+    POLL = 0.05
+    """Pause in s between two requests for the status flags."""
     REFUSALS = 6
     """Refused transmissions in a row (BELL) that mean bus-off."""
 
     def __init__(self, channel: str, bitrate: int, **options: Any) -> None:
-        self.garbled = 0
-        self._bytes = bytearray()
-        self._waiting: list[str] = []
-        self._asked = 0.0
-        self._unanswered = False
+        self.unreadable_lines = 0
+        self._unsent: list[str] = []
+        self._polled = 0.0
         self._refused = 0
         super().__init__(channel, bitrate=bitrate, timeout=0, **options)
 
@@ -57,60 +74,70 @@ class PromptSlcanBus(slcanBus):
             raise CanOperationError("adapter takes no more bytes")
 
     def send(self, msg: Message, timeout: float | None = None) -> None:
-        """Hand a frame to the adapter with the next ``flush`` or ``recv``."""
-        self._waiting.append(f"t{msg.arbitration_id:03X}{msg.dlc}{msg.data.hex().upper()}")
+        """Queue a frame for the next ``send_queued`` or ``recv``.
 
-    def flush(self) -> None:
-        """Write what waits to be sent in one piece: one transfer for all frames of a period."""
-        if self._waiting:
-            lines, self._waiting = "\r".join(self._waiting), []
+        Raises:
+            CanOperationError: If it is no classic data frame with an 11-bit identifier.
+        """
+        if msg.is_extended_id or msg.is_remote_frame or msg.is_fd or msg.is_error_frame:
+            raise CanOperationError(f"not a data frame with an 11-bit identifier: {msg}")
+        self._unsent.append(f"t{msg.arbitration_id:03X}{msg.dlc}{msg.data.hex().upper()}")
+
+    def send_queued(self) -> None:
+        """Write all queued frames in one piece: one transfer for all frames of a period.
+
+        Raises:
+            CanOperationError: If the adapter does not take every byte at once.
+        """
+        if self._unsent:
+            lines, self._unsent = "\r".join(self._unsent), []
             self._write(lines)
 
     def shutdown(self) -> None:
         """Close the channel and the port; an adapter that has gone is let go."""
         BusABC.shutdown(self)
         with suppress(CanOperationError):
-            self.flush()
+            self.send_queued()
             self._write("C")
         self.serialPortOrig.close()
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
-        self.flush()
-        self._ask()
-        message = self._next()
-        if message is None and self._fill(timeout):
-            message = self._next()
+        self.send_queued()
+        self._poll_flags()
+        message = self._next_message()
+        if message is None and self._fill_buffer(timeout):
+            message = self._next_message()
         return message, True
 
-    def _ask(self) -> None:
+    def _poll_flags(self) -> None:
         now = time.monotonic()
-        if now - self._asked > self.ASK:
-            self._asked = now
+        if now - self._polled > self.POLL:
+            self._polled = now
             self._write("F")
 
-    def _fill(self, timeout: float | None) -> bool:
+    def _fill_buffer(self, timeout: float | None) -> bool:
         try:
             if timeout != 0:
                 select.select([self.serialPortOrig.fileno()], [], [], timeout)
             waiting = self.serialPortOrig.in_waiting
-            self._bytes += self.serialPortOrig.read(waiting) if waiting else b""
+            self._buffer += self.serialPortOrig.read(waiting) if waiting else b""
         except OSError as error:
             raise CanOperationError(f"adapter cannot be read: {error}") from error
         return waiting > 0
 
-    def _next(self) -> Message | None:
+    def _next_message(self) -> Message | None:
         while True:
-            ends = [at for at in (self._bytes.find(b"\r"), self._bytes.find(b"\a")) if at >= 0]
+            ends = [at for at in (self._buffer.find(b"\r"), self._buffer.find(b"\a")) if at >= 0]
             if not ends:
                 return None
             end = min(ends)
-            line, mark = bytes(self._bytes[:end]), self._bytes[end]
-            del self._bytes[: end + 1]
-            message = self._refusal() if mark == self._ERROR[0] else self._line(line)
+            line, mark = bytes(self._buffer[:end]), self._buffer[end]
+            del self._buffer[: end + 1]
+            message = self._refusal() if mark == self._ERROR[0] else self._decode(line)
             if message is not None:
                 return message
 
-    def _line(self, line: bytes) -> Message | None:
+    def _decode(self, line: bytes) -> Message | None:
         kind = line[:1]
         if kind in b"zZ":  # also the empty line: both acknowledge
             self._refused = 0
@@ -128,7 +155,7 @@ class PromptSlcanBus(slcanBus):
                 )
         except ValueError:
             pass
-        self.garbled += 1
+        self.unreadable_lines += 1
         return None
 
     def _refusal(self) -> Message | None:

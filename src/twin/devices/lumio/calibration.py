@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 from twin.errors import TwinError
 from twin.hal.interface import SCREEN
 
-Pair = tuple[float, float]
-
 
 class CalibrationError(TwinError, ValueError):
     """A calibration cannot be made from what was given."""
@@ -27,8 +25,8 @@ class Calibration:
         origin: Where on the plate the screen's (0, 0) is, m in plate axes.
     """
 
-    matrix: tuple[Pair, Pair]
-    origin: Pair
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+    origin: tuple[float, float]
 
     def __post_init__(self) -> None:
         """Refuse what cannot be inverted."""
@@ -45,7 +43,7 @@ class Calibration:
         swapped: bool = False,
         mirrored_x: bool = False,
         mirrored_y: bool = True,
-        size: Pair = (SCREEN[0], SCREEN[1]),
+        size: tuple[float, float] = (SCREEN[0], SCREEN[1]),
     ) -> Self:
         """A screen mounted square and centred on the plate.
 
@@ -60,12 +58,12 @@ class Calibration:
         matrix = ((0.0, x), (y, 0.0)) if swapped else ((x, 0.0), (0.0, y))
         return cls(matrix, (-x / 2, -y / 2))
 
-    def plate(self, x: float, y: float) -> Pair:
+    def plate(self, x: float, y: float) -> tuple[float, float]:
         """Position in m in plate axes of one in screen units."""
         (a, b), (c, d) = self.matrix
         return a * x + b * y + self.origin[0], c * x + d * y + self.origin[1]
 
-    def screen(self, x: float, y: float) -> Pair:
+    def screen(self, x: float, y: float) -> tuple[float, float]:
         """Position in screen units of one in m in plate axes."""
         (a, b), (c, d) = self.matrix
         x, y = x - self.origin[0], y - self.origin[1]

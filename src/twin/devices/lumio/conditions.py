@@ -12,7 +12,7 @@ UNPLUGGED = Condition(
     Severity.LEVEL,
     0.1,
     _LEVEL,
-    "plug it in again, then recover: the port is opened anew",
+    "plug it in again, then recover: the port is reopened",
 )
 BALL_LOST = Condition(
     "ball lost",

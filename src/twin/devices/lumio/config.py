@@ -1,25 +1,55 @@
-"""What a rig file says of its touch screen."""
+"""Settings of a touch screen, as a rig file gives them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.detect import DECODERS
-from twin.devices.lumio.gate import Gate
+from twin.devices.lumio.protocols import DECODERS
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlausibilityLimits:
+    """Which positions can be those of one ball, and when it is stale, lost or frozen.
+
+    Attributes:
+        speed: Fastest ball, m/s; a run down the whole plate at 10 deg ends at 1.2 m/s.
+        slack: Jitter of a position, m.
+        confirm: Reports in a row, consistent with each other, that make a ball believed: at the
+            start, and where it has jumped.
+        stale: Seconds without a report after which a touching ball's position is stale; a resting
+            ball is reported every 17 ms, with gaps of up to 47 ms in recordings.
+        lost: Seconds without an accepted position after which the ball counts as lost.
+        halt: Speed in m/s from which no ball stops dead.
+        still: Reports without any motion, after a ball was faster than that, which show that the
+            touch is frozen.
+        tilt: Plate angle in rad on which no ball rests.
+        rest: Seconds of rest on a plate tilted further than that, which show the same.
+    """
+
+    speed: float = 1.5
+    slack: float = 0.006
+    confirm: int = 3
+    stale: float = 0.06
+    lost: float = 0.1
+    halt: float = 0.08
+    still: int = 4
+    tilt: float = math.radians(2)
+    rest: float = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
 class LumioConfig:
-    """A touch screen.
+    """Settings of one touch screen.
 
     Attributes:
         port: Device path: ``/dev/ttyUSB0``, ``/dev/hidraw0``, ``/dev/input/event3``.
         transport: ``serial``, ``hidraw`` or ``evdev``.
         protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006``, ``hid-0007`` or ``evdev``.
-        baud: Bits a second of a serial line; eight data bits, no parity, one stop bit.
-        calibration: Screen units to plate.
+        baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
+        calibration: Screen units to plate axes.
         gate: What is plausible.
 
     Raises:
@@ -31,7 +61,7 @@ class LumioConfig:
     protocol: str = "auto"
     baud: int = 9600
     calibration: Calibration = field(default_factory=Calibration.nominal)
-    gate: Gate = field(default_factory=Gate)
+    gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
@@ -49,9 +79,9 @@ class LumioConfig:
 
     @property
     def capacity(self) -> float:
-        """Bytes a second from which the line counts as flooded.
+        """Bytes per second from which the line counts as flooded.
 
-        A serial line: nine tenths of what it can carry, ten bits a byte. USB: several times four
-        contacts at 60 reports a second.
+        A serial line: nine tenths of what it can carry, ten bits per byte. USB: several times four
+        contacts at 60 reports per second.
         """
         return 0.09 * self.baud if self.transport == "serial" else 10_000.0

@@ -1,4 +1,4 @@
-"""What all touch protocols have in common: bytes in any portions to reports of contacts."""
+"""Base of the protocol decoders: bytes in any portions to reports of contacts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Contact(NamedTuple):
     Attributes:
         x: Position along the screen's first axis, as a fraction 0..1 of the protocol's range.
         y: Position along its second axis, downwards, as a fraction 0..1.
-        down: Whether it touches; False in the one report that tells of the lift-off.
+        down: Whether it touches; False in the one report of the lift-off.
         id: Number that stays the same while it touches; always 1 in protocols that have none.
     """
 
@@ -28,7 +28,7 @@ Report = tuple[Contact, ...]
 
 
 @dataclass(slots=True)
-class Tally:
+class DecoderStats:
     """What a decoder has met so far.
 
     Attributes:
@@ -80,33 +80,33 @@ class Decoder(ABC):
     """Whether a contact that does not move sends nothing."""
 
     def __init__(self) -> None:
-        self.tally = Tally()
+        self.stats = DecoderStats()
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports that these bytes complete, oldest first."""
-        self.tally.bytes += len(data)
+        self.stats.bytes += len(data)
         self._buffer += data
         reports = []
         at = 0
         while at < len(self._buffer):
             packet = self._packet(self._buffer, at)
             if packet is None:
-                self.tally.skipped += 1
+                self.stats.skipped += 1
                 at += 1
             elif packet.length == 0:
                 break
             else:
                 at += packet.length
                 if packet.report is not None:
-                    self.tally.reports += 1
+                    self.stats.reports += 1
                     reports.append(packet.report)
         del self._buffer[:at]
         return reports
 
     def reset(self) -> None:
         """Give up on the beginning of a packet that has not been completed."""
-        self.tally.skipped += len(self._buffer)
+        self.stats.skipped += len(self._buffer)
         self._buffer.clear()
 
     @abstractmethod

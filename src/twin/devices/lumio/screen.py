@@ -1,4 +1,4 @@
-"""The Lumio touch screen as a device of the rig: read by a thread, looked at by the loop."""
+"""The Lumio touch screen as a device of the rig: read by a thread, asked by the control loop."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
@@ -14,16 +13,16 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.decoder import Tally
-from twin.devices.lumio.intake import Intake
-from twin.devices.lumio.presence import Presence, TouchState, state
+from twin.devices.lumio.decoder import DecoderStats
+from twin.devices.lumio.presence import Presence, TouchState, touch_state
+from twin.devices.lumio.stream import TouchStream
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError
 from twin.hal.faults import Fault
 from twin.hal.interface import Touch
 
 
-class Port(Protocol):
-    """What bytes come from."""
+class ByteSource(Protocol):
+    """A port that bytes come from."""
 
     def open(self) -> None:
         """Open it, or raise a ScreenError."""
@@ -36,7 +35,7 @@ class Port(Protocol):
 
 
 class LumioScreen:
-    """A touch screen with one ball on it; a TouchScreen and Watched of the rig.
+    """A touch screen with one ball on it; a TouchScreen and FaultSource of the rig.
 
     A thread of its own waits for bytes and keeps the newest plausible position with its arrival
     time. No method but ``start`` and ``stop`` ever waits.
@@ -56,15 +55,17 @@ class LumioScreen:
         self,
         config: LumioConfig,
         now: Callable[[], float] = time.monotonic,
-        port: Port | None = None,
+        port: ByteSource | None = None,
     ) -> None:
         self.config = config
         self.connected = False
         """Whether the port is open."""
         self._now = now
         self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
-        self._intake = Intake(config.protocol, config.capacity, config.calibration, config.gate)
-        self._presence = Presence(config.gate, self._intake.tell)
+        self._stream = TouchStream(
+            config.protocol, config.capacity, config.calibration, config.gate
+        )
+        self._presence = Presence(config.gate, self._stream.report_fault)
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._recover = threading.Event()
@@ -73,12 +74,7 @@ class LumioScreen:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def start(self) -> None:
@@ -96,7 +92,7 @@ class LumioScreen:
 
     def _begin(self) -> None:
         """Open the port, and know nothing of what was before."""
-        self._intake.forget()
+        self._stream.forget()
         self._presence.forget()
         self._port.open()
         self.connected = True
@@ -111,7 +107,7 @@ class LumioScreen:
     def recover(self) -> None:
         """On a person's request: forget the ball and open a port that went.
 
-        A port that is still absent is told by ``faults`` again.
+        A port that is still absent is reported by ``faults`` again.
         """
         self._presence.forget()
         self._recover.set()
@@ -122,7 +118,7 @@ class LumioScreen:
         The ball counts as touched until its position is older than ``gate.stale``, lift-off or
         not: that bridges brief dropouts.
         """
-        sample, now = self._intake.sample, self._now()
+        sample, now = self._stream.sample, self._now()
         if sample is None:
             return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
         age = max(0.0, now - sample.time)
@@ -131,51 +127,51 @@ class LumioScreen:
         return Touch(np.array([sample.position]), np.array([age]), np.array([touched]))
 
     def note_plate(self, plate: Array) -> None:
-        """Take in the measured plate angles (phi, theta), rad, shape (1, 2), once a period.
+        """Take in the measured plate angles (phi, theta), rad, shape (1, 2), once per period.
 
         Only to notice a frozen touch: no ball rests on a steep plate.
         """
         tilt = float(np.abs(plate).max())
-        self._presence.lean(self._intake.sample, self._now(), tilt)
+        self._presence.note_tilt(self._stream.sample, self._now(), tilt)
 
     def faults(self) -> tuple[Fault, ...]:
-        """What has been detected since the last call, oldest first; ask once a period."""
-        self._presence.look(self._intake.sample, self._now(), self._silent)
-        return tuple(self._intake.faults())
+        """What has been detected since the last call, oldest first; ask once per period."""
+        self._presence.update(self._stream.sample, self._now(), self._silent)
+        return tuple(self._stream.faults())
 
     @property
     def state(self) -> TouchState:
         """What is known of the ball now."""
-        return state(self.config.gate, self._intake.sample, self._now(), self._silent)
+        return touch_state(self.config.gate, self._stream.sample, self._now(), self._silent)
 
     @property
     def protocol(self) -> str:
         """The protocol spoken; empty until it has been recognised."""
-        return self._intake.decoder.name if self._intake.decoder else ""
+        return self._stream.decoder.name if self._stream.decoder else ""
 
     @property
-    def counters(self) -> Tally:
+    def counters(self) -> DecoderStats:
         """What the decoder has met so far."""
-        return self._intake.tally
+        return self._stream.stats
 
     @property
     def reports(self) -> int:
         """Reports decoded so far."""
-        return self._intake.reports
+        return self._stream.reports
 
     @property
     def report_rate(self) -> float:
-        """Reports a second while touched, over the last ones; 0 before there are two."""
-        return self._intake.rate
+        """Reports per second while touched, over the last ones; 0 before there are two."""
+        return self._stream.rate
 
     @property
     def dropped(self) -> int:
         """Bytes dropped unread in floods."""
-        return self._intake.dropped
+        return self._stream.dropped
 
     @property
     def _silent(self) -> bool:
-        decoder = self._intake.decoder
+        decoder = self._stream.decoder
         return decoder is not None and decoder.silent_at_rest
 
     def _listen(self) -> None:
@@ -184,7 +180,7 @@ class LumioScreen:
             taken = self.listen()
             if not self.connected:
                 self._stop.wait(self.WAIT)
-            elif taken > self._intake.MOST:
+            elif taken > self._stream.MOST:
                 self._stop.wait(self.REST)
         self._port.close()
         self.connected = False
@@ -193,7 +189,7 @@ class LumioScreen:
         """Take in what arrives; the number of bytes. The thread does nothing else."""
         if self._recover.is_set():
             self._recover.clear()
-            self._intake.forget()
+            self._stream.forget()
             self._reopen()
         if not self.connected:
             return 0
@@ -202,7 +198,7 @@ class LumioScreen:
         except ScreenError as error:
             self._gone(error)
             return 0
-        self._intake.take(self._now(), data)
+        self._stream.take(self._now(), data)
         return len(data)
 
     def _reopen(self) -> None:
@@ -218,4 +214,4 @@ class LumioScreen:
     def _gone(self, error: ScreenError) -> None:
         self.connected = False
         self._port.close()
-        self._intake.tell(UNPLUGGED, str(error).partition(": ")[2])
+        self._stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])

@@ -19,7 +19,7 @@ class BallContact:
     """The contact of ball and screen of every rig of a batch.
 
     Friction that is constant is written once and costs nothing; one that changes with the ball's
-    speed, rest or place is written anew by ``feel``. The engine knows no arm between 0 and 0.01 mm:
+    speed, rest or place is updated by ``feel``. The engine knows no arm between 0 and 0.01 mm:
     a rig without any resistance rolls freely, the others have at least that much.
 
     Args:

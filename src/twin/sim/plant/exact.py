@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, Number
 from controllers.ballplate import BallPlate
+from twin.errors import ModelError
 from twin.hal.interface import SCREEN
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.level import in_plate, tilted_gravity
@@ -49,11 +50,16 @@ class ExactPlant:
         self._gravity = tilted_gravity(level, self.model.gravity) if tilted else None
         self.start(np.zeros((rigs, 4)))
 
-    def start(self, ball: Array) -> None:
+    def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4).
 
         A ball at rest is taken to have rested long.
+
+        Raises:
+            ModelError: If a ball is to spin.
         """
+        if np.any(spin):
+            raise ModelError("the exact equations have a ball that never spins")
         self._x: Array = np.zeros((self.rigs, 8))
         self._x[:, (0, 1, 4, 5)] = ball
         self._age: Array | None = None

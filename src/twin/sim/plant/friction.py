@@ -8,13 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
+from twin.settings import Unit, setting
 from twin.sim.plant.surface import SurfaceMap
-
-Number = float | Array
-"""A number for all rigs, or one a rig, shape (N,)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +30,7 @@ class Friction:
 
     so that at rest it approaches 1 like 1 - exp(-t / dwell_time), and in steady rolling it is the
     Stribeck curve 1 / (1 + (v / stribeck_speed)^2) of Hess and Soom. With ``dwell_time`` 0 it
-    always is. Fields are numbers, or arrays with one entry a rig.
+    always is. Fields are numbers, or arrays with one entry per rig.
 
     Attributes:
         rolling: Rolling resistance arm in m; a plate at rest tilted by less than
@@ -47,11 +45,13 @@ class Friction:
         ModelError: If a number is out of range.
     """
 
-    rolling: Number = 0.0
-    breakaway_ratio: Number = 1.0
-    stribeck_speed: Number = 0.005
-    dwell_time: Number = 0.0
-    viscous: Number = 0.0
+    rolling: Number = setting(
+        "plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0
+    )
+    breakaway_ratio: Number = setting("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
+    stribeck_speed: Number = setting("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
+    dwell_time: Number = setting("plant.friction.dwell_time", 0.0, ge=0)
+    viscous: Number = setting("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
     map: SurfaceMap | None = None
 
     def __post_init__(self) -> None:

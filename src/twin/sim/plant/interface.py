@@ -2,9 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
-from controllers.arrays import Array, Mask
+import numpy as np
+
+from controllers.arrays import Array, Mask, Number
+from twin.settings import setting
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallStart:
+    """Where the ball begins on the level plate; fields may be arrays with one entry per rig.
+
+    Attributes:
+        x: Position along x in plate axes, m.
+        y: Along y, m.
+        x_rate: Speed along x, m/s; the ball rolls.
+        y_rate: Along y, m/s.
+        spin: Rate about the vertical, rad/s.
+    """
+
+    x: Number = setting("plant.start.x", 0.0, ge=-0.35, le=0.35)
+    y: Number = setting("plant.start.y", 0.0, ge=-0.1975, le=0.1975)
+    x_rate: Number = setting("plant.start.x_rate", 0.0)
+    y_rate: Number = setting("plant.start.y_rate", 0.0)
+    spin: Number = setting(
+        "plant.start.spin", 0.0, ge=-500, le=500, exact="have a ball that never spins"
+    )
+
+    @property
+    def ball(self) -> Array:
+        """(x, x', y, y') in m and m/s, shape (4,) or (N, 4)."""
+        return np.stack(np.broadcast_arrays(self.x, self.x_rate, self.y, self.y_rate), axis=-1)
 
 
 class Plant(Protocol):
@@ -22,8 +52,13 @@ class Plant(Protocol):
     ratio: float
     channels: tuple[str, ...]
 
-    def start(self, ball: Array) -> None:
-        """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4)."""
+    def start(self, ball: Array, spin: Number = 0.0) -> None:
+        """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4).
+
+        Args:
+            ball: Positions in m and speeds in m/s of the rolling balls.
+            spin: Their rates about the vertical, rad/s; 0 on plants whose ball cannot spin.
+        """
 
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor rates (rad/s, shape (N, 2)) for a number of physics steps."""

@@ -8,9 +8,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, Number
 from twin.errors import ModelError
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
@@ -46,9 +46,7 @@ class Mechanism:
         rigs: Number N of mechanisms.
         step: Physics step in s; None for the model's own.
         threads: Threads to step on, 0 for one a processor; one rig needs only one.
-        rolling: Rolling friction of the ball in m, one for all or shape (N,); 0 is frictionless
-            rolling. The same as ``friction=Friction(rolling=rolling)``.
-        friction: Rolling resistance of the ball; None and no ``rolling``: the model's own.
+        friction: Rolling resistance of the ball; None for the model's own.
         parts: What differs from the model file, one for all or one a rig.
 
     Raises:
@@ -63,7 +61,6 @@ class Mechanism:
         rigs: int = 1,
         step: float | None = None,
         threads: int = 0,
-        rolling: ArrayLike | None = None,
         friction: Friction | None = None,
         parts: Parts | Sequence[Parts] | None = None,
     ) -> None:
@@ -72,10 +69,6 @@ class Mechanism:
             raise ModelError(f"rigs must be 1 or more, got {rigs}")
         if step is not None and not 0 < step <= 0.002:
             raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
-        if rolling is not None:
-            if friction is not None:
-                raise ModelError("give the mechanism either rolling or friction")
-            friction = Friction(rolling=np.asarray(rolling, float))
         each = [parts] * rigs if parts is None or isinstance(parts, Parts) else list(parts)
         if len(each) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
@@ -98,7 +91,7 @@ class Mechanism:
         self._height = np.array([models[part].key("level").qpos[height] for part in each])
         self._radius = self._height - self._surface
         self._contact = None if friction is None else BallContact(self._batch, friction)
-        # how often friction that changes with speed or place is looked at anew: every 2 ms
+        # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
         self._varying = self._contact is not None and self._contact.varying
         self.start(np.zeros((rigs, 4)))
@@ -143,7 +136,7 @@ class Mechanism:
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
 
-    def start(self, ball: Array, spin: float = 0.0) -> None:
+    def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
 
         Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the

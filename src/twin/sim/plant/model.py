@@ -84,7 +84,7 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
 
 
 def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
-    """The model fields in which compiled mechanisms differ, one value a mechanism, (N, ...).
+    """The model fields in which compiled mechanisms differ, one value per mechanism, (N, ...).
 
     Raises:
         ModelError: If they differ in more than numbers, so that they cannot run side by side.
@@ -96,7 +96,10 @@ def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
         owner, _, field = name.rpartition(".")
         values = [np.asarray(getattr(model.opt if owner else model, field)) for model in models]
         if any(value.shape != values[0].shape for value in values):
-            raise ModelError("rigs side by side must all have a ball out of balance, or none")
+            raise ModelError(
+                "plant.ball.offset_mm: rigs side by side must all have a ball out of balance or "
+                "none"
+            )
         if any(not np.array_equal(value, values[0]) for value in values):
             found[name] = np.stack(values)
     return found

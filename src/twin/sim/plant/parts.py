@@ -7,13 +7,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from twin.errors import ModelError
+from twin.settings import Unit, setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
     """Numbers of one mechanism, SI units; None leaves what the model file says.
 
-    A mechanism whose balance they change is levelled anew, as a rig is after work on it: the
+    A mechanism whose balance they change is levelled again, as a rig is after work on it: the
     motor shafts are set to the height at which motor angle 0 is plate angle 0.
 
     Attributes:
@@ -37,20 +38,54 @@ class Parts:
         ModelError: If a number is out of range.
     """
 
-    mass: float | None = None
-    radius: float | None = None
-    inertia: float | None = None
-    offset: tuple[float, float, float] | None = None
-    oval: float | None = None
-    sliding: float | None = None
-    spinning: float | None = None
-    stiffness: float | None = None
-    damping_ratio: float | None = None
-    preload: float | None = None
-    torque: float | None = None
-    speed: float | None = None
-    plate_centre: tuple[float, float] | None = None
-    level: tuple[float, float] | None = None
+    mass: float | None = setting("plant.ball.mass", 0.024, otherwise=None, gt=0)
+    radius: float | None = setting("plant.ball.radius", 0.02, otherwise=None, ge=0.005, le=0.05)
+    inertia: float | None = setting("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
+    offset: tuple[float, float, float] | None = setting(
+        "plant.ball.offset_mm",
+        (0.0, 0.0, 0.0),
+        Unit.MM,
+        otherwise=None,
+        exact="have a ball with its centre of mass in the middle",
+    )
+    oval: float | None = setting(
+        "plant.ball.oval_mm", 0.0, Unit.MM, otherwise=None, ge=0, exact="have a round ball"
+    )
+    sliding: float | None = setting(
+        "plant.friction.sliding", 0.5, otherwise=None, gt=0, exact="have a ball that never slides"
+    )
+    spinning: float | None = setting(
+        "plant.friction.spinning_mm",
+        0.01,
+        Unit.MM,
+        otherwise=None,
+        ge=0.01,
+        le=10,
+        exact="have a ball that never spins",
+    )
+    stiffness: float | None = setting(
+        "plant.wheels.stiffness", None, ge=5e3, le=2e6, exact="have no wheels"
+    )
+    damping_ratio: float | None = setting(
+        "plant.wheels.damping_ratio", None, ge=0, le=2, exact="have no wheels"
+    )
+    preload: float | None = setting(
+        "plant.spring.preload", None, ge=1, le=500, exact="have no spring"
+    )
+    torque: float | None = setting(
+        "plant.servo.torque_limit", None, gt=0, exact="have ideal motors"
+    )
+    speed: float | None = setting("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    plate_centre: tuple[float, float] | None = setting(
+        "plant.plate.offset_mm",
+        None,
+        Unit.MM,
+        type=tuple[float, float],
+        exact="have a plate that goes where it is told",
+    )
+    level: tuple[float, float] | None = setting(
+        "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges."""

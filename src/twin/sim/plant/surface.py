@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
+from twin.settings import Unit, setting
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +60,11 @@ class SurfaceMap:
         object.__setattr__(self, "_grids", grids.reshape(-1, *shape[-2:], 3))
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Lines of the grid along x and y."""
+        return self._grids.shape[1], self._grids.shape[2]
+
+    @property
     def sloping(self) -> bool:
         """Whether the surface is anywhere not flat."""
         return bool(self._grids[..., 1:].any())
@@ -100,3 +107,62 @@ class SurfaceMap:
         scale = slope / np.sqrt((waves._grids[..., 1:] ** 2).mean())
         assert waves.height is not None
         return cls(relative=relative, height=scale * waves.height)
+
+    @classmethod
+    def stacked(cls, maps: Sequence[SurfaceMap | None]) -> SurfaceMap | None:
+        """The surfaces of N rigs as one; None stands for an even, level one.
+
+        Raises:
+            ModelError: If their grids differ in shape.
+        """
+        given = [each for each in maps if each is not None]
+        if not given or all(each is maps[0] for each in maps):
+            return maps[0]
+        shape = given[0].shape
+        if any(each.shape != shape for each in given):
+            raise ModelError("plant.surface: the rigs of a batch need grids of one size")
+        even, level = np.ones(shape), np.zeros(shape)
+
+        def grid(name: str, otherwise: Array) -> Array:
+            found = (getattr(each, name) if each is not None else None for each in maps)
+            return np.stack([otherwise if one is None else np.asarray(one) for one in found])
+
+        return cls(relative=grid("relative", even), height=grid("height", level))
+
+
+Grid = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceModel:
+    """How a screen varies: drawn at random, or grids from edge to edge.
+
+    Attributes:
+        spread: Standard deviation of the logarithm of the friction, dimensionless.
+        slope: Root mean square of the local slope in rad.
+        patch: Length in m over which both change.
+        seed: Which screen is drawn.
+        relative: Friction relative to that of the ball; rows along x, columns along y, both from
+            the negative edge to the positive one; empty for none.
+        height: Height in m over the same grid; empty for none.
+    """
+
+    spread: float = setting("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
+    slope: float = setting("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
+    patch: float = setting("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
+    seed: int = setting("plant.surface.seed", 0, ge=0)
+    relative: Grid = setting("plant.surface.relative", (), type=Grid)
+    height: Grid = setting("plant.surface.height_um", (), Unit.UM, type=Grid)
+
+    def map(self) -> SurfaceMap | None:
+        """The surface; None if it is even and level."""
+        if self.relative or self.height:
+            return SurfaceMap(
+                relative=np.array(self.relative) if self.relative else None,
+                height=np.array(self.height) if self.height else None,
+            )
+        if self.spread or self.slope:
+            return SurfaceMap.random(
+                seed=self.seed, patch=self.patch, spread=self.spread, slope=self.slope
+            )
+        return None

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twin.run.record import write_whole
-from twin.thesis.experiments.predict import Row
+from twin.thesis.experiments.predict import Prediction
 
 LAWS = {
     "AFL": ("9.2", "9.3"),
@@ -21,8 +22,8 @@ SIDES = ("without predictor", "with Smith predictor")
 MEASURED, PREDICTED, CLEAN = "#222222", "#1f6fb4", "#e08214"
 
 
-def draw(path: Path, rows: Sequence[Row]) -> None:
-    """Draw tracking error over frequency, one panel a law, with and without predictor.
+def draw(path: Path, rows: Sequence[Prediction]) -> None:
+    """Draw tracking error over frequency, one panel per law, with and without predictor.
 
     Raises:
         RecordError: If the file cannot be written.
@@ -46,7 +47,7 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
     write_whole(path, lambda target: figure.savefig(target, dpi=110, metadata={"Software": None}))
 
 
-def _panel(ax, rows: Sequence[Row]) -> None:  # type: ignore[no-untyped-def]
+def _panel(ax: Axes, rows: Sequence[Prediction]) -> None:
     omega = [float(row["row"].split()[-1]) for row in rows]
 
     def values(key: str) -> list[float]:

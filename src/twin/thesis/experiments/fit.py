@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +13,9 @@ from scipy.stats import t as student
 
 from controllers.arrays import Array
 from twin.run.record import write_whole
-from twin.thesis.experiments.batch import FROM, simulate
-from twin.thesis.experiments.judge import READINGS, e_tt
-from twin.thesis.experiments.rig import Rig
+from twin.thesis import tables
+from twin.thesis.experiments.batch import DURATION, rolling, simulate
+from twin.thesis.experiments.judge import FROM, READINGS, e_tt
 from twin.thesis.experiments.tables import CALIBRATION, chosen
 
 ARMS = (0.10e-3, 0.14e-3, 0.18e-3, 0.22e-3, 0.26e-3)
@@ -25,7 +23,7 @@ ARMS = (0.10e-3, 0.14e-3, 0.18e-3, 0.22e-3, 0.26e-3)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class FrictionFit:
     """Rolling friction as identified from Table 9.3.
 
     Attributes:
@@ -49,26 +47,20 @@ class Fit:
         """Root mean square of the residual over its two degrees of freedom, points."""
         return float(np.sqrt(np.sum(np.square(self.residual)) / (len(self.residual) - 1)))
 
-    @property
-    def rig(self) -> Rig:
-        """The identified rig."""
-        return Rig(rolling=self.rolling)
 
-
-def fits(advance: Callable[[float], None], *, mechanism: bool = True) -> list[Fit]:
+def fits(advance: Callable[[float], None], *, mechanism: bool = True) -> list[FrictionFit]:
     """The fit by every reading and window that Table 9.3 may have been made with.
 
     Args:
-        advance: Told the share done, 0 to 1.
+        advance: Called with the share done, 0 to 1.
         mechanism: Whether on the MuJoCo mechanism or on the exact model.
     """
     experiments = chosen([CALIBRATION])
-    total = len(ARMS) * 35.12
     traces = simulate(
         experiments,
-        [Rig(rolling=arm) for arm in ARMS],
+        [rolling(arm) for arm in ARMS],
         mechanism=mechanism,
-        progress=lambda done: advance(done / total),
+        progress=lambda done: advance(done / DURATION),
     )
     measured = [experiment.cells["e_tt"] for experiment in experiments]
     return [
@@ -83,7 +75,7 @@ def fits(advance: Callable[[float], None], *, mechanism: bool = True) -> list[Fi
     ]
 
 
-def fit(advance: Callable[[float], None]) -> Fit:
+def fit(advance: Callable[[float], None]) -> FrictionFit:
     """The choice and the fit, on the mechanism.
 
     Of the readings that a rig's computer can have made, that which Table 9.3 contradicts least.
@@ -91,12 +83,12 @@ def fit(advance: Callable[[float], None]) -> Fit:
     return best(fits(advance))
 
 
-def best(found: Sequence[Fit]) -> Fit:
+def best(found: Sequence[FrictionFit]) -> FrictionFit:
     """The fit with the smallest spread among those that need no truth."""
     return min((each for each in found if each.reading != "truth"), key=lambda each: each.spread)
 
 
-def fitted(errors: Array, measured: Sequence[float], reading: str, start: float) -> Fit:
+def fitted(errors: Array, measured: Sequence[float], reading: str, start: float) -> FrictionFit:
     """The arm by least squares, its interval by Student's t from the three residuals.
 
     Args:
@@ -118,7 +110,7 @@ def fitted(errors: Array, measured: Sequence[float], reading: str, start: float)
     deviation = np.sqrt((found.fun**2).sum() / freedom / (slope**2).sum())
     half = float(student.ppf(0.975, freedom) * deviation)
     arm = float(found.x[0])
-    return Fit(
+    return FrictionFit(
         reading=reading,
         start=start,
         rolling=arm * scale,
@@ -129,14 +121,13 @@ def fitted(errors: Array, measured: Sequence[float], reading: str, start: float)
 
 
 @cache
-def identified() -> Fit:
+def identified() -> FrictionFit:
     """The fit that the tables are predicted with, as ``write`` left it."""
-    text = files(__package__).joinpath("data", "identified.toml").read_text(encoding="utf-8")
-    data = tomllib.loads(text)
-    return Fit(**{**data, "residual": tuple(data["residual"])})
+    data = tables.data(__package__, "identified")
+    return FrictionFit(**{**data, "residual": tuple(data["residual"])})
 
 
-def write(result: Fit, path: Path) -> None:
+def write(result: FrictionFit, path: Path) -> None:
     """Write a fit as TOML.
 
     Raises:

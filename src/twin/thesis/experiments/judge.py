@@ -1,17 +1,45 @@
-"""What the columns of Tables 9.1 to 9.9 mean on the twin."""
+"""What a run of an experiment leaves, and what the columns of Tables 9.1 to 9.9 mean of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.run.loop import Ending
+from twin.run.loop import Ending, Outcome
 from twin.run.metrics import tracking_error
-from twin.thesis.experiments.batch import FROM, Trace
 
-READINGS: dict[str, Callable[[Trace], Array]] = {
+FROM = 10.0
+"""Time in s from which steady tracking is judged: two, three or four whole turns of the circle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentTrace:
+    """What one rig did in one experiment, K instants.
+
+    Attributes:
+        time: Seconds, shape (K,).
+        state: True state, shape (K, 8).
+        estimate: The observer's, which the controller acts on, shape (K, 8).
+        measured: The measurement as it arrived, shape (K, 4).
+        reference: Desired ball position in m, shape (K, 2).
+        u: Applied plate accelerations in rad/s^2, shape (K, 2): of each recorded stretch the
+            largest by amount.
+        outcome: How it ended.
+    """
+
+    time: Array
+    state: Array
+    estimate: Array
+    measured: Array
+    reference: Array
+    u: Array
+    outcome: Outcome
+
+
+READINGS: dict[str, Callable[[ExperimentTrace], Array]] = {
     "estimate": lambda trace: trace.estimate[:, 0::4],
     "truth": lambda trace: trace.state[:, 0::4],
     "measurement": lambda trace: trace.measured[:, 0::2],
@@ -32,7 +60,7 @@ UNITS = {
 """Columns and their units."""
 
 
-def e_tt(trace: Trace, reading: str = "estimate", start: float = FROM) -> float:
+def e_tt(trace: ExperimentTrace, reading: str = "estimate", start: float = FROM) -> float:
     """Trajectory tracking error (C.7) in % from a time in s on; nan for a run that ended early."""
     if trace.outcome.ending is not Ending.FINISHED:
         return float("nan")
@@ -42,11 +70,13 @@ def e_tt(trace: Trace, reading: str = "estimate", start: float = FROM) -> float:
     return float("nan") if error is None else error
 
 
-def judged(trace: Trace, reading: str = "estimate", start: float = FROM) -> dict[str, float]:
+def judged(
+    trace: ExperimentTrace, reading: str = "estimate", start: float = FROM
+) -> dict[str, float]:
     """All columns; nan where a run that ended early has none.
 
-    The tracking error is read as told. Angles are those of the encoders; like the efforts they
-    are the largest of the whole run, the start included, as in chapter 8.
+    Reading and start are those of the tracking error. Angles are those of the encoders; like the
+    efforts they are the largest of the whole run, the start included, as in chapter 8.
     """
     if trace.outcome.ending is not Ending.FINISHED:
         return dict.fromkeys(UNITS, float("nan"))
@@ -63,7 +93,7 @@ def judged(trace: Trace, reading: str = "estimate", start: float = FROM) -> dict
     return {name: float(value) for name, value in found.items()}
 
 
-def _approach(trace: Trace) -> dict[str, float]:
+def _approach(trace: ExperimentTrace) -> dict[str, float]:
     """Error at rest, overshoot and settling on x, as the observer sees the ball."""
     x, goal = trace.estimate[:, 0], float(trace.reference[-1, 0])
     end = float(x[trace.time > trace.time[-1] - 1].mean())

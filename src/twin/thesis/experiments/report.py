@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from controllers.ballplate import BallPlate
+from twin.markdown import table
 from twin.run.record import write_whole
-from twin.thesis.experiments.beyond import STEEL_ARM, approach, loses, steel
 from twin.thesis.experiments.figure import draw
-from twin.thesis.experiments.fit import Fit, identified
-from twin.thesis.experiments.goals import goals
-from twin.thesis.experiments.hypotheses import Effect
+from twin.thesis.experiments.fit import FrictionFit, identified
+from twin.thesis.experiments.hypotheses import HypothesisResult
 from twin.thesis.experiments.judge import UNITS
-from twin.thesis.experiments.predict import Row
+from twin.thesis.experiments.predict import Prediction, goals
+from twin.thesis.experiments.single_runs import STEEL_ARM, approach, loses, steel
 from twin.thesis.experiments.tables import tables
 
 FIGURE = "experiments.png"
@@ -43,7 +43,10 @@ rig's friction does from one day to the next.
 
 
 def write_doc(
-    path: Path, rows: Sequence[Row], found: Sequence[Fit], effects: Sequence[Effect]
+    path: Path,
+    rows: Sequence[Prediction],
+    found: Sequence[FrictionFit],
+    results: Sequence[HypothesisResult],
 ) -> None:
     """Write the document and its figure into ``figures`` beside it.
 
@@ -58,23 +61,12 @@ def write_doc(
         *_fit(found),
         *_tracking(rows),
         *_own_arms(rows),
-        *_effects(effects),
-        *_beyond(),
+        *_hypotheses(results),
+        *_single_runs(),
         *_all_cells(rows),
     ]
     text = "\n".join(parts).rstrip() + "\n"
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
-
-
-def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
-    """A Markdown table, its first column to the left."""
-    rule = "|---" + "|--:" * (len(head) - 1) + "|"
-    return (
-        ["| " + " | ".join(line) + " |" for line in (head,)]
-        + [rule]
-        + ["| " + " | ".join(line) + " |" for line in lines]
-        + [""]
-    )
 
 
 def shown(value: float | None) -> str:
@@ -82,15 +74,15 @@ def shown(value: float | None) -> str:
     return "lost" if value is None else f"{value:.3g}"
 
 
-def _goals(rows: Sequence[Row]) -> list[str]:
+def _goals(rows: Sequence[Prediction]) -> list[str]:
     lines = [
         (goal.sentence, goal.found, "reached" if goal.reached else "**not reached**")
         for goal in goals(rows)
     ]
-    return ["## Verdict\n", *table(("goal", "found", ""), lines)]
+    return ["## Verdict\n", table(("goal", "found", ""), lines)]
 
 
-def _fit(found: Sequence[Fit]) -> list[str]:
+def _fit(found: Sequence[FrictionFit]) -> list[str]:
     lines = [
         (
             f"{fit.reading}, from {fit.start:g} s on",
@@ -106,10 +98,10 @@ def _fit(found: Sequence[Fit]) -> list[str]:
     arm = (
         f"Used: {1000 * used.rolling:.4f} mm, a slope of {np.degrees(used.rolling / 0.02):.2f} deg."
     )
-    return [READING, *table(head, lines), arm + "\n"]
+    return [READING, table(head, lines), arm + "\n"]
 
 
-def _tracking(rows: Sequence[Row]) -> list[str]:
+def _tracking(rows: Sequence[Prediction]) -> list[str]:
     lines = []
     for row in rows:
         if row["column"] != "e_tt":
@@ -128,10 +120,10 @@ def _tracking(rows: Sequence[Row]) -> list[str]:
             )
         )
     head = ("table", "ω", "measured", "predicted", "range", "off", "frictionless", "")
-    return ["## Tracking errors in %\n", *table(head, lines)]
+    return ["## Tracking errors in %\n", table(head, lines)]
 
 
-def own_arm(rows: Sequence[Row], name: str) -> float:
+def own_arm(rows: Sequence[Prediction], name: str) -> float:
     """The rolling friction in m that a table's tracking errors alone would ask for."""
     known = identified()
     cells = [r for r in rows if r["table"] == name and r["column"] == "e_tt" and r["predicted"]]
@@ -140,7 +132,7 @@ def own_arm(rows: Sequence[Row], name: str) -> float:
     return known.rolling + float((slope * off).sum() / (slope**2).sum())
 
 
-def _own_arms(rows: Sequence[Row]) -> list[str]:
+def _own_arms(rows: Sequence[Prediction]) -> list[str]:
     names = [name for name in tables() if name != "9.1"]
     lines = [
         (f"{name} {tables()[name].title}", f"{1000 * own_arm(rows, name):.3f}") for name in names
@@ -151,14 +143,14 @@ def _own_arms(rows: Sequence[Row]) -> list[str]:
 Were the friction free to differ from one series of experiments to the next, these values (in mm)
 would fit each table best. They are not used.
 """
-    return [text, *table(("table", "rolling [mm]"), lines)]
+    return [text, table(("table", "rolling [mm]"), lines)]
 
 
-def _effects(effects: Sequence[Effect]) -> list[str]:
+def _hypotheses(results: Sequence[HypothesisResult]) -> list[str]:
     text = """\
 ## Hypotheses
 
-Each effect alone beside rolling friction, which is fitted anew to Table 9.3 (exact model, 25 s,
+Each effect alone beside rolling friction, which is refitted to Table 9.3 (exact model, 25 s,
 without noise unless the hypothesis is the noise). *fit*: rms deviation in 9.3; *mean*, *worst*: of
 the 15 predicted errors; *sliding*: mean of the six of the sliding mode; *gap*: errors without
 predictor less those with (measured: +2.1); *fall*: error at 1 over that at 0.5 rad/s in Table 9.9
@@ -166,26 +158,26 @@ predictor less those with (measured: +2.1); *fall*: error at 1 over that at 0.5 
 """
     lines = [
         (
-            effect.hypothesis.name,
-            effect.hypothesis.why,
-            f"{1000 * effect.rolling:.3f}",
+            result.hypothesis.name,
+            result.hypothesis.why,
+            f"{1000 * result.rolling:.3f}",
             *(
                 _points(v)
-                for v in (effect.calibration, effect.mean, effect.worst, effect.sliding, effect.gap)
+                for v in (result.calibration, result.mean, result.worst, result.sliding, result.gap)
             ),
-            f"{effect.fall:.2f}",
+            f"{result.fall:.2f}",
         )
-        for effect in effects
+        for result in results
     ]
     head = ("hypothesis", "size", "rolling [mm]", "fit", "mean", "worst", "sliding", "gap", "fall")
-    return [text, *table(head, lines)]
+    return [text, table(head, lines)]
 
 
 def _points(value: float) -> str:
     return "lost" if np.isnan(value) else f"{value:.2f}"
 
 
-def _beyond() -> list[str]:
+def _single_runs() -> list[str]:
     balls = {
         "hollow": approach(BallPlate(), identified().rolling),
         "steel": approach(steel(), STEEL_ARM),
@@ -195,7 +187,7 @@ def _beyond() -> list[str]:
         "## In words only\n",
         "**Steel ball (Appendix E).** Step to 0.15 m with the same closed-loop poles; the steel "
         f"ball's rolling friction of {1000 * STEEL_ARM:g} mm is assumed (the thesis: less).\n",
-        *table(("ball", "overshoot [%]", "error at rest [mm]"), lines),
+        table(("ball", "overshoot [%]", "error at rest [mm]"), lines),
         *_saturated(),
     ]
 
@@ -209,11 +201,11 @@ def _saturated() -> list[str]:
     return [
         "**Backstepping with saturation (chapter 10).** The ball begins off the centre, its goal; "
         "rows: limit of the plate's acceleration in rad/s^2.\n",
-        *table(("limit", *(f"{start:g} m" for start in starts)), lines),
+        table(("limit", *(f"{start:g} m" for start in starts)), lines),
     ]
 
 
-def _all_cells(rows: Sequence[Row]) -> list[str]:
+def _all_cells(rows: Sequence[Prediction]) -> list[str]:
     lines, notes = [], []
     for row in rows:
         if row["column"] == "e_tt":
@@ -230,4 +222,4 @@ def _all_cells(rows: Sequence[Row]) -> list[str]:
             )
         )
     head = ("experiment", "quantity", "measured", "predicted", "frictionless")
-    return ["## Stabilisation, angles and efforts\n", *table(head, lines), *notes]
+    return ["## Stabilisation, angles and efforts\n", table(head, lines), *notes]

@@ -1,1 +1,1 @@
-"""The tables of the thesis's chapter 8, computed anew and laid beside the thesis's values."""
+"""The tables of the thesis's chapter 8, recomputed and compared."""

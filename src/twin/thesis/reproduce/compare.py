@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from twin.thesis.reproduce.jobs import RowId, RowResult
 from twin.thesis.reproduce.measures import COLUMNS
-from twin.thesis.reproduce.tables import Row, Table
-from twin.thesis.reproduce.work import Finding, Place
+from twin.thesis.reproduce.tables import SimulatedRow, SimulatedTable
 
 WAYS = ("exact", "sampled", "mujoco")
 WORTH_A_NOTE = 1.0
 """Deviation in % from which a cause of inexact values is named."""
 
-Findings = Mapping[tuple[Place, str], Finding]
+Results = Mapping[tuple[RowId, str], RowResult]
 
 
-class Verdict(StrEnum):
+class Agreement(StrEnum):
     """Whether a cell agrees with the thesis.
 
     AGREES: within its bound. EXCEPTION: not, for a reason that is known and noted. DIFFERS: not.
@@ -67,7 +67,7 @@ class Cell:
     sampled: Value | None
     mujoco: Value | None
     note: str
-    verdict: Verdict
+    verdict: Agreement
 
     @property
     def deviation_percent(self) -> float | None:
@@ -95,7 +95,7 @@ class Cell:
         }
 
 
-def compare(wanted: Iterable[Table], found: Findings) -> list[Cell]:
+def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[Cell]:
     """Every cell of the tables."""
     return [
         _cell(table, index, row, column, found)
@@ -105,7 +105,9 @@ def compare(wanted: Iterable[Table], found: Findings) -> list[Cell]:
     ]
 
 
-def _cell(table: Table, index: int, row: Row, column: str, found: Findings) -> Cell:
+def _cell(
+    table: SimulatedTable, index: int, row: SimulatedRow, column: str, found: Results
+) -> Cell:
     thesis = row.cells[column]
     mine = {way: found[(table.id, index), way] for way in WAYS}
     values = {way: _value(finding.values[column], column) for way, finding in mine.items()}
@@ -128,11 +130,15 @@ def _cell(table: Table, index: int, row: Row, column: str, found: Findings) -> C
         thesis=thesis,
         **values,
         note=" ".join(filter(None, remarks)),
-        verdict=Verdict.AGREES if agrees else Verdict.EXCEPTION if excused else Verdict.DIFFERS,
+        verdict=Agreement.AGREES
+        if agrees
+        else Agreement.EXCEPTION
+        if excused
+        else Agreement.DIFFERS,
     )
 
 
-def _fitted(table: Table, values: list[float]) -> str:
+def _fitted(table: SimulatedTable, values: list[float]) -> str:
     assert table.fitted is not None
     low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
     return f"Exact with {table.fitted['label']}: {middle:.4g} ({low:.4g} to {high:.4g})."

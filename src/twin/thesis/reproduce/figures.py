@@ -16,13 +16,13 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from PIL import Image
 
-from controllers.analysis.neglected import terms
 from controllers.ballplate import BallPlate
-from twin.run.picture import COLOURS, REFERENCE
+from twin.run.overview_plot import COLOURS, REFERENCE
 from twin.run.record import write_whole
-from twin.thesis.reproduce.compare import Findings
-from twin.thesis.reproduce.measures import Trace
-from twin.thesis.reproduce.tables import Table
+from twin.thesis.claims import terms
+from twin.thesis.reproduce.compare import Results
+from twin.thesis.reproduce.measures import SimulationTrace
+from twin.thesis.reproduce.tables import SimulatedTable
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
@@ -30,7 +30,7 @@ PALETTE = 96
 """Colours a picture keeps: enough for lines, and a third of the size."""
 
 
-def draw_table(path: Path, table: Table, found: Findings) -> None:
+def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
     """Errors or positions, plate angles and efforts of a table's rows, on both plants.
 
     Raises:
@@ -47,13 +47,13 @@ def draw_table(path: Path, table: Table, found: Findings) -> None:
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
             if step:
-                wished = found[(table.id, 0), "exact"].excerpt
-                panels[0, axis].plot(wished.time, 1000 * wished.reference[:, axis], **REFERENCE)
+                goal = found[(table.id, 0), "exact"].excerpt
+                panels[0, axis].plot(goal.time, 1000 * goal.reference[:, axis], **REFERENCE)
         _keys(figure, panels[0, 0], mechanism=True)
         _write(figure, path)
 
 
-def draw_observer(path: Path, table: Table, index: int, found: Findings) -> None:
+def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results) -> None:
     """True and estimated states and the efforts of one observer.
 
     Raises:
@@ -85,7 +85,7 @@ def draw_observer(path: Path, table: Table, index: int, found: Findings) -> None
         _write(figure, path)
 
 
-def draw_neglected(path: Path, table: Table, found: Findings) -> None:
+def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
     """Main and neglected terms of (6.42) on the exact model, as in the thesis's Figure 8.6.
 
     Raises:
@@ -130,7 +130,7 @@ def _panels(rows: int, title: str) -> tuple[Figure, NDArray[Any]]:
     return figure, panels
 
 
-def _add(panels: NDArray[Any], trace: Trace, *, step: bool, **look: Any) -> None:
+def _add(panels: NDArray[Any], trace: SimulationTrace, *, step: bool, **look: Any) -> None:
     state, time = trace.state[:, 0], trace.time
     for axis, (angle, acceleration) in enumerate((("φ [deg]", "φ″"), ("θ [deg]", "θ″"))):
         ball = state[:, 4 * axis]
@@ -166,7 +166,7 @@ DRAWN: Mapping[str, str] = {"full_state": "table", "tracking": "table", "observe
 """Data file to the kind of figure its tables get."""
 
 
-def draw_all(folder: Path, table: Table, found: Findings) -> dict[str, str]:
+def draw_all(folder: Path, table: SimulatedTable, found: Results) -> dict[str, str]:
     """Draw what belongs to a table: file name to what it shows.
 
     Raises:

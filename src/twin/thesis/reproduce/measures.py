@@ -11,18 +11,18 @@ import numpy as np
 from controllers.arrays import Array
 from twin.run.loop import Ending, Outcome
 from twin.run.metrics import Motion, measure
-from twin.thesis.reproduce.cases import Case
+from twin.thesis.reproduce.cases import SimulationCase
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trace:
+class SimulationTrace:
     """K instants of the N runs of one case, or how they ended early.
 
     Attributes:
         time: Seconds, shape (K,), the end of the run included.
         state: True state, shape (K, N, 8).
         u: Commanded plate accelerations in rad/s^2, shape (K, N, 2).
-        reference: Wished ball position in m, shape (K, 2).
+        reference: Desired ball position in m, shape (K, 2).
         estimate: The observer's state, shape (K, N, 8).
         ended: Why a run ended early, in words; empty if all lasted.
         until: When the first run ended, s.
@@ -47,11 +47,11 @@ class Trace:
             reference=self.reference,
         )
 
-    def excerpt(self, step: float) -> Trace:
-        """The first run at every so many seconds until it ended, for a figure."""
+    def excerpt(self, step: float) -> SimulationTrace:
+        """The first run until it ended, one instant per step in s, for a figure."""
         every = max(1, round(step / (self.time[1] - self.time[0])))
         rows = slice(0, np.searchsorted(self.time, self.until, "right"), every)
-        return Trace(
+        return SimulationTrace(
             time=self.time[rows],
             state=self.state[rows, :1].copy(),
             u=self.u[rows, :1].copy(),
@@ -63,7 +63,7 @@ class Trace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class ThesisColumn:
     """A column of the thesis's tables.
 
     Attributes:
@@ -86,20 +86,20 @@ class Column:
 
 
 COLUMNS = {
-    "e_ss": Column(label="e_ss", unit="m"),
-    "overshoot": Column(label="overshoot", unit="%", zero=0.5),
-    "t_ss": Column(label="t_ss", unit="s", judged="reading"),
-    "rms_error": Column(label="average tracking error", unit="m"),
-    "max_steady_error": Column(label="max. steady tracking error", unit="m"),
-    "e_tt": Column(label="tracking error e_tt", unit="%", judged="noise"),
-    "phi_max": Column(label="phi_max", unit="deg"),
-    "u1_max": Column(label="u1_max", unit="rad/s^2"),
-    "theta_max": Column(label="theta_max", unit="deg"),
-    "u2_max": Column(label="u2_max", unit="rad/s^2"),
-    "x1_error": Column(label="x1 estimation error", unit="m", judged="noise"),
-    "x2_error": Column(label="x2 estimation error", unit="m/s", judged="noise"),
-    "x3_error": Column(label="x3 estimation error", unit="rad", judged="noise"),
-    "x4_error": Column(label="x4 estimation error", unit="rad/s", judged="noise"),
+    "e_ss": ThesisColumn(label="e_ss", unit="m"),
+    "overshoot": ThesisColumn(label="overshoot", unit="%", zero=0.5),
+    "t_ss": ThesisColumn(label="t_ss", unit="s", judged="reading"),
+    "rms_error": ThesisColumn(label="average tracking error", unit="m"),
+    "max_steady_error": ThesisColumn(label="max. steady tracking error", unit="m"),
+    "e_tt": ThesisColumn(label="tracking error e_tt", unit="%", judged="noise"),
+    "phi_max": ThesisColumn(label="phi_max", unit="deg"),
+    "u1_max": ThesisColumn(label="u1_max", unit="rad/s^2"),
+    "theta_max": ThesisColumn(label="theta_max", unit="deg"),
+    "u2_max": ThesisColumn(label="u2_max", unit="rad/s^2"),
+    "x1_error": ThesisColumn(label="x1 estimation error", unit="m", judged="noise"),
+    "x2_error": ThesisColumn(label="x2 estimation error", unit="m/s", judged="noise"),
+    "x3_error": ThesisColumn(label="x3 estimation error", unit="rad", judged="noise"),
+    "x4_error": ThesisColumn(label="x4 estimation error", unit="rad/s", judged="noise"),
 }
 """The columns by the names the data files use."""
 
@@ -121,30 +121,32 @@ The "average tracking error" is not (C.4), but a root mean square over the run. 
 """
 
 
-def overshoot_beyond_end(trace: Trace, run: int) -> float:
+def overshoot_beyond_end(trace: SimulationTrace, run: int) -> float:
     """How far x passes its value at the end, in % of that value."""
     x = trace.state[:, run, 0]
     return max(0.0, float(100 * (x.max() / x[-1] - 1)))
 
 
-def estimation_error(state: int) -> Callable[[Trace, int], float]:
+def estimation_error(state: int) -> Callable[[SimulationTrace, int], float]:
     """Root mean square over the run of a state's estimation error (C.1)."""
 
-    def error(trace: Trace, run: int) -> float:
+    def error(trace: SimulationTrace, run: int) -> float:
         difference = trace.state[:, run, state] - trace.estimate[:, run, state]
         return float(np.sqrt((difference**2).mean()))
 
     return error
 
 
-OWN: dict[str, Callable[[Trace, int], float]] = {
+OWN: dict[str, Callable[[SimulationTrace, int], float]] = {
     "overshoot": overshoot_beyond_end,
     **{f"x{i + 1}_error": estimation_error(i) for i in range(4)},
 }
 """Columns that only the thesis's tables have."""
 
 
-def judge(trace: Trace, case: Case, columns: tuple[str, ...]) -> dict[str, list[float]]:
+def judge(
+    trace: SimulationTrace, case: SimulationCase, columns: tuple[str, ...]
+) -> dict[str, list[float]]:
     """The columns' values for every run of a case; for t_ss also those of the bands' ends.
 
     A run that ended early has no values.

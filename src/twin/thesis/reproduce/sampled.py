@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Mask
 from controllers.interfaces import Measurement
-from controllers.per_rig import Fleet, Paths
+from controllers.per_rig import PerRigLaw
 from controllers.stack import Controller
-from twin.hal.cams import CamTable, Direct
+from twin.hal.cams import CamTable, FixedRatio
+from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
-from twin.hal.rig import Transmission
-from twin.paths import model_path
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
+from twin.sim.drives import DriveModel
+from twin.sim.encoders import EncoderModel
 from twin.sim.plant.exact import ExactPlant
+from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Plant
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.rig import SimulatedRig
-from twin.sim.sensors import EncoderModel, TouchModel
-from twin.thesis.reproduce.cases import Case, laws
-from twin.thesis.reproduce.measures import Trace
-from twin.thesis.reproduce.noise import BALL, DISTURBANCE, PLATE, SeededBench, streams
+from twin.sim.rig import SimulatedDevices, SimulatedRig
+from twin.sim.touch import TouchModel
+from twin.thesis.reproduce.cases import (
+    BALL,
+    DISTURBANCE,
+    PLATE,
+    SimulationCase,
+    laws,
+    paths,
+    streams,
+)
+from twin.thesis.reproduce.measures import SimulationTrace
 
 PERIOD = 0.002
 FINE, COARSE = 0.0005, 0.002
@@ -43,92 +50,50 @@ class FromOrigin(Controller):
         """Begin with ball and plate at rest on the centre, whatever is measured."""
         super().start(replace(measurement, y=np.zeros_like(measurement.y)))
 
-    def command(self, measurement: Measurement) -> Array:
-        """Wished plate rates; the estimate that they follow from is left in ``estimate``."""
-        wished = super().command(measurement)
-        self.estimate = self.observer.x
-        return wished
-
 
 class EndlessPlate(ExactPlant):
     """The exact model as the thesis simulates it: its plate has no edge."""
 
     @property
-    def on_plate(self) -> NDArray[np.bool_]:
+    def on_plate(self) -> Mask:
         """Always, shape (N,)."""
         return np.ones(self.rigs, bool)
 
 
-class AtMeasuredAngle(SimulatedRig):
-    """A rig that looks up its cams where the plate is measured to be.
-
-    The drives of these tables drift, by the disturbance: the sum of all commands goes astray.
-    """
-
-    def write(self, rate: Array) -> Array:
-        """Command plate rates in rad/s, shape (N, 2); return those applied."""
-        plate = self.supervisor.angle
-        applied = self.supervisor.clamp(rate)
-        way = np.stack((plate, plate + self.period * applied))
-        before, after = self._transmission.motor(way)
-        self._servos.command((after - before) / self.period)
-        return applied
-
-
-@dataclass(kw_only=True)
-class Excerpt(Recorder):
-    """A record of what the tables are made from, and nothing else.
-
-    Attributes:
-        controller: Whose estimate is kept: that of the tick, not the prediction for the next.
-    """
-
-    controller: FromOrigin
-
-    def append(self, time: float, **channels: NDArray[Any]) -> None:
-        """Add one control period."""
-        super().append(
-            time,
-            state=channels["state"],
-            applied=channels["applied"],
-            estimate=self.controller.estimate,
-        )
-
-
 def sampled(
-    cases: Sequence[Case], *, mechanism: bool = False, period: float = PERIOD
-) -> list[Trace]:
-    """One trace a case; the cases must differ in law and reference only.
+    cases: Sequence[SimulationCase], *, mechanism: bool = False, period: float = PERIOD
+) -> list[SimulationTrace]:
+    """One trace per case; the cases must differ in law and reference only.
 
     Args:
         cases: What to run, side by side.
         mechanism: Whether on the MuJoCo mechanism without rolling friction, or on the exact model.
         period: Control period in s.
+
+    Raises:
+        KeyboardInterrupt: If the user interrupts.
     """
     case = cases[0]
-    rigs = case.seeds * len(cases)
-    paths = Paths(tuple(each.path() for each in cases), case.seeds)
+    reference = paths(cases, period)
     controller = FromOrigin(
-        Fleet(laws(cases), case.seeds),
-        case.sampled_observer(period),
-        paths,
-        period,
+        PerRigLaw(laws(cases)), case.sampled_observer(period), reference, period
     )
     ticks = round(case.duration / period) + 1
-    record = Excerpt(ticks=ticks, rigs=rigs, period=period, controller=controller)
+    rigs = case.seeds * len(cases)
+    record = Recorder(ticks, rigs, period, keep=("state", "applied", "estimate"))
     outcomes = drive(_rig(case, len(cases), period, mechanism), controller, ticks * period, record)
-    if any(outcome.reason == "interrupted" for outcome in outcomes):
+    if any(outcome.interrupted for outcome in outcomes):
         raise KeyboardInterrupt
-    wished = paths(record.time)[0]
+    desired = reference(record.time)[0]
     traces = []
     for index in range(len(cases)):
         own = slice(case.seeds * index, case.seeds * (index + 1))
         traces.append(
-            Trace(
+            SimulationTrace(
                 time=record.time,
                 state=record["state"][:, own],
                 u=record["applied"][:, own],
-                reference=wished[:, own.start],
+                reference=desired[:, own.start],
                 estimate=record["estimate"][:, own],
                 ended=_early(outcomes[own]),
                 until=outcomes[own.start].time,
@@ -146,7 +111,7 @@ def _early(outcomes: Sequence[Outcome]) -> str:
     return f"{len(early)} of {len(outcomes)} runs ended early, the first {ending} at {time:.1f} s"
 
 
-def _rig(case: Case, cases: int, period: float, mechanism: bool) -> AtMeasuredAngle:
+def _rig(case: SimulationCase, cases: int, period: float, mechanism: bool) -> SimulatedRig:
     """Rigs with the imperfections the thesis simulated, and no others."""
     rigs = case.seeds * cases
     noisy = case.noise_hold > 0
@@ -154,25 +119,26 @@ def _rig(case: Case, cases: int, period: float, mechanism: bool) -> AtMeasuredAn
     transmission: Transmission
     if mechanism:
         step = min(COARSE if noisy else FINE, period)
-        plant = Mechanism(rigs=rigs, threads=1, rolling=0.0, step=step)
-        transmission = CamTable.from_file(model_path("cams.json"))
-        transmission.check(model_path())
+        plant = Mechanism(rigs=rigs, threads=1, friction=Friction(), step=step)
+        transmission = CamTable.packaged()
     else:
-        plant, transmission = EndlessPlate(case.model, rigs=rigs, step=period), Direct()
+        plant, transmission = EndlessPlate(case.model, rigs=rigs, step=period), FixedRatio()
     none = (0.0, 0.0)
-    bench = SeededBench(
+    devices = SimulatedDevices(
         plant,
-        streams(case.seeds, cases),
         period=period,
         touch=TouchModel(dead_time=case.dead_time, grid=0, variance=BALL if noisy else none),
         encoders=EncoderModel(counts=0, variance=PLATE if noisy else none),
-        disturbance=DISTURBANCE if noisy else none,
+        drives=DriveModel(disturbance=DISTURBANCE if noisy else none),
         hold=max(1, round(case.noise_hold / period)),
+        seeds=streams(case.seeds, cases),
     )
-    return AtMeasuredAngle(
-        bench,
+    return SimulatedRig(
+        devices,
         transmission=transmission,
         limits=UNLIMITED,
         period=period,
         ideal=case.observer is None,
+        # The disturbance makes the drives drift, so the sum of all commands goes astray.
+        anchor=0.0,
     )

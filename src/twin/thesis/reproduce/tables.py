@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
-from twin.errors import ScenarioError
+from twin.thesis import tables as numbered
 
 FILES = {"full_state": 4.0, "observers": 5.0, "tracking": 5.0}
 """Data file to the deviation in % that a value may have from the thesis's."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class SimulatedRow:
     """A row: one simulation of the thesis.
 
     Attributes:
-        name: What tells it from the table's other rows.
+        name: What distinguishes it from the table's other rows.
         detail: Its settings in words.
         setup: Its settings; see ``twin.thesis.reproduce.cases``.
         cells: Column to the thesis's value.
@@ -39,7 +37,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class SimulatedTable:
     """A table of the thesis.
 
     Attributes:
@@ -59,7 +57,7 @@ class Table:
     bound: float
     shared: tuple[str, ...]
     own: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[SimulatedRow, ...]
     fitted: Mapping[str, Any] | None
 
     @property
@@ -69,28 +67,23 @@ class Table:
 
 
 @cache
-def tables() -> dict[str, Table]:
+def tables() -> dict[str, SimulatedTable]:
     """All tables by number, in the thesis's order."""
     found = {}
     for group, bound in FILES.items():
-        text = files(__package__).joinpath("data", f"{group}.toml").read_text(encoding="utf-8")
-        content = tomllib.loads(text)
+        content = numbered.data(__package__, group)
         for entry in content["table"]:
             found[entry["id"]] = _table(entry, group, bound, content)
     return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
 
 
-def chosen(ids: Iterable[str]) -> list[Table]:
+def chosen(ids: Iterable[str]) -> list[SimulatedTable]:
     """The tables of these numbers, or all of them for none, in the thesis's order.
 
     Raises:
         ScenarioError: If there is no such table.
     """
-    wanted, known = list(ids), tables()
-    for name in wanted:
-        if name not in known:
-            raise ScenarioError(f"no table '{name}' to reproduce; there are {', '.join(known)}")
-    return [table for name, table in known.items() if not wanted or name in wanted]
+    return numbered.chosen(tables(), ids, "to reproduce")
 
 
 def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,10 +102,12 @@ def _same(settings: Mapping[str, Any]) -> tuple[Any, ...]:
     return (None, settings.get("kind"))
 
 
-def _table(entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]) -> Table:
+def _table(
+    entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]
+) -> SimulatedTable:
     setup = merged(content["setup"], entry.get("setup", {}))
     rows = tuple(
-        Row(
+        SimulatedRow(
             name=row["name"],
             detail=row.get("detail", ""),
             setup=merged(setup, row.get("setup", {})),
@@ -123,7 +118,7 @@ def _table(entry: Mapping[str, Any], group: str, bound: float, content: Mapping[
         )
         for row in entry["row"]
     )
-    return Table(
+    return SimulatedTable(
         id=entry["id"],
         title=entry["title"],
         group=group,

@@ -1,0 +1,96 @@
+"""Makes the generated pages and pictures of this folder again, each by one command.
+
+uv run python docs/regenerate.py --list
+uv run python docs/regenerate.py safety circle
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import click
+
+HERE = Path(__file__).parent
+
+
+class Page(NamedTuple):
+    """Something generated.
+
+    Attributes:
+        files: What it is made of, as patterns in this folder.
+        command: What makes it, after ``ballplate``, or a script of this folder; ``TEMPORARY``
+            stands for an empty folder that is gone afterwards.
+        kept: What is taken from there.
+    """
+
+    files: tuple[str, ...]
+    command: tuple[str, ...]
+    kept: tuple[tuple[str, str], ...] = ()
+
+
+PAGES = {
+    "circle": Page(
+        ("circle.png",),
+        ("run", "circle", "--out", "TEMPORARY"),
+        (("picture.png", "circle.png"),),
+    ),
+    "view": Page(("view-*.png",), ("screenshots.py",)),
+    "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
+    "reproduction": Page(
+        ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),
+        ("reproduce", "--doc", "docs/reproduction.md"),
+    ),
+    "experiments": Page(
+        ("experiments.md", "figures/experiments.png"),
+        ("reproduce", "9", "--doc", "docs/experiments.md"),
+    ),
+    **{
+        f"study-{name}": Page(
+            (f"studies/{name}.md", f"studies/{name}-*.svg"),
+            ("study", name, "--doc", "docs/studies"),
+        )
+        for name in ("friction", "gains", "tournament", "what_matters")
+    },
+}
+
+
+def make(page: Page) -> int:
+    """Make a page; the exit code of its command."""
+    with TemporaryDirectory() as folder:
+        command = [folder if part == "TEMPORARY" else part for part in page.command]
+        if command[0].endswith(".py"):
+            program = [sys.executable, str(HERE / command[0])]
+        else:
+            call = "from twin.cli import main; main()"
+            program = [sys.executable, "-c", call, *command]
+        code = subprocess.call(program, cwd=HERE.parent)
+        for made, name in page.kept if code == 0 else ():
+            shutil.copyfile(Path(folder) / made, HERE / name)
+    return code
+
+
+@click.command(epilog=f"NAME is one of {', '.join(PAGES)}.")
+@click.argument("names", nargs=-1, metavar="[NAME]...", type=click.Choice(list(PAGES)))
+@click.option("--list", "only_list", is_flag=True, help="Only say what is made by what.")
+def main(names: tuple[str, ...], *, only_list: bool) -> None:
+    """Make the generated pages of docs/ again; exit code 1 if a command failed."""
+    codes = []
+    for name in names or PAGES:
+        page = PAGES[name]
+        if only_list:
+            click.echo(f"{name:<18} {' '.join(page.files)}: {' '.join(page.command)}")
+            continue
+        begin = time.monotonic()
+        codes.append(make(page))
+        click.echo(f"{name}: {time.monotonic() - begin:.0f} s, exit code {codes[-1]}")
+    sys.exit(int(any(codes)))
+
+
+if __name__ == "__main__":
+    main()

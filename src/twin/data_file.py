@@ -1,0 +1,116 @@
+"""Reads TOML and JSON that somebody else wrote: within limits, so that the answer comes at once."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from twin.errors import TwinError
+
+LONGEST = 1_000_000
+"""Characters of a TOML file."""
+DEEPEST = 32
+"""Levels of nesting, and parts of a dotted key."""
+LONGEST_KEY = 200
+"""Characters of one part of a key."""
+INTEGERS = (-(2**63), 2**63 - 1)
+"""Smallest and largest integer, as TOML promises them."""
+
+_PART = r"""(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}")
+_TOO_LARGE = "an integer beyond 64 bit"
+
+
+class DataError(TwinError, ValueError):
+    """A file or text is not what it should be; the message names no source: the caller does."""
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; also for a name that no file can have."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        DataError: If it cannot be read, is not TOML, or goes beyond a limit of this module.
+    """
+    if "\0" in str(path):
+        raise DataError("cannot be read: a NUL in its name")
+    try:
+        with path.open(encoding="utf-8") as file:
+            return parse_toml(file.read(LONGEST + 1))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DataError(f"not a TOML file: {error}") from error
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}") from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a text in TOML.
+
+    Raises:
+        tomllib.TOMLDecodeError: If it is not TOML.
+        DataError: If it goes beyond a limit of this module.
+    """
+    if len(text) > LONGEST:
+        raise DataError(f"longer than {LONGEST} characters")
+    # the library takes time and memory that grow with the square of a key's parts
+    if long := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        raise DataError(f"line {line}: a key of more than {DEEPEST} parts")
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError:
+        raise DataError(f"nested deeper than {DEEPEST} levels") from None
+    except ValueError:  # Python refuses to convert thousands of digits
+        raise DataError(_TOO_LARGE) from None
+    _check(tables)
+    return tables
+
+
+def parse_json(text: str | bytes) -> Any:
+    """What a text in JSON holds.
+
+    Raises:
+        DataError: If it is not JSON, or goes beyond a limit of this module.
+    """
+    try:
+        data = json.loads(text, parse_int=_integer)
+    except RecursionError:
+        raise DataError(f"nested deeper than {DEEPEST} levels") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise DataError(f"not JSON: {error}") from None
+    _check(data)
+    return data
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > len(str(INTEGERS[0])):
+        raise DataError(_TOO_LARGE)
+    return int(digits)
+
+
+def _check(value: Any, level: int = 0) -> None:
+    """Refuse what is nested too deep, a key that is too long, and an integer that is too large."""
+    if level > DEEPEST:
+        raise DataError(f"nested deeper than {DEEPEST} levels")
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if len(key) > LONGEST_KEY:
+                raise DataError(f"a key of {len(key)} characters; at most {LONGEST_KEY}")
+            _check(inner, level + 1)
+    elif isinstance(value, list):
+        for inner in value:
+            _check(inner, level + 1)
+    elif isinstance(value, int) and not INTEGERS[0] <= value <= INTEGERS[1]:
+        raise DataError(_TOO_LARGE)

@@ -1,0 +1,232 @@
+"""Emulated rigs in virtual time: host and drives step in lockstep, the same on every run.
+
+No thread and no real time: the host's clock is that of the emulated bus, which advances when
+the host waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.servos import AkdServos
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.lumio.transports import ScreenError
+from twin.devices.realtime import RealTimeClock
+from twin.devices.rig import HardwareRig
+from twin.devices.scheduling import Scheduling
+from twin.emulator.can_bus import DirectBus, EmulatedBus
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.screen import ScreenLine
+from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen_faults import ScreenFault
+from twin.emulator.virtual import EmulatedPlant
+from twin.hal.faults import Fault
+from twin.hal.interface import Touch, Transmission
+from twin.hal.limits import Limits
+
+Rates = Callable[[float], tuple[float, float]]
+"""Motor rates of phi and theta in rad/s by bus time in s."""
+
+
+class TimedFault(NamedTuple):
+    """A fault, and the bus time in s at which it was reported."""
+
+    time: float
+    fault: Fault
+
+    @property
+    def name(self) -> str:
+        """Name of the condition."""
+        return self.fault.condition.name
+
+
+def still(_: float) -> tuple[float, float]:
+    """No motion."""
+    return 0.0, 0.0
+
+
+class LockstepDrives:
+    """Two emulated drives, the host's servos on them, and one loop; a context manager.
+
+    Args:
+        config: The host's settings; the bus in them is not used.
+        drives: Who is on the bus; phi and theta of the configuration by default.
+    """
+
+    STEPS = 4
+    """Steps of the drives per control period."""
+
+    def __init__(
+        self, config: AkdConfig | None = None, drives: list[EmulatedDrive] | None = None
+    ) -> None:
+        self.config = replace(config or AkdConfig(), bus=BusConfig(interface="emulated"))
+        nodes = [axis.node for axis in self.config.axes]
+        self.drives = drives or [EmulatedDrive(DriveSettings(node=node)) for node in nodes]
+        self.bus = EmulatedBus(self.drives)
+        self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
+        self.servos = AkdServos(
+            self.config, opener=self._open, now=self.adapter.now, sleep=self.adapter.sleep
+        )
+        self.seen: list[TimedFault] = []
+        """All faults so far."""
+
+    def _open(self, _: BusConfig) -> DirectBus:
+        self.adapter.shutdown()
+        self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
+        return self.adapter
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.servos.stop()
+        self.adapter.shutdown()
+
+    def enabled(self) -> Self:
+        """Start and enable, and run until both drives follow.
+
+        Raises:
+            DriveError: If a drive cannot be brought up.
+        """
+        self.servos.start()
+        self.servos.enable()
+        for _ in range(50):
+            if self.servos.enabled:
+                break
+            self.run(self.config.period)
+        return self
+
+    def run(self, seconds: float, rates: Rates = still) -> list[TimedFault]:
+        """Run the loop; rates: motor rates in rad/s by bus time. The faults that came up."""
+        before = len(self.seen)
+        for _ in range(round(seconds / self.config.period)):
+            self.servos.receive()
+            self.servos.command(np.array([rates(self.bus.time)]))
+            self.servos.send()
+            time = self.bus.time
+            self.seen.extend(TimedFault(time, fault) for fault in self.servos.faults())
+            self.adapter.sleep(self.config.period)
+        return self.seen[before:]
+
+
+class LockstepScreenPort:
+    """The port of a screen in bus time.
+
+    Args:
+        line: The screen's end.
+        now: Bus time in s.
+    """
+
+    def __init__(self, line: ScreenLine, now: Callable[[], float]) -> None:
+        self.plugged = True
+        self._line = line
+        self._now = now
+
+    def open(self) -> None:
+        """Drop what has waited.
+
+        Raises:
+            ScreenError: It is unplugged.
+        """
+        self.read(0.0)
+
+    def read(self, timeout: float) -> bytes:
+        """What has arrived; never waits.
+
+        Raises:
+            ScreenError: It is unplugged.
+        """
+        data = b"".join(self._line.step(self._now()))
+        if not self.plugged:
+            raise ScreenError("touch screen emulated: hung up; was it unplugged?")
+        return data
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class LockstepScreen(LumioScreen):
+    """The driver of the screen; it reads its port when it is asked, instead of in a thread."""
+
+    def start(self) -> None:
+        """Open the port."""
+        self._begin()
+
+    def read(self) -> Touch:
+        """The newest plausible position, after reading the port."""
+        self.listen()
+        return super().read()
+
+
+class LockstepRig(HardwareRig):
+    """The hardware's rig on two emulated drives and an emulated screen around a simulated plant.
+
+    Args:
+        plant: The plant with its drives' and sensors' imperfections.
+        transmission: Plate angles to motor angles.
+        limits: What may be commanded.
+        config: The host's settings of the drives.
+        touch: The host's settings of the screen; the port in them is not used.
+        protocol: What the screen speaks.
+        seed: Of everything random in the faults injected.
+    """
+
+    def __init__(
+        self,
+        plant: EmulatedPlant,
+        *,
+        transmission: Transmission,
+        limits: Limits,
+        config: AkdConfig | None = None,
+        touch: LumioConfig | None = None,
+        protocol: Protocol = Protocol.MICROTOUCH,
+        seed: int = 0,
+    ) -> None:
+        self.lockstep = LockstepDrives(config)
+        self.plant = plant
+        adapter = self.lockstep.adapter
+        self.line = ScreenLine(plant.ball, protocol=protocol, seed=seed, dead_time=plant.dead_time)
+        now = adapter.now
+        chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
+        self.port = LockstepScreenPort(self.line, now)
+        screen = LockstepScreen(chosen, now, port=self.port)
+        clock = RealTimeClock(self.lockstep.config.period, now=self.now, sleep=self.sleep, spin=0.0)
+        super().__init__(
+            servos=self.lockstep.servos,
+            screen=screen,
+            clock=clock,
+            transmission=transmission,
+            limits=limits,
+            patience=1.0,
+            scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
+        )
+        plant.attach(self.lockstep.drives)
+        self.lockstep.bus.moved = plant.advance
+        self.stall = 0.0
+        """Extra time in s that each period takes from now on."""
+
+    def now(self) -> float:
+        """Bus time in s."""
+        return self.lockstep.adapter.now()
+
+    def sleep(self, seconds: float) -> None:
+        """Let the bus's time pass."""
+        self.lockstep.adapter.sleep(seconds)
+
+    def wait(self) -> None:
+        """Return at the beginning of the next control period."""
+        if self.stall:
+            self.sleep(self.stall)
+        super().wait()
+
+    def inject(self, fault: ScreenFault, lasting: float) -> None:
+        """Put a fault of the screen in force from now on, for a time in s."""
+        self.line.damage.inject(fault, self.now() + lasting)

@@ -1,0 +1,205 @@
+"""Runs a scenario with all effects, without each and with each alone; attributes its error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.explain.effects import Effect, exact, present, without
+from twin.jobs import results
+from twin.run.execute import run
+from twin.run.loop import Ending
+from twin.scenario.schema import Scenario
+
+ALL, NONE, EXACT = "all", "none", "exact"
+"""Names of the cases that belong to no effect."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectCase:
+    """Result of one run with a choice of effects.
+
+    Attributes:
+        outcome: How it ended, in a word, and why if not well.
+        error: Reference minus ball in m from ``metrics.start`` on, shape (K, 2).
+        distance: Its length over the whole run in m, shape (ticks,), for the picture.
+        percent: e_tt of (C.7) in %; None for a reference that rests at 0, or a run cut short.
+        rms: Root mean square of the distance from the reference in m; None for a run cut short.
+    """
+
+    outcome: str
+    error: Array
+    distance: Array
+    percent: float | None
+    rms: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contribution:
+    """What one effect contributes to the error.
+
+    Attributes:
+        effect: Which.
+        without: All effects but this one.
+        alone: This one and no other.
+        share: Part of the whole error that goes with it, dimensionless; None if a run needed for
+            it was cut short.
+    """
+
+    effect: Effect
+    without: EffectCase
+    alone: EffectCase
+    share: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """How much of a scenario's error each effect contributes.
+
+    Attributes:
+        scenario: What was explained.
+        whole: With all effects.
+        none: With every effect switched off, on the scenario's plant.
+        exact: None of them on the exact equations either; None if they are the scenario's plant.
+        contributions: One per effect, the largest share first.
+        base: Share of what is left with every effect off, dimensionless.
+        rest: Share that cannot be given to single effects, because they act on one another.
+    """
+
+    scenario: Scenario
+    whole: EffectCase
+    none: EffectCase
+    exact: EffectCase | None
+    contributions: tuple[Contribution, ...]
+    base: float | None
+    rest: float | None
+
+
+def plan(scenario: Scenario) -> dict[str, Scenario]:
+    """The runs that explain a scenario, by name: ``all``, ``none``, ``exact``, ``-e``, ``+e``."""
+    effects = present(scenario)
+    none = without(scenario, effects)
+    cases = {ALL: scenario, NONE: none}
+    if scenario.plant.kind == "mujoco":
+        cases[EXACT] = exact(none)
+    for effect in effects:
+        others = [other for other in effects if other is not effect]
+        cases[f"-{effect.name}"] = without(scenario, [effect])
+        cases[f"+{effect.name}"] = without(scenario, others)
+    return cases
+
+
+def explain(
+    scenario: Scenario,
+    progress: Callable[[float], None] = lambda _: None,
+    processes: int = 2,
+) -> Explanation:
+    """Explain a scenario's error.
+
+    Args:
+        scenario: The scenario.
+        progress: Called with the number of runs done.
+        processes: How many run side by side.
+
+    Raises:
+        TwinError: If a run cannot be assembled.
+    """
+    wanted = plan(scenario)
+    different = {variant.model_dump_json(): variant for variant in wanted.values()}
+    found: dict[str, EffectCase] = {}
+    for name, case in results(attempt, different.items(), processes):
+        found[name] = case
+        progress(len(found))
+    cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}
+    return attribute(scenario, cases)
+
+
+def attempt(scenario: Scenario) -> EffectCase:
+    """Run one case."""
+    done = run(scenario)
+    steady = done.motion.time >= scenario.metrics.start - 1e-9
+    error = done.motion.error
+    whole = done.outcome.ending is Ending.FINISHED
+    reason = f": {done.outcome.reason}" if done.outcome.reason else ""
+    when = "" if whole else f" at {done.outcome.time:.1f} s{reason}"
+    return EffectCase(
+        outcome=f"{done.outcome.ending}{when}",
+        error=error[steady],
+        distance=np.hypot(*error.T),
+        percent=done.metrics.tracking_error_percent if whole else None,
+        rms=float(np.sqrt((error[steady] ** 2).sum(axis=1).mean())) if whole else None,
+    )
+
+
+def attribute(scenario: Scenario, cases: Mapping[str, EffectCase]) -> Explanation:
+    """Attribute the error of the run with all effects to the single ones.
+
+    An effect's share is the change of the error that comes with it, projected on the whole error:
+    so noise counts by its variance, and what pulls the ball aside by how far. The change is
+    averaged over adding the effect first (to none) and last (to all others).
+    """
+    whole, none = cases[ALL], cases[NONE]
+    contributions = []
+    for effect in present(scenario):
+        less, alone = cases[f"-{effect.name}"], cases[f"+{effect.name}"]
+        first, last = _along(whole, alone, none), _along(whole, whole, less)
+        share = None if first is None or last is None else (first + last) / 2
+        contributions.append(Contribution(effect=effect, without=less, alone=alone, share=share))
+    base = _along(whole, none, None)
+    shares = [base, *(each.share for each in contributions)]
+    known = [share for share in shares if share is not None]
+    return Explanation(
+        scenario=scenario,
+        whole=whole,
+        none=none,
+        exact=cases.get(EXACT),
+        contributions=tuple(sorted(contributions, key=lambda each: -(each.share or 0.0))),
+        base=base,
+        rest=1 - sum(known) if len(known) == len(shares) else None,
+    )
+
+
+def _along(whole: EffectCase, case: EffectCase, other: EffectCase | None) -> float | None:
+    """Change of error from another case to this one (from none: itself), along the whole error."""
+    runs = [run for run in (whole, case, other) if run is not None]
+    if any(run.rms is None for run in runs):
+        return None
+    size = float((whole.error**2).sum())
+    change = case.error - (0.0 if other is None else other.error)
+    return float((change * whole.error).sum()) / size if size > 0 else None
+
+
+def summary(explanation: Explanation) -> dict[str, Any]:
+    """The numbers of an explanation, for ``--json``."""
+
+    def numbers(case: EffectCase | None) -> dict[str, Any] | None:
+        if case is None:
+            return None
+        return {
+            "outcome": case.outcome,
+            "tracking_error_percent": case.percent,
+            "rms_distance": case.rms,
+        }
+
+    return {
+        "scenario": explanation.scenario.title,
+        "all": numbers(explanation.whole),
+        "none": numbers(explanation.none),
+        "exact": numbers(explanation.exact),
+        "share_left_with_none": explanation.base,
+        "share_not_additive": explanation.rest,
+        "effects": {
+            each.effect.name: {
+                "label": each.effect.label,
+                "off": each.effect.off,
+                "without": numbers(each.without),
+                "alone": numbers(each.alone),
+                "share": each.share,
+            }
+            for each in explanation.contributions
+        },
+    }

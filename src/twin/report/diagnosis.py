@@ -1,0 +1,115 @@
+"""What a record shows of why a run went as it did: timing, limits, contact, spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from controllers.arrays import Array
+from twin.run.replay import Replay, columns
+
+LONGEST_LAG = 1.5
+"""Seconds up to which a lag behind the reference is looked for."""
+CUT = 0.01
+"""Difference of requested and applied acceleration in rad/s^2 that counts as cut by a limit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """Facts of one run from ``metrics.start`` on; lengths in m, times in s, shares 0..1.
+
+    Attributes:
+        rms: Root mean square distance of ball and reference.
+        lag: Delay of the reference at which, scaled, it fits the ball best; None if it rests.
+        gain: The scale about the plate's centre: below 1 the path is smaller; None if it rests.
+        rest: Root mean square distance from the reference so delayed and scaled; None if it rests.
+        estimation: Root mean square error of the estimated position; None if the truth is unknown.
+        cut: Share of time in which a limit reduced the control effort.
+        angle: Largest plate angle over its limit.
+        lifted: Share of time in which a wheel had no contact; None if not recorded.
+        untouched: Share of time in which the screen detected nothing.
+    """
+
+    rms: float
+    lag: float | None
+    gain: float | None
+    rest: float | None
+    estimation: float | None
+    cut: float
+    angle: float
+    lifted: float | None
+    untouched: float
+
+    @classmethod
+    def of(cls, run: Replay) -> Diagnosis:
+        """Look through a run's record."""
+        motion, rows = run.motion, run.rows
+        late = motion.time >= min(run.scenario.metrics.start, motion.time[-1]) - 1e-9
+        time, ball = motion.time[late], motion.ball[late]
+        lag, gain, rest = _timing(run, time, ball)
+        estimation = None
+        if "true_x" in rows:
+            seen = columns(rows, "estimated")[late, 0::4]
+            estimation = _rms(seen - ball)
+        requested, applied = _accelerations(rows, "requested"), _accelerations(rows, "applied")
+        wheels = [rows[name] for name in ("wheel_phi_N", "wheel_theta_N") if name in rows]
+        touched = rows.get("touched", np.ones_like(motion.time))
+        return cls(
+            rms=_rms(motion.error[late]),
+            lag=lag,
+            gain=gain,
+            rest=rest,
+            estimation=estimation,
+            cut=float((np.abs(requested - applied) > CUT).any(axis=1).mean()),
+            angle=float(np.abs(motion.plate).max() / run.limits.angle),
+            lifted=float((np.min(wheels, axis=0) <= 0).mean()) if wheels else None,
+            untouched=float((touched < 0.5).mean()),
+        )
+
+
+def _timing(
+    run: Replay, time: Array, ball: Array
+) -> tuple[float | None, float | None, float | None]:
+    """Delay and scale of the reference that fit the ball best, and the error that is left."""
+    reference = run.reference
+    if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
+        return None, None, None
+    some = slice(None, None, max(1, len(time) // 2000))
+    time, ball = time[some], ball[some]
+
+    def fit(delay: float) -> tuple[float, float]:
+        desired = reference(np.maximum(time - delay, 0.0))[0]
+        gain = float((desired * ball).sum() / max((desired**2).sum(), 1e-12))
+        return gain, _rms(gain * desired - ball)
+
+    coarse = np.linspace(-0.2, LONGEST_LAG, 69)
+    best = coarse[int(np.argmin([fit(delay)[1] for delay in coarse]))]
+    around = (best - 0.03, best + 0.03)
+    lag = float(minimize_scalar(lambda delay: fit(delay)[1], bounds=around, method="bounded").x)
+    return lag, *fit(lag)
+
+
+def spectrum(run: Replay) -> tuple[Array, Array]:
+    """Amplitude of the tracking error over frequency: Hz (F,), m (F, 2) for x and y.
+
+    A Hann window from ``metrics.start`` on, scaled so that a sine of amplitude a reads a.
+    """
+    motion = run.motion
+    late = motion.time >= run.scenario.metrics.start - 1e-9
+    error = motion.error[late] if late.sum() >= 8 else motion.error
+    window = np.hanning(len(error))
+    weight = 2 / max(window.sum(), 1e-12)
+    level = error - error.mean(axis=0)
+    amplitude: Array = weight * np.abs(np.fft.rfft(window[:, None] * level, axis=0))
+    return np.fft.rfftfreq(len(error), run.scenario.rig.period), amplitude
+
+
+def _accelerations(rows: Mapping[str, Array], kind: str) -> Array:
+    return np.stack([rows[f"{kind}_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
+
+
+def _rms(error: Array) -> float:
+    return float(np.sqrt((error**2).sum(axis=-1).mean()))

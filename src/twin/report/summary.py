@@ -1,0 +1,80 @@
+"""A run in plain sentences: how it ended, how large the error was, what limited it."""
+
+from __future__ import annotations
+
+from twin.report.diagnosis import Diagnosis
+from twin.run.replay import Replay
+
+ENDINGS = {
+    "finished": "The run went to its end",
+    "fell": "The ball fell off the plate",
+    "diverged": "The simulation failed",
+    "lost": "The screen lost the ball",
+    "fault": "A device failed",
+    "aborted": "The run was stopped",
+}
+
+
+def summary(run: Replay, found: Diagnosis) -> list[str]:
+    """How it ended, how large the error was, and what limited it: one sentence each."""
+    return [_ending(run), _error(run, found), *_causes(run, found)]
+
+
+def _ending(run: Replay) -> str:
+    outcome = str(run.metrics.get("outcome", ""))
+    end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
+    reason = run.metrics.get("reason")
+    ending = ENDINGS.get(outcome, "The run ended")
+    return f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
+
+
+def _error(run: Replay, found: Diagnosis) -> str:
+    start = run.scenario.metrics.start
+    since = f"From {start:g} s on the" if start else "The"
+    percent = run.metrics.get("tracking_error_percent")
+    share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
+    return f"{since} ball was {1000 * found.rms:.3g} mm (RMS) from its reference{share}."
+
+
+def _causes(run: Replay, found: Diagnosis) -> list[str]:
+    sentences = []
+    if found.cut > 0.001:
+        sentences.append(
+            f"A limit of rate, acceleration or angle cut the control effort {found.cut:.1%} of "
+            "the time."
+        )
+    degrees = found.angle * run.scenario.rig.limits.angle_deg
+    limit = run.scenario.rig.limits.angle_deg
+    if found.angle > 0.95:
+        sentences.append(f"The plate reached its angle limit: {degrees:.3g} of {limit:g} deg.")
+    elif found.cut <= 0.001:
+        sentences.append(
+            f"No limit was in the way: the effort was never cut, and the plate used {degrees:.2g} "
+            f"of {limit:g} deg."
+        )
+    sentences += _timing(found)
+    if found.estimation is not None and found.rms > 0:
+        share = found.estimation / found.rms
+        size = "a large part of it" if share > 0.5 else "a small part of it"
+        sentences.append(
+            f"The observer's position of the ball was off by {1000 * found.estimation:.2g} mm "
+            f"(RMS), {size}."
+        )
+    if found.lifted:
+        sentences.append(f"A wheel left its cam {found.lifted:.1%} of the time.")
+    if found.untouched:
+        sentences.append(f"The screen detected no ball {found.untouched:.1%} of the time.")
+    return sentences
+
+
+def _timing(found: Diagnosis) -> list[str]:
+    if found.lag is None or found.gain is None or found.rest is None:
+        return []
+    way = "behind" if found.lag >= 0 else "ahead of"
+    size = "smaller" if found.gain <= 1 else "larger"
+    share = "most of the error" if found.rest < 0.5 * found.rms else "a part of the error"
+    return [
+        f"The ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
+        f"{abs(1 - found.gain):.1%} {size}; this is {share}: without both, "
+        f"{1000 * found.rest:.2g} mm (RMS) would be left."
+    ]

@@ -1,0 +1,92 @@
+"""Many scenarios as the rigs of one batch, each with the result it has alone.
+
+What a run gives does not depend, to the last bit, on what shares its batch: only scenarios that are
+``alike`` are put together, noise is drawn rig by rig, and no group is smaller than the sizes from
+which on numpy and the plant calculate in one and the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from controllers.per_rig import PerRigReference
+from twin.run.assemble import assemble, shared
+from twin.run.loop import Ending, drive
+from twin.run.metrics import Metrics, Motion, measure
+from twin.run.plants import build_friction
+from twin.run.record import Recorder
+from twin.scenario import Scenario
+
+LEAST = {"mujoco": 16, "lagrange": 2}
+"""Rigs from which on a plant of each kind is calculated in the same way, however many there are."""
+PAIR = 2
+"""Rigs per law from which on its matrix products are rounded in the same way."""
+
+
+def alike(scenario: Scenario) -> dict[str, Any]:
+    """What scenarios must have in common to share a batch that changes none of their bits.
+
+    Besides what the rigs of a batch share, that is what makes a plant or an observer calculate in
+    another way.
+    """
+    friction = build_friction([scenario])
+    surface = None if friction is None or friction.map is None else friction.map
+    return shared(scenario) | {
+        "observer": scenario.observer.model_dump(),
+        "predictor": None if scenario.predictor is None else scenario.predictor.model_dump(),
+        "resisted": friction is not None,
+        "free": friction is None or bool(friction.absent),
+        "constant": friction is None or friction.constant,
+        "ageing": friction is not None and friction.ageing,
+        "balanced": not any(scenario.plant.ball.offset_mm),
+        "level": any(scenario.plant.level_deg),
+        "sloping": surface is not None and surface.sloping,
+        "patches": None if surface is None else surface.shape,
+    }
+
+
+def simulate(scenarios: Sequence[Scenario]) -> list[Metrics]:
+    """The indicators of each scenario, all of them alike.
+
+    Raises:
+        KeyboardInterrupt: If the user interrupts.
+        TwinError: If rigs or controllers cannot be built.
+    """
+    order = _padded(scenarios)
+    first = scenarios[0]
+    rig, controller = assemble([scenarios[i] for i in order], threads=1)
+    ticks = round(first.duration / first.rig.period)
+    record = Recorder(ticks, len(order), first.rig.period, keep=("state", "applied"))
+    with np.errstate(all="ignore"):
+        outcomes = drive(rig, controller, first.duration, record)
+    if any(outcome.interrupted for outcome in outcomes):
+        raise KeyboardInterrupt
+    assert isinstance(controller.reference, PerRigReference)
+    paths = controller.reference.members
+    desired = {path: path(record.time)[0] for path in set(paths)}
+    found = []
+    for index, scenario in enumerate(scenarios):
+        at = order.index(index)
+        outcome = outcomes[at]
+        if outcome.ending is not Ending.FINISHED:
+            time, reason = outcome.time, outcome.reason
+            found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
+            continue
+        judged = scenario.metrics
+        motion = Motion.of(record, desired[paths[at]], at)
+        found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
+    return found
+
+
+def _padded(scenarios: Sequence[Scenario]) -> list[int]:
+    """Which scenario each rig runs: law by law, some twice so that no group is too small."""
+    laws = [scenario.controller.model_dump_json() for scenario in scenarios]
+    order = sorted(range(len(scenarios)), key=lambda i: laws[i])
+    found = []
+    for index in order:
+        found += [index] * (PAIR if laws.count(laws[index]) < PAIR else 1)
+    lacking = max(0, LEAST[scenarios[0].plant.kind] - len(found))
+    return found + [found[-1]] * lacking

@@ -1,0 +1,125 @@
+"""From scenarios to the controller of N rigs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Hashable, Sequence
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from controllers.interfaces import Law, Observer, Reference
+from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
+from controllers.smith import Smith
+from controllers.stack import Controller
+from twin.errors import ScenarioError
+from twin.scenario.schema import Choice, Scenario, checked_settings, choices
+
+Made = TypeVar("Made")
+
+
+def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
+    """The controllers of N scenarios as one, designed on the nominal model of Table A.2.
+
+    Equal laws, observers and references are made once and shared.
+
+    Raises:
+        ScenarioError: If a law, observer or reference refuses its settings.
+    """
+    period = scenarios[0].rig.period
+    laws = _each(scenarios, lambda s: s.controller.model_dump_json(), _law)
+    observers = _each(scenarios, _observed, _observer)
+    references = _each(scenarios, _referred, build_reference)
+    if len(scenarios) == 1:
+        return Controller(laws[0], observers[0], references[0], period)
+    return Controller(
+        laws[0] if len(set(map(id, laws))) == 1 else PerRigLaw(laws),
+        observers[0] if len(set(map(id, observers))) == 1 else PerRigObserver(observers),
+        PerRigReference(references, period),
+        period,
+    )
+
+
+def build_controller(scenario: Scenario) -> Controller:
+    """The controller of one scenario.
+
+    Raises:
+        ScenarioError: If its law, observer or reference refuses its settings.
+    """
+    return build_controllers([scenario])
+
+
+def _each(
+    scenarios: Sequence[Scenario], name: Callable[[Scenario], Hashable], make: Callable[..., Made]
+) -> list[Made]:
+    """What is made of each scenario, once for those of one name."""
+    known: dict[Hashable, Made] = {}
+    for scenario in scenarios:
+        if name(scenario) not in known:
+            known[name(scenario)] = make(scenario)
+    return [known[name(scenario)] for scenario in scenarios]
+
+
+def _law(scenario: Scenario) -> Law:
+    choice = scenario.controller
+    return _designed(choices("controller")[choice.kind], choice.model_dump_json())
+
+
+@lru_cache(maxsize=1024)
+def _designed(cls: type, choice: str) -> Law:
+    """A law has no state: one object serves all runs of this process."""
+    law: Law = _build("controller", Choice.model_validate_json(choice), model=BallPlate())
+    return law
+
+
+def _observed(scenario: Scenario) -> str:
+    predictor = scenario.predictor
+    return json.dumps(
+        [scenario.observer.model_dump(), None if predictor is None else predictor.model_dump()]
+    )
+
+
+def _observer(scenario: Scenario) -> Observer:
+    model, period = BallPlate(), scenario.rig.period
+    observer: Observer = _build("observer", scenario.observer, model=model, period=period)
+    if scenario.predictor is None:
+        return observer
+    return Smith(observer=observer, delay=scenario.predictor.delay, model=model, period=period)
+
+
+def _referred(scenario: Scenario) -> str:
+    return f"{scenario.reference.model_dump_json()} {scenario.rig.limits.area}"
+
+
+def build_reference(scenario: Scenario) -> Reference:
+    """The reference of a scenario, which must stay within the operating area.
+
+    Raises:
+        ScenarioError: If it leaves the area or refuses its settings.
+    """
+    area = np.asarray(scenario.rig.limits.area)
+    times = np.linspace(0, scenario.duration, 2001)
+    with np.errstate(over="ignore", invalid="ignore"):
+        reference: Reference = _build("reference", scenario.reference)
+        motion: Array = reference(times)
+    if not np.isfinite(motion).all():
+        raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
+    farthest = np.abs(motion[0]).max(axis=0)
+    if (farthest > area + 1e-9).any():
+        raise ScenarioError(
+            f"reference: reaches |x|, |y| = {farthest[0]:.3f}, {farthest[1]:.3f} m; "
+            f"rig.limits.area allows {area[0]:g}, {area[1]:g} m"
+        )
+    return reference
+
+
+def _build(table: str, choice: Choice, **given: object) -> Any:
+    cls = choices(table)[choice.kind]
+    settings = checked_settings(cls, choice.settings)
+    try:
+        return cls(**settings, **given)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ScenarioError(f"{table}: {error}") from error

@@ -1,0 +1,64 @@
+"""What the metadata of a record must look like, so that a foreign or damaged one is one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from twin.errors import RecordError, ScenarioError
+from twin.scenario.load import validated
+
+
+class _Open(BaseModel):
+    """A JSON object that may hold more than is named here."""
+
+    model_config = ConfigDict(strict=True, extra="allow")
+
+
+class _Judged(_Open):
+    """The indicators: what is not named is a number, or null where it does not apply."""
+
+    __pydantic_extra__: dict[str, float | None] = Field(init=False)
+    outcome: str = ""
+    outcome_time: float = 0.0
+    reason: str | None = None
+
+
+class _Detected(_Open):
+    time: float
+    severity: str
+    text: str
+
+
+class _Times(_Open):
+    number: int
+    p50_us: float
+    p99_us: float
+    max_us: float
+
+
+class _RealTime(_Open):
+    lateness: _Times
+    stages: dict[str, _Times]
+    round_trip: _Times
+
+
+class _Metadata(_Open):
+    metrics: _Judged = _Judged()
+    versions: dict[str, str] = {}
+    events: tuple[_Detected, ...] = ()
+    ledger: _RealTime | None = None
+
+
+def check_metadata(metadata: Mapping[str, Any], source: str) -> None:
+    """Make sure that what is shown of a run has the types it is shown with.
+
+    Raises:
+        RecordError: If it has not: which key, what it must be, what it is.
+    """
+    try:
+        validated(_Metadata, metadata, source, "metadata 'ballplate': ")
+    except ScenarioError as error:
+        raise RecordError(str(error)) from None

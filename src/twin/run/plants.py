@@ -1,0 +1,83 @@
+"""From scenarios to the plant of N rigs, and what the rigs know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from controllers.ballplate import BallPlate
+from twin.hal.cams import CamTable, FixedRatio
+from twin.hal.interface import Transmission
+from twin.scenario.schema import Scenario
+from twin.settings import changed, filled, per_rig, settings_of
+from twin.sim.plant.exact import ExactPlant
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import Plant
+from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.parts import Parts
+from twin.sim.plant.surface import SurfaceMap, SurfaceModel
+from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
+
+
+def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:
+    """The plant of N scenarios and the transmissions that its rigs believe in.
+
+    Raises:
+        ModelError: If the mechanism or its cam table cannot be used.
+    """
+    plant, known = PLANTS[scenarios[0].plant.kind](scenarios, threads)
+    error = filled(TransmissionError, scenarios)
+    return plant, WrongTransmission(known, error) if error.any else known
+
+
+def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+    first = scenarios[0].plant
+    plant = ExactPlant(
+        BallPlate(mass=first.ball.mass, radius=first.ball.radius, inertia=first.ball.inertia),
+        rigs=len(scenarios),
+        step=first.step,
+        friction=build_friction(scenarios),
+        level=per_rig(settings_of(Parts)["level"], scenarios),
+    )
+    return plant, FixedRatio()
+
+
+def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+    plant = Mechanism(
+        rigs=len(scenarios),
+        step=scenarios[0].plant.step,
+        threads=threads,
+        friction=build_friction(scenarios) or Friction(),
+        parts=[changed(Parts, scenario) for scenario in scenarios],
+    )
+    kinds = [scenario.rig.cams for scenario in scenarios]
+    cams = {kind: _cams(kind, plant.ratio) for kind in set(kinds)}
+    if len(cams) == 1:
+        return plant, cams[kinds[0]]
+    return plant, PerRigTransmission([cams[kind] for kind in kinds])
+
+
+PLANTS: dict[str, Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]] = {
+    "lagrange": _exact,
+    "mujoco": _mechanism,
+}
+"""How the plants that ``plant.kind`` names are made, with the transmission their rigs know."""
+
+
+def _cams(kind: str, ratio: float) -> Transmission:
+    """What a rig knows of its cams."""
+    if kind == "ratio":
+        return FixedRatio(ratio)
+    table = CamTable.packaged()
+    return table.per_axis() if kind == "per_axis" else table
+
+
+def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
+    """The resistance of N balls on their screens; None if all are level and without friction."""
+    made: dict[SurfaceModel, SurfaceMap | None] = {}
+    for scenario in scenarios:
+        model = filled(SurfaceModel, [scenario])
+        if model not in made:
+            made[model] = model.map()
+    surfaces = [made[filled(SurfaceModel, [scenario])] for scenario in scenarios]
+    friction = filled(Friction, scenarios, map=SurfaceMap.stacked(surfaces))
+    return None if friction.absent.all() and friction.map is None else friction

@@ -1,0 +1,61 @@
+"""Tables of a scenario, derived from the dataclasses whose settings they are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from twin.settings import Setting, settings_of
+
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Section(BaseModel):
+    """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
+
+    model_config = STRICT
+
+
+if TYPE_CHECKING:
+
+    class Derived(Section):
+        """What a type checker knows of a derived table: it has keys."""
+
+        def __init__(self, **keys: Any) -> None: ...
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+def table(name: str, *classes: type, module: str, base: type[Section] = Section) -> Any:
+    """The model of a table: all settings of some dataclasses whose keys lie directly in it.
+
+    Args:
+        name: Dotted name, as ``plant.friction``; the model is called ``FrictionTable``.
+        classes: Dataclasses with settings.
+        module: Where the model stands under its name, so that it can be sent to other processes.
+        base: What the model has besides, fields of its own and checks.
+    """
+    fields: dict[str, Any] = {}
+    for cls in classes:
+        for about in settings_of(cls).values():
+            path, _, key = about.key.rpartition(".")
+            if path == name:
+                fields[key] = (_hint(about), about.default)
+    title = f"{name.rpartition('.')[2].capitalize()}Table"
+    return create_model(title, __base__=base, __module__=module, **fields)
+
+
+def _hint(about: Setting) -> Any:
+    """The type of a key: that of its default, every number of it within the bounds."""
+    default = about.default
+    if about.type is not None:
+        return about.type if default is not None else about.type | None
+    at = about.bounds.get
+    number = Field(ge=at("ge"), gt=at("gt"), le=at("le"), lt=at("lt"))
+    if isinstance(default, tuple):
+        return tuple[(Annotated[float, number],) * len(default)]  # type: ignore[misc]
+    if isinstance(default, int):
+        return Annotated[int, number]
+    bounded = Annotated[float, number]
+    return bounded | None if default is None else bounded

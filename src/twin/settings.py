@@ -1,0 +1,127 @@
+"""Settings: what a scenario may say of a dataclass's field, stated where the field is.
+
+A field made by ``setting`` names the scenario key that sets it, the key's unit, range and default.
+The tables of a scenario and the rigs made from it are both derived from these fields, so an effect
+is one field and the code that uses it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import Any, TypeVar
+
+import numpy as np
+
+Model = TypeVar("Model")
+SAME = object()
+
+
+class Unit(Enum):
+    """Units in which a person writes a number; each knows its way to SI."""
+
+    SI = (lambda value: value,)
+    MM = (lambda value: value / 1000,)
+    UM = (lambda value: value * 1e-6,)
+    DEG = (math.radians,)
+    PERCENT = (lambda value: value / 100,)
+
+    def to_si(self, value: Any) -> Any:
+        """A number, or a tuple of such of any depth, in SI; None stays None."""
+        if value is None or self is Unit.SI:
+            return value
+        if isinstance(value, tuple):
+            return tuple(map(self.to_si, value))
+        convert: Callable[[float], float] = self.value[0]
+        return convert(value)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What a scenario may say of one field.
+
+    Attributes:
+        key: Dotted key, as ``plant.friction.rolling_mm``.
+        default: Value of a scenario that does not give one, in the key's unit.
+        unit: The key's unit.
+        bounds: Range of the value, or of each of its numbers: any of ge, gt, le, lt.
+        type: Its type; None for that of the default.
+        exact: Why the exact equations cannot follow it, in words; empty if they can.
+    """
+
+    key: str
+    default: Any
+    unit: Unit
+    bounds: dict[str, float]
+    type: Any = None
+    exact: str = ""
+
+    def of(self, scenario: Any) -> Any:
+        """Its value in a scenario, in the key's unit."""
+        for name in self.key.split("."):
+            scenario = getattr(scenario, name)
+        return scenario
+
+
+def setting(
+    key: str,
+    default: Any,
+    unit: Unit = Unit.SI,
+    *,
+    otherwise: Any = SAME,
+    type: Any = None,  # noqa: A002  the word for it
+    exact: str = "",
+    **bounds: float,
+) -> Any:
+    """A dataclass field that a scenario key sets.
+
+    Args:
+        key: The key.
+        default: What a scenario has that does not give it, in the key's unit.
+        unit: The key's unit; the field is in SI.
+        otherwise: Default of the field itself, in SI; that of the key if not given.
+        type: Type of the key; that of the default if not given.
+        exact: Why the exact equations cannot follow it.
+        bounds: Range: ge, gt, le, lt.
+    """
+    about = Setting(key=key, default=default, unit=unit, bounds=bounds, type=type, exact=exact)
+    own = unit.to_si(default) if otherwise is SAME else otherwise
+    return dataclasses.field(default=own, metadata={"setting": about})
+
+
+def settings_of(cls: Any) -> dict[str, Setting]:
+    """The settings of a dataclass by the names of their fields."""
+    found = {item.name: item.metadata.get("setting") for item in dataclasses.fields(cls)}
+    return {name: about for name, about in found.items() if about is not None}
+
+
+def per_rig(about: Setting, scenarios: Sequence[Any]) -> Any:
+    """A setting in SI: one value if the scenarios agree, else an array with one entry per rig."""
+    values = [about.of(scenario) for scenario in scenarios]
+    if all(value == values[0] for value in values):
+        return about.unit.to_si(values[0])
+    return np.array([about.unit.to_si(value) for value in values])
+
+
+def filled(cls: type[Model], scenarios: Sequence[Any], **more: Any) -> Model:
+    """The dataclass of N rigs: fields in which their scenarios differ have one entry per rig.
+
+    Args:
+        cls: A dataclass with settings.
+        scenarios: One per rig.
+        more: Its other fields.
+    """
+    values = {name: per_rig(about, scenarios) for name, about in settings_of(cls).items()}
+    return cls(**values | more)
+
+
+def changed(cls: type[Model], scenario: Any) -> Model:
+    """The dataclass of one rig with only those fields set that its scenario changes."""
+    values = {
+        name: about.unit.to_si(about.of(scenario))
+        for name, about in settings_of(cls).items()
+        if about.of(scenario) != about.default
+    }
+    return cls(**values)

@@ -1,0 +1,60 @@
+"""White noise of N rigs, one random stream per rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from controllers.arrays import Array
+
+Hold = int | NDArray[np.integer]
+"""A number of control periods for all rigs, or one per rig, shape (N,)."""
+
+
+class Noise:
+    """White Gaussian noise of N rigs, held for a number of control periods.
+
+    Each rig draws from its own stream, so its noise does not depend on how many rigs run beside it.
+
+    Args:
+        variance: One variance per channel, shape (channels,), or (N, channels).
+        seeds: One seed sequence per rig.
+        hold: Control periods for which a draw is held.
+    """
+
+    BLOCK = 256
+
+    def __init__(
+        self, variance: ArrayLike, seeds: Sequence[np.random.SeedSequence], hold: Hold = 1
+    ) -> None:
+        scale = np.sqrt(np.asarray(variance, dtype=float))
+        self._scale = np.broadcast_to(scale, (len(seeds), scale.shape[-1]))
+        self._streams = [np.random.default_rng(seed) for seed in seeds]
+        self._hold = hold
+        self.silent = not scale.any()
+        """Whether every variance is zero."""
+        self._rows = np.arange(len(seeds))
+        self._block = np.empty((self.BLOCK, *self._scale.shape))
+        self._tick = 0
+
+    def draw(self) -> Array:
+        """The noise of the next control period, shape (N, channels)."""
+        index, tick = (self._tick // self._hold) % self.BLOCK, self._tick
+        self._tick += 1
+        if isinstance(self._hold, int):
+            if index == 0 and tick % self._hold == 0:
+                self._block = np.empty_like(self._block)  # who was given of the old one keeps it
+                for rig in range(len(self._streams)):
+                    self._fill(rig)
+            drawn: Array = self._block[index]
+            return drawn
+        for rig in np.flatnonzero((index == 0) & (tick % self._hold == 0)).tolist():
+            self._fill(rig)
+        each: Array = self._block[index, self._rows]
+        return each
+
+    def _fill(self, rig: int) -> None:
+        drawn = self._streams[rig].standard_normal((self.BLOCK, self._scale.shape[1]))
+        self._block[:, rig] = drawn * self._scale[rig]

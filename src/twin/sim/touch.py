@@ -1,0 +1,175 @@
+"""The touch screen of simulated rigs: dead time, frames, grid, rotation and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array, Mask, Number
+from twin.hal.interface import SCREEN, Touch
+from twin.settings import Unit, setting
+from twin.sim.noise import Hold, Noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchModel:
+    """A touch screen's imperfections; zero switches each off.
+
+    Fields may be arrays with one entry per rig.
+
+    Attributes:
+        dead_time: Seconds from a touch to its arrival.
+        frame_rate: Frames per second; 0 for a fresh sample every control period.
+        grid: Positions the screen tells apart along each side.
+        variance: Noise variance of x and y in m^2; Table B.1.
+        spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
+            0.00187.
+        rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
+    """
+
+    dead_time: Number = setting("sensors.touch.dead_time", 0.042, ge=0, le=1)
+    spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
+    rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
+    frame_rate: Number = setting("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
+    grid: Number = setting("sensors.touch.grid", 4096, ge=0)
+    variance: tuple[float, float] | Array = setting(
+        "sensors.touch.variance", (7.2538e-7, 1.7721e-7), otherwise=(0.0, 0.0), ge=0
+    )
+
+
+class SimulatedScreen:
+    """A touch screen looking at N simulated balls, sampled once per control period.
+
+    Noise and grid belong to a frame: between two frames the screen reports the same position.
+
+    Args:
+        model: The imperfections.
+        period: Control period in s.
+        seeds: One seed sequence per rig.
+        hold: Control periods for which a noise draw is held.
+    """
+
+    def __init__(
+        self,
+        model: TouchModel,
+        period: float,
+        seeds: Sequence[np.random.SeedSequence],
+        hold: Hold = 1,
+    ) -> None:
+        rigs = len(seeds)
+
+        def each(value: Number) -> Array:
+            return np.broadcast_to(np.asarray(value, float), (rigs,))
+
+        self._period = period
+        self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
+        rate = each(model.frame_rate)
+        self._framed = rate > 0
+        self._frames = bool(self._framed.any())
+        self._frame = np.divide(1.0, rate, out=np.zeros(rigs), where=self._framed)
+        phase = [np.random.default_rng(s.spawn(1)[0]).random() for s in seeds]
+        self._phase = np.array(phase) * self._frame
+        self._delay, spread = each(model.dead_time), each(model.spread)
+        # As far back as is kept: a sample may be late by four standard deviations at most.
+        self._latest = self._delay + 4 * spread
+        self._length = 2 + math.ceil((self._latest + self._frame).max() / period)
+        # Streams of their own, beside those spawned: with and without spread, all else is the same.
+        apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
+        self._spread = Noise(spread[:, None] ** 2, apart, hold)
+        grid = each(model.grid)[:, None]
+        self._continuous = grid == 0
+        self._gridded, self._mixed = bool(grid.any()), bool(self._continuous.any())
+        self._pitch = np.divide(SCREEN, np.where(self._continuous, 1.0, grid))
+        rotation = each(model.rotation)
+        self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
+        self._rows = np.arange(rigs)
+        self._whole, self._share = self._periods(self._delay)
+        # one dead time for all: their samples lie side by side
+        self._together = int(self._whole[0]) if len(set(self._delay.tolist())) == 1 else None
+        self._fresh = np.zeros(rigs)
+        self._shown = np.full(rigs, np.nan)
+        self._tick = -1
+
+    def see(self, position: Array, touching: Mask) -> None:
+        """Take in the true ball positions (N, 2) of a new control period."""
+        if self._tick < 0:
+            self._past = np.tile(position, (self._length, 1, 1))
+            self._felt = np.tile(touching, (self._length, 1))
+            self._held = np.array(position), np.array(touching)
+        self._tick += 1
+        slot = self._tick % self._length
+        self._past[slot] = position
+        self._felt[slot] = touching
+
+    def read(self) -> Touch:
+        """The newest sample that has arrived."""
+        if self._frames:
+            return self._newest_frame()
+        if self._spread.silent:
+            whole = self._whole if self._together is None else self._together
+            position, touched = self._look_back(whole, self._share)
+        else:
+            position, touched = self._look_back(*self._periods(self._drawn_delay()))
+        return Touch(self._imperfect(position), self._fresh, touched)
+
+    def _newest_frame(self) -> Touch:
+        """Frames arrive on their clock; how old what they show is may spread from one to next."""
+        lag = self._tick * self._period - self._delay - self._phase
+        length = np.where(self._framed, self._frame, self._period)
+        frame = np.floor(lag / length)
+        age = np.where(self._framed, lag - frame * length, 0.0)
+        new = ~self._framed | (frame != self._shown)
+        self._shown = frame
+        late = self._delay if self._spread.silent else self._drawn_delay()
+        position, touched = self._look_back(*self._periods(late + age))
+        position = self._imperfect(position)
+        before, felt = self._held
+        self._held = np.where(new[:, None], position, before), np.where(new, touched, felt)
+        return Touch(self._held[0], age, self._held[1])
+
+    def _periods(self, time: Array) -> tuple[NDArray[np.integer], Array | None]:
+        """Whole control periods of times in s, shape (N,), and the share of one left, (N, 1).
+
+        The share is None if nobody has one.
+        """
+        back = time / self._period
+        whole = np.floor(back).astype(int)
+        share = (back - whole)[:, None]
+        # rounding is not a share of a period
+        share[share < 1e-9] = 0.0
+        return whole, share if share.any() else None
+
+    def _look_back(
+        self, whole: int | NDArray[np.integer], share: Array | None
+    ) -> tuple[Array, Mask]:
+        """Ball so many periods ago, between two samples by a straight line."""
+        newer = (self._tick - whole) % self._length
+        rows: Any = slice(None) if isinstance(newer, int) else self._rows
+        after, felt = self._past[newer, rows], self._felt[newer, rows]
+        if share is None:
+            return after.copy(), felt
+        before = self._past[(newer - 1) % self._length, rows]
+        return (1 - share) * after + share * before, felt
+
+    def _drawn_delay(self) -> Array:
+        """Each rig's dead time of a new sample, s, shape (N,)."""
+        drawn = self._delay + self._spread.draw()[:, 0]
+        limited: Array = np.minimum(np.maximum(drawn, 0.0), self._latest)
+        return limited
+
+    def _imperfect(self, position: Array) -> Array:
+        """Positions (N, 2) as the screen reports them: turned, noisy, on its grid."""
+        if self._turn is not None:
+            (cos, sin), (x, y) = self._turn, position.T
+            position = np.stack((x * cos + y * sin, y * cos - x * sin), axis=-1)
+        if not self._noise.silent:
+            position = position + self._noise.draw()
+        if self._gridded:
+            on_grid = np.rint(position / self._pitch) * self._pitch
+            position = np.where(self._continuous, position, on_grid) if self._mixed else on_grid
+        return position

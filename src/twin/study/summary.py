@@ -1,0 +1,108 @@
+"""A study's results in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from twin.study.answers import Answer
+from twin.study.design import Point
+from twin.study.figures import metric_label, where_label
+from twin.study.schema import Study
+
+NEGLIGIBLE = 0.01
+"""Index below which a parameter is called negligible."""
+ROUGH = 0.2
+"""Half-width of an interval above which the sample is called small."""
+
+
+def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
+    """The results of a study in sentences.
+
+    Args:
+        study: What was asked.
+        found: One answer per variant.
+    """
+    metric, words = metric_label(study), []
+    best = sorted(
+        (a for a in found if not math.isnan(a.whole.median)), key=lambda a: a.whole.median
+    )
+    if len(found) > 1 and best:
+        order = ", ".join(f"{a.variant} {a.whole.median:.3g}" for a in best)
+        words.append(f"By the median of {metric}, best first: {order}.")
+    if len(found) > 1:
+        words += _common_importance(found, metric)
+    for answer in found:
+        if len(found) == 1:
+            words += _importance(answer, metric)
+        if answer.whole.failed:
+            words.append(
+                f"{answer.variant}: {answer.whole.failed} of {answer.whole.runs} runs did not end "
+                "well; they are kept out of the averages."
+            )
+        words += [f"{answer.variant}: {note}." for note in answer.notes]
+    return (words + _tolerances(study, found)) or ["All runs finished; see the curves."]
+
+
+def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:
+    """Which parameters matter to all or some of several variants."""
+    names: dict[str, list[str]] = {}
+    for answer in found:
+        for index in answer.indices:
+            names.setdefault(index.key, [])
+            if index.decided and abs(index.value) >= NEGLIGIBLE:
+                names[index.key].append(answer.variant)
+    words = []
+    for key, who in sorted(names.items(), key=lambda item: -len(item[1])):
+        if who:
+            variants = "all variants" if len(who) == len(found) else ", ".join(who)
+            words.append(f"{key} matters to {metric} for {variants}.")
+    undecided = [key for key, who in names.items() if not who]
+    if undecided:
+        words.append(f"Undecided with this sample for all variants: {', '.join(undecided)}.")
+    return words
+
+
+def _importance(answer: Answer, metric: str) -> list[str]:
+    if not answer.indices:
+        return []
+    decided = sorted((i for i in answer.indices if i.decided), key=lambda i: -abs(i.value))
+    strong = [i for i in decided if abs(i.value) >= NEGLIGIBLE]
+    weak = [i.key for i in decided if abs(i.value) < NEGLIGIBLE]
+    undecided = [i.key for i in answer.indices if not i.decided]
+    text = ", ".join(f"{i.key} ({i.value:.2g} ± {i.half:.1g})" for i in strong)
+    words = [f"What matters to {metric}: {text or 'nothing for certain'}."]
+    if weak:
+        words.append(f"Negligible (below {NEGLIGIBLE:g}): {', '.join(weak)}.")
+    if undecided:
+        words.append(f"Undecided with this sample: {', '.join(undecided)}.")
+    if any(i.half > ROUGH for i in strong):
+        words.append(f"The sample is small: intervals wider than ± {ROUGH:g}; take more samples.")
+    return words
+
+
+def needed(study: Study, found: Sequence[Answer]) -> list[tuple[str, str, str, str]]:
+    """How well each parameter must be known: rows of variant, where, parameter, tolerance."""
+    out = []
+    for answer in found:
+        known: list[tuple[str, Point, float | None]] = [
+            (index.key, {}, index.needed) for index in answer.indices
+        ]
+        known += [(curve.key, curve.where, curve.needed) for curve in answer.curves]
+        for key, where, reach in known:
+            if reach is not None:
+                about = study.parameters[key]
+                unit = "of nominal" if about.relative else about.unit
+                within = f"± {reach:.2g} {unit}".strip()
+                out.append((answer.variant, where_label(study, where), key, within))
+    return out
+
+
+def _tolerances(study: Study, found: Sequence[Answer]) -> list[str]:
+    """The first few rows of ``needed`` in words."""
+    metric = metric_label(study)
+    return [
+        f"To predict the {metric} of {variant}{f' at {where}' if where else ''} within 1, {key} "
+        f"must be known within {within}."
+        for variant, where, key, within in needed(study, found)[:3]
+    ]

@@ -1,0 +1,63 @@
+"""What holds for every observer."""
+
+import numpy as np
+import pytest
+
+from controllers.interfaces import Measurement
+from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
+
+EVERY = pytest.mark.parametrize(
+    "make",
+    [
+        Luenberger,
+        Kalman,
+        ExtendedKalman,
+        NonlinearLuenberger,
+        lambda: NonlinearLuenberger(plate_observer=True),
+    ],
+    ids=["luenberger", "kalman", "ekf", "nonlinear", "nonlinear with plate observer"],
+)
+
+
+def measured(y, touched):
+    return Measurement(0.0, y, np.zeros(touched.shape), touched)
+
+
+@EVERY
+def test_batch_gives_each_rig_what_it_gets_alone(make):
+    rng = np.random.default_rng(3)
+    start, u = rng.uniform(-0.2, 0.2, (2, 3, 8)), rng.normal(size=(2, 3, 2))
+    y, touched = start[..., ::2] + 0.01, rng.random((2, 3)) > 0.3
+
+    def final(rig):
+        observer = make()
+        observer.start(start[rig])
+        for _ in range(3):
+            observer.correct(measured(y[rig], touched[rig]))
+            observer.predict(u[rig])
+        return observer.x
+
+    together = final(...)
+    assert not touched.all()
+    for rig in np.ndindex(2, 3):
+        np.testing.assert_allclose(together[rig], final(rig), rtol=1e-11, atol=1e-14)
+
+
+@EVERY
+def test_estimate_of_a_tick_is_not_changed_by_the_next(make):
+    observer, felt = make(), np.array(True)
+    observer.start(np.zeros(8))
+    first = observer.correct(measured(np.full(4, 0.01), felt))
+    kept = first.copy()
+    observer.predict(np.ones(2))
+    observer.correct(measured(np.zeros(4), felt))
+    np.testing.assert_array_equal(first, kept)
+
+
+@EVERY
+def test_the_start_is_not_changed_by_what_follows(make):
+    observer, start = make(), np.full(8, 0.01)
+    observer.start(start)
+    observer.correct(measured(np.zeros(4), np.array(True)))
+    observer.predict(np.ones(2))
+    np.testing.assert_array_equal(start, np.full(8, 0.01))

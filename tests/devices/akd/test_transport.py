@@ -1,0 +1,216 @@
+import importlib
+import os
+import warnings
+from collections import deque
+from contextlib import suppress
+
+import can
+import pytest
+from can.interfaces.slcan import slcanBus
+
+from twin.devices.akd.bus import open_bus
+from twin.devices.akd.conditions import GARBLED, FaultReports
+from twin.devices.akd.config import BusConfig
+from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.slcan_bus import PromptSlcanBus, QueuedBus
+from twin.devices.akd.transport import CanTransport
+from twin.emulator.lockstep import LockstepDrives
+
+
+class Loopback(can.BusABC):
+    """Answers every frame at once with one whose identifier is higher by one."""
+
+    def __init__(self):
+        super().__init__(channel="loopback")
+        self.inbox = deque()
+
+    def send(self, msg, timeout=None):
+        answer = msg.arbitration_id + 1
+        self.inbox.append(can.Message(arbitration_id=answer, is_extended_id=False, data=msg.data))
+
+    def _recv_internal(self, timeout):
+        return (self.inbox.popleft() if self.inbox else None), False
+
+
+class Discarding(Loopback):
+    """Has a ``flush`` as python-can's serial buses have: what was received is thrown away."""
+
+    def flush(self):
+        self.inbox.clear()
+
+
+class Refusing(Loopback):
+    def flush(self):
+        raise NotImplementedError
+
+
+class Queued(Loopback):
+    """Sends nothing before it is told to."""
+
+    def __init__(self):
+        super().__init__()
+        self.unreadable_lines = 0
+        self.queue = []
+
+    def send(self, msg, timeout=None):
+        self.queue.append(msg)
+
+    def send_queued(self):
+        queue, self.queue = self.queue, []
+        for each in queue:
+            super().send(each)
+
+
+def transport_on(bus):
+    reports = FaultReports(1.0)
+    return CanTransport(bus, "CAN test", reports, lambda: 0.0), reports
+
+
+@pytest.mark.parametrize("kind", [Loopback, Discarding, Refusing, Queued])
+def test_every_answer_of_every_period_is_received(kind):
+    bus = kind()
+    transport, _ = transport_on(bus)
+    for period in range(20):
+        for identifier in (0x200, 0x080):
+            transport.send(identifier, bytes((period,)))
+        transport.send_queued()
+        expected = [(0x201, bytes((period,))), (0x081, bytes((period,)))]
+        assert list(transport.receive()) == expected
+        assert transport.up
+    bus.shutdown()
+
+
+def test_a_bus_that_queues_sends_when_it_is_told_to():
+    bus = Queued()
+    transport, reports = transport_on(bus)
+    transport.send(0x080, b"")
+    assert list(transport.receive()) == []
+    transport.send_queued()
+    assert list(transport.receive()) == [(0x081, b"")]
+    bus.unreadable_lines = 3
+    assert list(transport.receive()) == []
+    assert [(f.condition, f.detail) for f in reports.take()] == [
+        (GARBLED, "3 lines cannot be read")
+    ]
+    bus.shutdown()
+
+
+@pytest.mark.parametrize("kind", [Discarding, Refusing], ids=["discards", "raises"])
+def test_the_drives_run_on_a_bus_whose_flush_is_not_to_be_called(kind):
+    rig = LockstepDrives()
+
+    def opener(config):
+        bus = rig._open(config)
+
+        def flush():
+            if kind is Refusing:
+                raise NotImplementedError
+            while bus.recv(0) is not None:
+                pass
+
+        bus.flush = flush
+        return bus
+
+    rig.servos = AkdServos(rig.config, opener=opener, now=rig.adapter.now, sleep=rig.adapter.sleep)
+    with rig:
+        rig.enabled()
+        assert not rig.run(0.3, lambda _: (1.0, -1.0))
+        assert rig.servos.enabled
+        assert rig.servos.stale == 0
+
+
+def backends():
+    """The classes of python-can's interfaces whose drivers are here, by name."""
+    for name, (module, kind) in can.interfaces.BACKENDS.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with suppress(ImportError, OSError, NameError, AttributeError, can.CanError):
+                yield name, getattr(importlib.import_module(module), kind)
+
+
+def test_no_bus_of_python_can_is_taken_for_one_that_queues():
+    found = dict(backends())
+    assert {"socketcan", "slcan", "robotell", "virtual"} <= set(found)
+    for each in found.values():
+        assert not {"send_queued", "unreadable_lines"} & set(dir(each))
+
+
+@pytest.fixture
+def serial_line():
+    pytest.importorskip("pty")
+    import tty
+
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    yield master, os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
+def slcan(kind, line, **options):
+    master, channel = line
+    bus = kind(channel, bitrate=1_000_000, sleep_after_open=0.0, **options)
+    os.read(master, 100)
+    return bus
+
+
+def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line):
+    bus = slcan(PromptSlcanBus, serial_line)
+    assert isinstance(bus, QueuedBus)
+    transport, _ = transport_on(bus)
+    transport.send(0x201, b"\x0f\x00")
+    transport.send(0x080, b"")
+    with pytest.raises(BlockingIOError):
+        os.read(serial_line[0], 100)
+    transport.send_queued()
+    assert os.read(serial_line[0], 100) == b"t20120F00\rt0800\r"
+    bus.shutdown()
+
+
+@pytest.mark.parametrize("kind", ["is_extended_id", "is_remote_frame", "is_fd"])
+def test_a_frame_of_a_kind_that_the_prompt_bus_does_not_know_is_refused(serial_line, kind):
+    bus = slcan(PromptSlcanBus, serial_line)
+    with pytest.raises(can.CanOperationError):
+        bus.send(can.Message(arbitration_id=1, **{"is_extended_id": False, kind: True}))
+    bus.send_queued()
+    with pytest.raises(BlockingIOError):
+        os.read(serial_line[0], 100)
+    bus.shutdown()
+
+
+def test_flush_means_of_the_prompt_bus_what_it_means_of_the_library_s(serial_line):
+    bus = slcan(PromptSlcanBus, serial_line)
+    os.write(serial_line[0], b"t1811")
+    assert bus.recv(0.5) is None
+    os.write(serial_line[0], b"AA\rt1821BB\r")
+    bus.flush()
+    os.write(serial_line[0], b"t1831CC\r")
+    assert bus.recv(0.5).arbitration_id == 0x183
+    assert bus.unreadable_lines == 0
+    bus.shutdown()
+
+
+@pytest.mark.parametrize(("platform", "kind"), [("linux", PromptSlcanBus), ("win32", slcanBus)])
+def test_slcan_is_the_library_s_own_where_ports_have_no_descriptor(
+    monkeypatch, serial_line, platform, kind
+):
+    monkeypatch.setattr("twin.devices.akd.bus.sys.platform", platform)
+    options = {"sleep_after_open": 0.0}
+    bus = open_bus(BusConfig(interface="slcan", channel=serial_line[1], options=options))
+    assert type(bus) is kind
+    assert b"S8\r" in os.read(serial_line[0], 100)
+    bus.shutdown()
+
+
+def test_frames_pass_over_the_library_s_own_slcan_bus(serial_line):
+    bus = slcan(slcanBus, serial_line)
+    transport, _ = transport_on(bus)
+    for period in range(5):
+        os.write(serial_line[0], b"t1811%02X\rt1821%02X\r" % (period, period))
+        transport.send(0x080, b"")
+        transport.send_queued()
+        data = bytes((period,))
+        assert list(transport.receive(0.5)) == [(0x181, data), (0x182, data)]
+    assert os.read(serial_line[0], 100) == b"t0800\r" * 5
+    bus.shutdown()

@@ -1,0 +1,367 @@
+"""Bytes at made-up times: what counts as the ball, and how soon each fault is noticed."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices.lumio.calibration import Calibration
+from twin.devices.lumio.conditions import CONDITIONS
+from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.presence import Presence, TouchState, touch_state
+from twin.devices.lumio.stream import TouchStream
+from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
+from twin.sim.plant.exact import SCREEN
+
+FRAME = 0.01736
+CALIBRATION = Calibration.nominal()
+PROTOCOLS = list(Protocol)
+
+
+class FedScreen:
+    """A screen fed by hand, looked at every 2 ms as a loop does."""
+
+    def __init__(self, protocol=Protocol.HID_0006, capacity=2000.0):
+        self.protocol = protocol
+        self.limits = PlausibilityLimits()
+        self.stream = TouchStream(protocol.value, capacity, CALIBRATION, self.limits)
+        self.presence = Presence(self.limits, self.stream.report_fault)
+        self.time = 0.0
+        self.seen = []
+        self.tilt = 0.0
+
+    def packet(self, *places, down=True):
+        spots = [
+            Spot(*CALIBRATION.screen(*place), number, down)
+            for number, place in enumerate(places, start=1)
+        ]
+        return b"".join(ENCODERS[self.protocol](spots))
+
+    def send(self, data):
+        self.stream.take(self.time, data)
+        self.look()
+
+    def look(self):
+        self.presence.update(self.stream.sample, self.time)
+        self.presence.note_tilt(self.stream.sample, self.time, self.tilt)
+        self.seen += [(self.time, fault.condition.name) for fault in self.stream.faults()]
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / 0.002)):
+            self.time += 0.002
+            self.stream.take(self.time, b"")
+            self.look()
+
+    def roll(self, frames, place, speed=0.0):
+        """Frames of a ball that rolls along x, the first at a place."""
+        for number in range(frames):
+            self.send(self.packet((place[0] + number * speed * FRAME, place[1])))
+            self.time += FRAME
+        return (place[0] + frames * speed * FRAME, place[1])
+
+    @property
+    def names(self):
+        return [name for _, name in self.seen]
+
+    def first(self, name):
+        return next(time for time, seen in self.seen if seen == name)
+
+    @property
+    def state(self):
+        return touch_state(self.limits, self.stream.sample, self.time)
+
+
+def within(name):
+    return next(condition.within for condition in CONDITIONS if condition.name == name)
+
+
+@pytest.fixture(params=PROTOCOLS)
+def screen(request):
+    return FedScreen(request.param)
+
+
+def test_every_condition_has_a_name_of_its_own():
+    assert len({condition.name for condition in CONDITIONS}) == len(CONDITIONS)
+
+
+def test_a_rolling_ball_is_followed_without_a_fault(screen):
+    screen.roll(40, (-0.15, 0.1), 0.4)
+    x, y = screen.stream.sample.position
+    assert abs(x - (-0.15 + 39 * 0.4 * FRAME)) < SCREEN[0] / 4095
+    assert abs(y - 0.1) < SCREEN[1] / 4095
+    assert screen.names == []
+
+
+def test_a_resting_ball_is_neither_frozen_nor_stale(screen):
+    screen.roll(500, (0.02, 0.03))
+    assert screen.names == []
+    assert screen.state == TouchState.TOUCHING
+
+
+def test_a_ball_that_slows_down_and_comes_to_rest_is_not_frozen(screen):
+    speed, x = 0.3, -0.1
+    for _ in range(100):
+        screen.send(screen.packet((x, 0.0)))
+        screen.time += FRAME
+        x += speed * FRAME
+        speed = max(0.0, speed - 1.0 * FRAME)
+    assert screen.names == []
+
+
+def test_a_touch_that_stops_dead_is_frozen_within_the_stated_time(screen):
+    place = screen.roll(20, (-0.1, 0.05), 0.12)
+    begin = screen.time
+    screen.roll(20, place)
+    assert screen.first("touch frozen") - begin <= 0.1 < within("touch frozen")
+
+
+def test_no_motion_on_a_tilted_plate_is_frozen_within_the_stated_time(screen):
+    screen.roll(30, (0.05, 0.05))
+    screen.tilt = math.radians(3)
+    begin = screen.time
+    screen.roll(40, (0.05, 0.05))
+    assert screen.first("touch frozen") - begin <= within("touch frozen")
+
+
+def test_the_report_rate_leaves_out_pauses_without_a_touch(screen):
+    screen.roll(20, (0.0, 0.0))
+    screen.wait(1.0)
+    screen.roll(20, (0.0, 0.0))
+    assert screen.stream.rate == pytest.approx(1 / FRAME)
+
+
+def test_a_ball_that_rolls_on_a_tilted_plate_is_not_frozen(screen):
+    screen.tilt = math.radians(5)
+    screen.roll(60, (-0.2, 0.05), 0.1)
+    assert screen.names == []
+
+
+def test_a_ball_that_friction_holds_on_a_slight_tilt_is_not_frozen(screen):
+    screen.tilt = math.radians(1.5)
+    screen.roll(60, (0.05, 0.05))
+    assert screen.names == []
+
+
+def test_a_lift_off_is_a_state_and_then_a_lost_ball_within_the_stated_time(screen):
+    place = screen.roll(10, (0.0, 0.0))
+    screen.send(screen.packet(place, down=False))
+    begin = screen.time
+    assert screen.state == TouchState.LIFTED
+    screen.wait(0.2)
+    assert screen.state == TouchState.LOST
+    assert screen.first("ball lost") - begin <= within("ball lost")
+    assert "touch stale" not in screen.names
+
+
+def test_a_missing_lift_off_is_stale_and_then_lost_within_the_stated_times(screen):
+    screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    screen.wait(0.2)
+    assert screen.first("touch stale") - begin <= within("touch stale")
+    assert screen.first("ball lost") - begin <= within("ball lost")
+
+
+def test_a_brief_dropout_is_bridged_and_told_when_over(screen):
+    place = screen.roll(10, (0.0, 0.0), 0.1)
+    screen.send(screen.packet(place, down=False))
+    screen.wait(0.04)
+    screen.roll(10, (place[0] + 0.1 * 0.04, 0.0), 0.1)
+    assert screen.names == ["brief dropout"]
+    assert screen.state == TouchState.TOUCHING
+
+
+def test_a_jump_of_one_frame_is_refused_and_told_at_once(screen):
+    place = screen.roll(10, (-0.2, 0.0), 0.1)
+    before = screen.stream.sample
+    screen.send(screen.packet((0.2, 0.1)))
+    begin = screen.time
+    assert screen.stream.sample == before
+    screen.time += FRAME
+    screen.roll(10, place, 0.1)
+    assert screen.names == ["position jumped"]
+    assert screen.first("position jumped") == begin
+
+
+def test_a_jump_that_stays_is_believed_and_told_within_the_stated_time(screen):
+    screen.roll(10, (-0.2, 0.0))
+    begin = screen.time
+    screen.roll(5, (0.2, 0.1))
+    assert screen.first("position jumped and stayed") - begin <= within(
+        "position jumped and stayed"
+    )
+    assert screen.stream.sample.position == pytest.approx((0.2, 0.1), abs=2e-4)
+
+
+@given(way=st.floats(0.04, 0.3))
+def test_a_jump_further_than_a_ball_can_roll_in_a_frame_is_never_believed_silently(way):
+    screen = FedScreen()
+    screen.roll(10, (-0.2, 0.0))
+    screen.roll(5, (-0.2 + way, 0.0))
+    assert screen.names == ["position jumped", "position jumped and stayed"]
+
+
+@given(angle=st.floats(0, 2 * math.pi), radius=st.floats(0.05, 0.15))
+def test_swapped_axes_are_told_wherever_they_move_the_ball_far_enough(angle, radius):
+    screen = FedScreen()
+    place = (radius * math.cos(angle), radius * math.sin(angle))
+    x, y = CALIBRATION.screen(*place)
+    turned = CALIBRATION.plate(y, x)
+    screen.roll(10, place)
+    screen.roll(5, turned)
+    far = math.dist(place, turned) > screen.limits.slack + screen.limits.speed * FRAME + 1e-3
+    assert ("axes swapped" in screen.names) or not far
+
+
+def test_swapped_axes_are_refused_until_someone_asks_to_go_on(screen):
+    screen.roll(10, (0.2, 0.0))
+    begin = screen.time
+    x, y = CALIBRATION.screen(0.2, 0.0)
+    turned = CALIBRATION.plate(y, x)
+    screen.roll(60, turned)
+    assert screen.first("axes swapped") - begin <= within("axes swapped")
+    assert screen.names.count("axes swapped") == 1
+    assert screen.state == TouchState.LOST
+    screen.stream.forget()
+    screen.roll(4, turned)
+    assert screen.state == TouchState.TOUCHING
+
+
+@pytest.mark.parametrize("protocol", [Protocol.HID_0006, Protocol.HID_0007])
+def test_of_two_contacts_the_one_nearest_the_ball_is_followed(protocol):
+    screen = FedScreen(protocol)
+    screen.roll(10, (-0.1, 0.0), 0.1)
+    begin = screen.time
+    for number in range(10, 30):
+        screen.send(screen.packet((-0.1 + 0.1 * number * FRAME, 0.0), (0.3, 0.1)))
+        screen.time += FRAME
+    assert screen.first("two contacts") - begin <= within("two contacts")
+    assert screen.names == ["two contacts"]
+    assert screen.stream.sample.position[0] == pytest.approx(-0.1 + 0.1 * 29 * FRAME, abs=2e-4)
+
+
+def test_the_ball_keeps_being_followed_when_the_other_contact_has_the_lower_number():
+    screen = FedScreen()
+    screen.roll(10, (0.1, 0.0))
+    for _ in range(10):
+        screen.send(screen.packet((-0.3, -0.1), (0.1, 0.0)))
+        screen.time += FRAME
+    assert screen.stream.sample.position == pytest.approx((0.1, 0.0), abs=2e-4)
+
+
+@pytest.mark.parametrize("protocol", [p for p in PROTOCOLS if p is not Protocol.MICROTOUCH])
+def test_values_out_of_range_are_told_and_never_become_a_position(protocol):
+    screen = FedScreen(protocol)
+    screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    screen.send(beyond(screen.packet((0.0, 0.0)), protocol))
+    assert screen.first("value out of range") == begin
+    assert screen.stream.sample.time < begin
+
+
+def test_a_wrong_checksum_is_told_at_once():
+    screen = FedScreen(Protocol.ELO)
+    screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    packet = screen.packet((0.0, 0.0))
+    screen.send(packet[:-1] + bytes([packet[-1] ^ 1]))
+    assert screen.first("checksum error") == begin
+
+
+@pytest.mark.parametrize("cut", [1, 3])
+def test_a_packet_cut_short_is_told_within_the_stated_time(screen, cut):
+    place = screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    screen.send(screen.packet(place)[:cut])
+    screen.time += FRAME
+    screen.roll(10, place)
+    assert screen.first("bytes not understood") - begin <= within("bytes not understood")
+    assert screen.state == TouchState.TOUCHING
+
+
+def test_the_report_after_one_cut_short_is_taken():
+    # Cut to six bytes, a report of product 0007 and the head of the next look like a whole one.
+    screen = FedScreen(Protocol.HID_0007)
+    place = screen.roll(10, (0.0, 0.0), 0.1)
+    screen.send(screen.packet(place)[:6])
+    screen.time += FRAME
+    screen.send(screen.packet(place))
+    assert screen.stream.sample.time == screen.time
+
+
+def test_packets_in_parts_or_together_are_understood(screen):
+    place = screen.roll(10, (0.0, 0.0), 0.1)
+    packet = screen.packet(place)
+    screen.send(packet[:2])
+    screen.time += 0.003
+    screen.send(packet[2:])
+    screen.time += FRAME
+    screen.send(packet + packet)
+    assert screen.names == []
+
+
+def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
+    screen.roll(10, (0.0, 0.0))
+    begin = screen.time
+    noise = np.random.default_rng(3)
+    for _ in range(100):
+        screen.send(noise.bytes(1000))
+        screen.time += 0.005
+    assert screen.first("byte flood") - begin <= within("byte flood")
+    assert screen.stream.stats.bytes <= 100 * TouchStream.MOST + 10 * 25
+    assert screen.stream.dropped == 100 * (1000 - TouchStream.MOST)
+
+
+def test_bytes_of_no_protocol_are_told_within_the_stated_time():
+    stream = TouchStream("auto", 1e9, CALIBRATION, PlausibilityLimits())
+    noise = np.random.default_rng(4)
+    times = [0.02 * n for n in range(100)]
+    told = None
+    for time in times:
+        stream.take(time, noise.bytes(10))
+        if told is None and any(
+            f.condition.name == "protocol not recognised" for f in stream.faults()
+        ):
+            told = time
+    assert told <= within("protocol not recognised")
+
+
+def test_a_fault_that_lasts_is_told_twice_a_second_not_every_packet():
+    screen = FedScreen(Protocol.ELO)
+    screen.roll(3, (0.0, 0.0))
+    for _ in range(115):
+        packet = screen.packet((0.0, 0.0))
+        screen.send(packet[:-1] + bytes([packet[-1] ^ 1]))
+        screen.time += FRAME
+    assert 3 <= screen.names.count("checksum error") <= 5
+
+
+def test_a_single_false_position_at_the_start_is_not_believed(screen):
+    screen.send(screen.packet((0.3, 0.1)))
+    screen.time += FRAME
+    assert screen.stream.sample is None
+    screen.roll(5, (0.0, 0.0))
+    assert screen.stream.sample.position == pytest.approx((0.0, 0.0), abs=2e-4)
+
+
+def test_false_positions_far_apart_in_time_do_not_confirm_each_other(screen):
+    for _ in range(6):
+        screen.send(screen.packet((0.3, 0.1)))
+        screen.time += 0.08
+    assert screen.stream.sample is None
+
+
+@given(data=st.lists(st.tuples(st.binary(max_size=80), st.floats(0, 0.3)), max_size=12))
+@pytest.mark.parametrize("protocol", ["auto", *(p.value for p in PROTOCOLS)])
+def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
+    stream = TouchStream(protocol, 1000.0, CALIBRATION, PlausibilityLimits())
+    time = 0.0
+    for portion, pause in data:
+        time += pause
+        stream.take(time, portion)
+        if stream.sample is not None:
+            x, y = stream.sample.position
+            assert abs(x) <= SCREEN[0] / 2 + 1e-12
+            assert abs(y) <= SCREEN[1] / 2 + 1e-12
+    stream.faults()

@@ -1,0 +1,108 @@
+"""The emulated bus: what it does to frames, and the bus itself on another python-can interface."""
+
+import can
+import pytest
+
+from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
+from twin.devices.akd.servos import AkdServos
+from twin.emulator.can_bus import BusServer, EmulatedBus, ErrorFrames, message
+from twin.emulator.can_faults import BusFaults, Frame, Towards
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_power import Power
+from twin.emulator.drive_settings import DriveSettings
+
+
+@pytest.fixture
+def bus():
+    return EmulatedBus([EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)])
+
+
+class VirtualPort:
+    """The emulated bus on a channel of python-can's ``virtual`` interface."""
+
+    def __init__(self, bus, channel):
+        self.bus = bus
+        self.channel = can.Bus(interface="virtual", channel=channel)
+        self.first = None
+        self.errors = ErrorFrames(bus.faults)
+
+    def wait(self, seconds):
+        self.first = self.first or self.channel.recv(seconds)
+
+    def pump(self):
+        heard, self.first = self.first or self.channel.recv(0), None
+        while heard is not None:
+            data, remote = bytes(heard.data), heard.is_remote_frame
+            self.bus.from_host(Frame(heard.arbitration_id, data, remote))
+            heard = self.channel.recv(0)
+        for frame in self.bus.to_host():
+            self.channel.send(message(frame.cob_id, frame.data))
+        for error in self.errors.new():
+            self.channel.send(error)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.channel.shutdown()
+
+
+@pytest.mark.real_time
+def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
+    with VirtualPort(bus, "bring-up") as port, BusServer(bus, port) as server:
+        # Patient, because the machine that runs the tests may be busy.
+        channel = BusConfig(interface="virtual", channel="bring-up")
+        config = AkdConfig(
+            bus=channel, silence=0.5, answer=5.0, watch=MonitorConfig(stale=50, unsteady=51)
+        )
+        servos = AkdServos(config)
+        servos.start()
+        servos.enable()
+        for _ in range(200):
+            servos.exchange()
+            servos.settle(0.002)
+            if servos.enabled:
+                break
+        assert servos.enabled
+        servos.stop()
+        with server.lock:
+            assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
+            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+
+
+def frames(faults, count=100, cob_id=0x181):
+    return [faults.deliver(Frame(cob_id, bytes(range(8))), Towards.HOST) for _ in range(count)]
+
+
+def test_the_same_seed_does_the_same_damage():
+    made = []
+    for _ in range(2):
+        faults = BusFaults(seed=3)
+        faults.drop(share=0.3)
+        faults.corrupt(bits=2)
+        made.append(frames(faults))
+    assert made[0] == made[1]
+    assert 50 < sum(bool(each) for each in made[0]) < 90
+
+
+def test_damage_hits_only_its_frames_way_and_time():
+    faults = BusFaults()
+    faults.drop(0x181, towards=Towards.HOST, after=1.0, lasting=1.0)
+    assert frames(faults, 1) == [[(0.0, Frame(0x181, bytes(range(8))))]]
+    faults.time = 1.5
+    assert frames(faults, 1) == [[]]
+    assert frames(faults, 1, 0x182) != [[]]
+    assert faults.deliver(Frame(0x181), Towards.DRIVES)
+    faults.time = 2.0
+    assert frames(faults, 1) != [[]]
+
+
+def test_a_delayed_frame_comes_later_and_once(bus):
+    bus.step(0.001)
+    bus.to_host()
+    bus.faults.delay(0x581, by=0.005)
+    bus.from_host(Frame(0x601, bytes.fromhex("4000100000000000")))
+    bus.step(0.004)
+    assert bus.to_host() == []
+    bus.step(0.002)
+    assert [frame.cob_id for frame in bus.to_host()] == [0x581]

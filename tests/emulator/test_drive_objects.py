@@ -1,0 +1,198 @@
+"""Two readings of one drive, the host's object dictionary and the emulated drive's, side by side.
+
+They were written apart. Either one with a wrong index, type, access or default must be noticed:
+by the comparison here, and by the bring-up where it uses the object.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from canopen import ObjectDictionaryError
+
+from twin.devices.akd import dictionary
+from twin.devices.akd.conditions import DriveError
+from twin.emulator import drive_objects
+from twin.emulator.lockstep import LockstepDrives
+
+NODE = 1
+HOST = {(each.index, each.sub): each for each in dictionary.objects(NODE)}
+DRIVE = drive_objects.drive_objects(NODE)
+ACCESS = {"const": "ro", "ro": "ro", "rw": "rw", "rww": "rw"}
+"""What the drive's kinds of access mean to a host."""
+
+RECEIVE = range(0x1400, 0x1404)
+NOT_IN_THE_DRIVE = {(index, sub) for index in RECEIVE for sub in (3, 5)}
+"""CiA 301 has these parameters of receive PDOs, the vendor's EDS has not; nothing may use them."""
+SHORTER_IN_THE_DRIVE = {(index, 0) for index in RECEIVE}
+"""Whence a highest subindex of 2 instead of 5."""
+
+READ = 0x40
+
+
+def text(key):
+    return f"{key[0]:04X}h:{key[1]}"
+
+
+def differences(host, drive):
+    """What the host believes of objects, and the drive has otherwise."""
+    found = []
+    for key, each in host.items():
+        other = drive.get(key)
+        if other is None:
+            if key not in NOT_IN_THE_DRIVE:
+                found.append(f"{text(key)} is missing")
+            continue
+        if each.type != other.type:
+            found.append(f"{text(key)} is {other.type}")
+        if each.access != ACCESS[other.access]:
+            found.append(f"{text(key)} is {other.access}")
+        if each.default != other.default and key not in SHORTER_IN_THE_DRIVE:
+            found.append(f"{text(key)} begins with {other.default}")
+    found += [f"{text(key)} does exist" for key in NOT_IN_THE_DRIVE & drive.keys()]
+    return found
+
+
+def asked(drive, servos):
+    """The objects that a host asks a drive for in whatever it does: index, subindex, size."""
+    seen = []
+    receive = drive.receive
+
+    def listen(frame):
+        if frame.cob_id == 0x600 + drive.settings.node and len(frame.data) == 8:
+            command = frame.data[0]
+            key = (int.from_bytes(frame.data[1:3], "little"), frame.data[3])
+            size = None if command == READ else 4 - (command >> 2 & 3)
+            seen.append((key, size))
+        return receive(frame)
+
+    drive.receive = listen
+    servos()
+    return seen
+
+
+@cache
+def brought_up():
+    """What a host asks for while it brings a drive up, enables it and watches it for a second."""
+    with LockstepDrives() as rig:
+        return asked(rig.drives[0], lambda: rig.enabled().run(1.0))
+
+
+USED = sorted({key for key, _ in brought_up()})
+WRITTEN = sorted({key for key, size in brought_up() if size})
+
+
+def test_host_and_drive_agree_in_every_object_of_the_host():
+    assert differences(HOST, DRIVE) == []
+
+
+def test_the_host_uses_no_object_beyond_both_dictionaries():
+    assert set(USED) <= HOST.keys() & DRIVE.keys()
+    assert len(USED) > 40
+
+
+def test_every_write_has_the_size_that_both_dictionaries_say():
+    for key, size in brought_up():
+        if size is not None:
+            assert size == DRIVE[key].size == int(HOST[key].type[1:]) // 8, text(key)
+
+
+def test_pdos_carry_only_what_a_drive_lets_them_carry():
+    with LockstepDrives() as rig:
+        rig.enabled()
+        store = rig.drives[0].store
+        for index, access in ((0x1600, {"rww"}), (0x1A00, {"ro", "rww"}), (0x1A01, {"ro", "rww"})):
+            for sub in range(1, store.get(index, 0) + 1):
+                entry = store.get(index, sub)
+                known = DRIVE[entry >> 16, entry >> 8 & 0xFF]
+                assert known.pdo
+                assert known.access in access
+
+
+@pytest.mark.parametrize(
+    ("record", "entry"),
+    [
+        (0x1600, 0x36220020),  # a limit, which no PDO carries
+        (0x1A00, 0x36220020),
+        (0x1600, 0x60410010),  # the status word cannot be commanded
+        (0x1A00, 0x60410020),  # nor has it 32 bits
+        (0x1A00, 0x40000010),  # nothing there
+    ],
+)
+def test_a_pdo_takes_nothing_that_the_drive_cannot_put_there(record, entry):
+    store = drive_objects.ObjectStore(NODE)
+    store.write(record - 0x200, 1, (1 << 31 | 0x201).to_bytes(4, "little"))
+    store.write(record, 0, b"\0")
+    with pytest.raises(drive_objects.AbortError) as caught:
+        store.write(record, 1, entry.to_bytes(4, "little"))
+    assert caught.value.code == drive_objects.NOT_MAPPABLE
+
+
+OTHER = {"U8": "U16", "U16": "U8", "U32": "U16", "I8": "I16", "I16": "I32", "I32": "I16"}
+
+
+def mutants(entry):
+    """An entry of either dictionary, wrong in one way each."""
+    change = entry._replace if hasattr(entry, "_replace") else lambda **new: replace(entry, **new)
+    yield change(type=OTHER[entry.type])
+    yield change(access="rw" if ACCESS[entry.access] == "ro" else "ro")
+    yield change(default=entry.default + 1)
+
+
+COMPARED = [key for key in HOST if key not in NOT_IN_THE_DRIVE | SHORTER_IN_THE_DRIVE]
+
+
+@pytest.mark.parametrize("key", COMPARED, ids=text)
+def test_a_wrong_entry_of_the_host_is_noticed(key):
+    for wrong in mutants(HOST[key]):
+        assert differences({**HOST, key: wrong}, DRIVE)
+    moved = dict(HOST)
+    entry = moved.pop(key)
+    for index, sub in ((entry.index + 0x20, entry.sub), (entry.index, entry.sub + 100)):
+        assert differences({**moved, (index, sub): replace(entry, index=index, sub=sub)}, DRIVE)
+
+
+@pytest.mark.parametrize("key", COMPARED, ids=text)
+def test_a_wrong_entry_of_the_drive_is_noticed(key):
+    for wrong in mutants(DRIVE[key]):
+        assert differences(HOST, {**DRIVE, key: wrong})
+    assert differences(HOST, {other: each for other, each in DRIVE.items() if other != key})
+
+
+def start_refused(*others):
+    """How a start is refused; others: exceptions that will do as well."""
+    with pytest.raises((DriveError, *others)) as caught, LockstepDrives() as rig:
+        rig.servos.start()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("key", WRITTEN, ids=text)
+def test_the_bring_up_itself_fails_if_the_host_has_a_wrong_type(key, monkeypatch):
+    wrong = replace(HOST[key], type=OTHER[HOST[key].type])
+    table = {**HOST, key: wrong}
+    monkeypatch.setattr(dictionary, "objects", lambda node: iter(table.values()))
+    refusal = start_refused(ObjectDictionaryError)
+    assert any(words in refusal for words in (f"{key[0]:04X}h", "mapping PDO", "data size"))
+
+
+@pytest.mark.parametrize("key", USED, ids=text)
+def test_the_bring_up_itself_fails_if_the_drive_has_no_such_object(key, monkeypatch):
+    table = {other: each for other, each in DRIVE.items() if other != key}
+    monkeypatch.setattr(drive_objects, "drive_objects", lambda node: dict(table))
+    assert start_refused(KeyError)  # those that the drive itself cannot do without
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ((0x1000, 0), 0x00030192, "device type"),
+        ((0x1018, 1), 0x6B, "vendor"),
+        ((0x608F, 2), 2, "524288 counts per motor revolution"),
+        ((0x36E9, 0), 1 << 4, "204Ch"),
+    ],
+    ids=lambda each: text(each) if isinstance(each, tuple) else "",
+)
+def test_a_drive_that_begins_with_another_constant_is_refused(key, value, words, monkeypatch):
+    table = {**DRIVE, key: DRIVE[key]._replace(default=value)}
+    monkeypatch.setattr(drive_objects, "drive_objects", lambda node: dict(table))
+    assert words in start_refused()

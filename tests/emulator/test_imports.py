@@ -1,0 +1,85 @@
+"""What the emulator may know: nothing of the host's reading of the protocol, and no one system."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import twin.emulator
+from twin.cli.emulate import emulate
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_slcan import SlcanPort
+from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.serve import emulated
+from twin.errors import RigError
+
+FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
+HOST_SIDE = {"twin.devices.akd.config", "twin.devices.akd.servos"}
+"""What the host runs on; the lockstep rig puts it on the emulated drives."""
+POSIX = {"pty", "tty", "termios", "fcntl", "resource", "pwd", "grp"}
+
+
+def imported(file, *, everywhere=True):
+    """Modules that a file imports; without ``everywhere`` those that it imports when imported."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    nodes = ast.walk(tree) if everywhere else tree.body
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module
+            yield from (f"{node.module}.{each.name}" for each in node.names)
+
+
+@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
+def test_the_emulated_drives_share_no_reading_of_the_protocol_with_the_host(file):
+    known = {name for name in imported(file) if name.startswith("twin.devices.akd")}
+    modules = {name for name in known if name.rpartition(".")[2].islower()}
+    assert modules <= (HOST_SIDE if file.stem == "lockstep" else set())
+
+
+@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
+def test_no_module_needs_a_posix_system_to_be_imported(file):
+    assert not POSIX & set(imported(file, everywhere=False))
+
+
+def test_without_pseudo_terminals_everything_but_the_ports_can_be_imported():
+    names = [f"twin.emulator.{file.stem}" for file in FILES if file.stem != "__init__"]
+    code = "import sys; sys.modules['pty'] = sys.modules['tty'] = None; import " + ", ".join(names)
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True, env=os.environ
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: SlcanPort(EmulatedBus([])), lambda: EmulatedScreen(ScreenLine(list))],
+    ids=["adapter", "screen"],
+)
+def test_a_port_that_this_system_cannot_have_is_said_so_in_one_line(make, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pty", None)
+    with pytest.raises(RigError, match="Linux and macOS have them") as caught:
+        make()
+    assert sys.platform in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_rig_in_another_process_is_not_even_started_without_ports(scenario, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pty", None)
+    monkeypatch.setattr("multiprocessing.get_context", lambda kind: pytest.fail("started"))
+    with pytest.raises(RigError, match="pseudo-terminals"), emulated(scenario()):
+        pass
+
+
+def test_the_command_that_needs_a_port_ends_with_that_line(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pty", None)
+    file = tmp_path / "rig.toml"
+    arguments = ["--set", "plant.kind=lagrange", "--write", str(file)]
+    with pytest.raises(RigError, match="pseudo-terminals"):
+        CliRunner().invoke(emulate, arguments, standalone_mode=False, catch_exceptions=False)
+    assert not file.exists()

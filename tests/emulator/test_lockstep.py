@@ -1,0 +1,83 @@
+"""The rig of the hardware on emulated devices in bus time: the same loop, every byte."""
+
+from types import MethodType
+
+import numpy as np
+import pytest
+
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import FRAME
+from twin.emulator.virtual import EmulatedPlant
+from twin.hal.states import State
+from twin.run.assemble import build_limits
+from twin.run.control import build_controller
+from twin.run.execute import run
+from twin.run.loop import Ending, drive
+from twin.run.record import Recorder
+from twin.scenario import load
+
+
+def in_lockstep(chosen):
+    plant = EmulatedPlant(chosen)
+    limits = build_limits(chosen.rig.limits)
+    return LockstepRig(plant, transmission=plant.transmission, limits=limits, seed=chosen.seed)
+
+
+def tracked(chosen):
+    rig, controller = in_lockstep(chosen), build_controller(chosen)
+    record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
+    (outcome,) = drive(rig, controller, chosen.duration, record)
+    return rig, record, outcome
+
+
+def error_percent(time, estimate, reference, start):
+    """e_tt of (C.7) from estimates, which both kinds of rig have."""
+    late = time >= start
+    r = reference(time)[0][late]
+    away = estimate[late][:, 0::4] - r
+    return 100 * np.sqrt((away**2).sum() / (r**2).sum())
+
+
+def test_a_run_in_lockstep_is_the_same_every_time(scenario):
+    chosen = scenario("plant.kind=lagrange", "duration=0.6")
+    one, other = tracked(chosen)[1], tracked(chosen)[1]
+    for channel in one.data:
+        np.testing.assert_array_equal(one[channel], other[channel])
+
+
+def test_the_record_of_a_hardware_run_has_its_timing_and_no_truth(scenario):
+    rig, record, outcome = tracked(scenario("plant.kind=lagrange", "duration=0.6"))
+    assert outcome.ending is Ending.FINISHED
+    assert "state" not in record.data
+    assert np.isfinite(record["timing"][1:]).all()
+    assert rig.account()["ledger"]["missed"] == 0
+    assert rig.supervisor.state[0] == State.OFF
+    assert not any(each.enabled for each in rig.lockstep.drives)
+
+
+def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    rig = in_lockstep(scenario("plant.kind=lagrange"))
+    monkeypatch.setattr(rig, "_anchor", MethodType(interrupt, rig))
+    with pytest.raises(KeyboardInterrupt), rig:
+        pass
+    assert rig.supervisor.state[0] == State.OFF
+    assert not any(each.enabled for each in rig.lockstep.drives)
+
+
+@pytest.mark.long
+def test_over_a_minute_the_wire_costs_less_than_a_point_of_tracking_error():
+    chosen = load("circle", ("duration=60", f"sensors.touch.frame_rate={1 / FRAME}"))
+    rig, record, outcome = tracked(chosen)
+    assert outcome.ending is Ending.FINISHED
+    inside = run(chosen)
+    reference = build_controller(chosen).reference
+    wire, simulated = (
+        error_percent(each.time, each["estimate"][:, 0], reference, 10.0)
+        for each in (record, inside.record)
+    )
+    assert 10 < simulated < 30
+    assert abs(wire - simulated) < 1.0
+    assert rig.servos.stale == 0

@@ -1,0 +1,252 @@
+"""The LAWICEL protocol against software that is not ours, and lines that are not ours.
+
+The emulated adapter has python-can's stock slcan bus as its host, and the host's own bus is given
+the lines that the maker's CAN232 manual (version 3) prints, and any line that the stock bus reads.
+"""
+
+import os
+import time
+
+import can
+import pytest
+from can.interfaces.slcan import slcanBus
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twin.devices.akd.slcan_bus import PromptSlcanBus
+from twin.emulator.can_bus import BusServer, EmulatedBus
+from twin.emulator.can_faults import Frame
+from twin.emulator.can_slcan import SlcanPort
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.pseudo_terminal import PseudoTerminal
+
+FRAMES = st.builds(
+    lambda cob_id, data, remote: Frame(cob_id, b"" if remote else data, remote),
+    st.integers(0, 0x7FF),
+    st.binary(max_size=8),
+    st.booleans(),
+)
+DATA_FRAMES = FRAMES.filter(lambda frame: not frame.remote)
+
+
+class Recorder(EmulatedBus):
+    """A bus that keeps what it is sent, and passes on what is in its queue."""
+
+    def __init__(self):
+        super().__init__([])
+        self.sent, self.queue = [], []
+
+    def from_host(self, frame):
+        self.sent.append(frame)
+        return True
+
+    def to_host(self):
+        queue, self.queue = self.queue, []
+        return queue
+
+
+def stock(channel):
+    return slcanBus(channel, bitrate=1_000_000, sleep_after_open=0.0)
+
+
+def pump_until(port, done):
+    """Let the adapter do what it has been sent: a pseudo-terminal takes a moment."""
+    end = time.monotonic() + 5.0
+    while not done() and time.monotonic() < end:
+        port.wait(0.05)
+        port.pump()
+
+
+def as_frame(message):
+    assert not any((message.is_extended_id, message.is_error_frame, message.is_fd))
+    return Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
+
+
+@given(st.lists(FRAMES, min_size=1, max_size=8))
+@settings(max_examples=40)
+def test_what_python_can_writes_the_adapter_reads(frames):
+    bus = Recorder()
+    with SlcanPort(bus) as port:
+        host = stock(port.channel)
+        for frame in frames:
+            host.send(
+                can.Message(
+                    arbitration_id=frame.cob_id,
+                    data=frame.data,
+                    is_remote_frame=frame.remote,
+                    is_extended_id=False,
+                )
+            )
+        pump_until(port, lambda: len(bus.sent) == len(frames))
+        host.shutdown()
+    assert bus.sent == frames
+
+
+@given(st.lists(DATA_FRAMES, min_size=1, max_size=8))
+@settings(max_examples=40)
+def test_what_the_adapter_writes_python_can_reads(frames):
+    bus = Recorder()
+    with SlcanPort(bus) as port:
+        host = stock(port.channel)
+        pump_until(port, lambda: port.adapter.open)
+        bus.queue = list(frames)
+        port.pump()
+        heard = []
+        # The stock bus hands out None for every acknowledgement on its way.
+        for _ in range(len(frames) + 20):
+            message = host.recv(0.01)
+            heard += [] if message is None else [as_frame(message)]
+            if len(heard) == len(frames):
+                break
+        host.shutdown()
+    assert heard == frames
+
+
+def test_python_can_opens_asks_and_closes_the_adapter():
+    bus = Recorder()
+    with SlcanPort(bus) as port, BusServer(bus, port):
+        host = stock(port.channel)
+        assert host.get_version(2.0) == (10, 13)
+        assert host.get_serial_number(2.0) == "EMUL"
+        assert port.adapter.open
+        assert port.adapter.bitrate == 1_000_000
+        host.shutdown()
+
+
+@pytest.mark.real_time
+def test_python_can_s_own_bus_has_a_conversation_with_a_drive():
+    bus = EmulatedBus([EmulatedDrive(DriveSettings(node=5))])
+    with SlcanPort(bus) as port, BusServer(bus, port):
+        host = stock(port.channel)
+        request = bytes.fromhex("4000100000000000")
+        host.send(can.Message(arbitration_id=0x605, data=request, is_extended_id=False))
+        heard = [host.recv(0.2) for _ in range(10)]
+        host.shutdown()
+    frames = [as_frame(each) for each in heard if each is not None]
+    assert Frame(0x585, bytes.fromhex("4300100092010200")) in frames
+
+
+class Adapter:
+    """Our host's bus on a pseudo-terminal on which lines are played."""
+
+    def __init__(self):
+        self.terminal = PseudoTerminal("adapter")
+        self.terminal.plug()
+        self.bus = PromptSlcanBus(str(self.terminal.path), 1_000_000, sleep_after_open=0.0)
+
+    def play(self, lines):
+        """Every message that the bus makes of some bytes."""
+        os.write(self.terminal.handle, lines)
+        heard, message = [], self.bus.recv(0.5)
+        while message is not None:
+            heard.append(message)
+            message = self.bus.recv(0)
+        return heard
+
+    def said(self):
+        """What the bus has written since the last call."""
+        return os.read(self.terminal.handle, 4096)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.bus.shutdown()
+        self.terminal.close()
+
+
+def test_our_host_opens_an_adapter_with_the_commands_of_the_manual():
+    with Adapter() as adapter:
+        commands = adapter.said().split(b"\r")
+    # Closed before it is set up, then open; more C, O and empty lines do no harm.
+    assert commands.index(b"C") < commands.index(b"S8") < commands.index(b"O")
+    assert set(commands) <= {b"C", b"S8", b"O", b""}
+
+
+def test_our_host_transmits_as_the_manual_says():
+    with Adapter() as adapter:
+        adapter.said()
+        adapter.bus.send(can.Message(arbitration_id=0x100, data=b"\x11\x33", is_extended_id=False))
+        adapter.bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
+        adapter.bus.recv(0)
+        # The examples of the command t in the manual, and the question for the status flags.
+        assert adapter.said() == b"t10021133\rt0200\rF\r"
+
+
+@pytest.mark.parametrize(
+    ("line", "frame"),
+    [
+        (b"t10021133\r", Frame(0x100, b"\x11\x33")),
+        (b"t0200\r", Frame(0x20)),
+        (b"t100211334D67\r", Frame(0x100, b"\x11\x33")),
+        (b"z\r\rt10021133\r", Frame(0x100, b"\x11\x33")),
+        (b"V1013\rt0200\r", Frame(0x20)),
+        (b"NA123\rt0200\r", Frame(0x20)),
+        (b"F00\rt0200\r", Frame(0x20)),
+        (b"\at0200\r", Frame(0x20)),
+    ],
+    ids=repr,
+)
+def test_our_host_reads_the_lines_that_the_manual_prints(line, frame):
+    with Adapter() as adapter:
+        assert [as_frame(each) for each in adapter.play(line)] == [frame]
+
+
+@pytest.mark.parametrize(
+    "line", [b"T0000010021133\r", b"r1002\r", b"r1000\r", b"R000001002\r"], ids=repr
+)
+def test_our_host_takes_no_extended_or_remote_frame_of_the_manual_for_a_data_frame(line):
+    with Adapter() as adapter:
+        assert [as_frame(each) for each in adapter.play(line + b"t0200\r")] == [Frame(0x20)]
+        assert adapter.bus.unreadable_lines == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "identifier"),
+    # Of the manual's bits: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data
+    # overrun, 5 error passive, 6 arbitration lost, 7 bus error.
+    [
+        *((1 << bit, None) for bit in (0, 1, 2, 3, 6)),
+        (1 << 5, 0x004),
+        (1 << 7, 0x080),
+        (0xA4, 0x004),
+    ],
+)
+def test_our_host_makes_error_frames_of_the_manual_s_status_bits(flags, identifier):
+    with Adapter() as adapter:
+        heard = adapter.play(b"F%02X\r" % flags)
+        assert [each.arbitration_id for each in heard] == ([identifier] if identifier else [])
+        assert all(each.is_error_frame for each in heard)
+
+
+def line(frame, *, upper, stamp):
+    digits = f"{frame.cob_id:03x}{len(frame.data)}{frame.data.hex()}" + ("4d67" if stamp else "")
+    return b"t" + (digits.upper() if upper else digits).encode() + b"\r"
+
+
+LINES = st.one_of(
+    st.builds(
+        line,
+        FRAMES.filter(lambda frame: not frame.remote),
+        upper=st.booleans(),
+        stamp=st.booleans(),
+    ),
+    st.sampled_from([b"z\r", b"Z\r", b"\r", b"\a", b"F00\r"]),
+)
+
+
+@given(st.lists(LINES, max_size=12))
+@settings(max_examples=40)
+def test_our_host_reads_what_python_can_s_own_reads(lines):
+    data = b"".join(lines) + b"t7FF0\r"
+    with Adapter() as adapter:
+        ours = [as_frame(each) for each in adapter.play(data) if not each.is_error_frame]
+        assert adapter.bus.unreadable_lines == 0
+    loop = slcanBus("loop://", sleep_after_open=0.0)
+    loop.serialPortOrig.reset_input_buffer()
+    loop.serialPortOrig.write(data)
+    heard = [loop.recv(0) for _ in range(len(lines) + 1)]
+    theirs = [as_frame(each) for each in heard if each is not None]
+    loop.shutdown()
+    assert ours == theirs

@@ -1,0 +1,237 @@
+"""One builder: N scenarios make N rigs, and each is what it is alone."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from controllers.per_rig import PerRigReference
+from controllers.references import Circle, Hold
+from controllers.state_feedback import LQR
+from twin.errors import ModelError, ScenarioError
+from twin.hal.limits import Limits
+from twin.run.assemble import SHARED, SHARED_EXACT, assemble
+from twin.run.execute import run
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.scenario import load
+from twin.settings import settings_of
+from twin.sim.drives import DriveModel
+from twin.sim.encoders import EncoderModel
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.interface import BallStart
+from twin.sim.plant.parts import Parts
+from twin.sim.plant.surface import SurfaceModel
+from twin.sim.touch import TouchModel
+from twin.sim.transmission import TransmissionError
+
+SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")
+OTHER = {
+    "plant.friction.rolling_mm": "0.3",
+    "plant.friction.breakaway_ratio": "2.0",
+    "plant.friction.stribeck_speed": "0.01",
+    "plant.friction.dwell_time": "1.0",
+    "plant.friction.viscous_mm": "0.5",
+    "plant.friction.sliding": "0.001",
+    "plant.friction.spinning_mm": "0.1",
+    "plant.ball.mass": "0.03",
+    "plant.ball.radius": "0.021",
+    "plant.ball.inertia": "5e-6",
+    "plant.ball.offset_mm": "[1.0, 0, 0]",
+    "plant.ball.oval_mm": "0.5",
+    "plant.wheels.stiffness": "60000.0",
+    "plant.wheels.damping_ratio": "1.0",
+    "plant.spring.preload": "60.0",
+    "plant.servo.torque_limit": "1.0",
+    "plant.servo.speed_limit": "0.1",
+    "plant.servo.bandwidth_hz": "10.0",
+    "plant.servo.backlash_deg": "0.1",
+    "plant.servo.vibration": "0.5",
+    "plant.servo.vibration_hz": "20.0",
+    "plant.plate.offset_mm": "[1.0, 1.0]",
+    "plant.level_deg": "[0.5, -0.5]",
+    "plant.start.x": "0.05",
+    "plant.start.y": "0.05",
+    "plant.start.x_rate": "0.2",
+    "plant.start.y_rate": "0.2",
+    "plant.start.spin": "20.0",
+    "plant.surface.spread_percent": "20.0",
+    "plant.surface.slope_deg": "0.1",
+    "plant.surface.patch_mm": "50.5",
+    "plant.surface.seed": "3",
+    "plant.surface.relative": "[[1.0, 1.2], [0.9, 1.0]]",
+    "plant.surface.height_um": "[[0.0, 90.0], [50.0, 0.0]]",
+    "disturbance.variance": "[1e-3, 1e-3]",
+    "sensors.noise_hold": "0.01",
+    "sensors.touch.dead_time": "0.0307",
+    "sensors.touch.dead_time_spread": "0.002",
+    "sensors.touch.rotation_deg": "2.0",
+    "sensors.touch.frame_rate": "100.0",
+    "sensors.touch.grid": "256",
+    "sensors.touch.variance": "[1e-6, 1e-6]",
+    "sensors.encoders.counts": "1000",
+    "sensors.encoders.variance": "[1e-8, 1e-8]",
+    "rig.cams": "ratio",
+    "rig.cam_error_percent": "[3.0, 3.0]",
+    "rig.cam_coupling_percent": "5.0",
+    "rig.limits.angle_deg": "0.2",
+    "rig.limits.rate_deg": "1.0",
+    "rig.limits.acceleration": "0.5",
+    "rig.limits.area": "[0.2, 0.15]",
+    "rig.limits.margin": "0.001",
+    "rig.limits.ball_speed": "0.05",
+    "controller.kind": "lqr",
+    "controller.rho": "100.0",
+    "observer.kind": "kalman",
+    "observer.poles": "[-10, -12, -14, -16]",
+    "predictor.delay": "0.03",
+    "reference.amplitude": "0.1",
+    "reference.kind": "hold",
+    "seed": "5",
+}
+"""Every setting that may differ from rig to rig, and a value that shows."""
+BESIDE = {
+    "plant.friction.stribeck_speed": ["plant.friction.breakaway_ratio=2.0"],
+    "plant.friction.dwell_time": ["plant.friction.breakaway_ratio=2.0"],
+    "plant.servo.vibration_hz": ["plant.servo.vibration=0.5"],
+    "plant.surface.patch_mm": ["plant.surface.spread_percent=20.0"],
+    "plant.surface.seed": ["plant.surface.spread_percent=20.0"],
+    "plant.friction.spinning_mm": ["plant.start.spin=20.0"],
+    "controller.rho": ["controller.kind=lqr", "controller.kappa=0.3"],
+    "plant.ball.offset_mm": ["plant.ball.offset_mm=[0.5, 0, 0]"],
+}
+"""What another setting needs to show at all."""
+HIDDEN = {"plant.friction.spinning_mm", "plant.servo.torque_limit", "plant.surface.patch_mm"} | {
+    f"rig.limits.{name}" for name in ("area", "margin", "ball_speed", "angle_deg")
+}
+"""Settings that 0.12 s of this motion do not show in the state."""
+
+
+def recorded(scenarios):
+    rig, controller = assemble(scenarios, threads=1)
+    record = Recorder(60, len(scenarios), 0.002)
+    outcomes = drive(rig, controller, scenarios[0].duration, record)
+    return record, outcomes
+
+
+def test_every_setting_of_the_simulated_rig_is_tried():
+    models = (
+        *(Friction, Parts, BallStart, SurfaceModel, DriveModel, TouchModel, EncoderModel),
+        *(TransmissionError, Limits),
+    )
+    keys = {about.key for model in models for about in settings_of(model).values()}
+    assert keys <= OTHER.keys()
+
+
+@pytest.mark.parametrize(("key", "value"), OTHER.items(), ids=OTHER)
+def test_a_rig_that_differs_in_one_setting_is_what_it_is_alone(key, value):
+    common = [*SHORT, *BESIDE.get(key, [])]
+    base, other = load("circle", common), load("circle", [*common, f"{key}={value}"])
+    assert base != other
+    together, outcomes = recorded([base, other, base])
+    for rig, scenario in enumerate((base, other, base)):
+        alone, (outcome,) = recorded([scenario])
+        assert outcomes[rig].ending == outcome.ending
+        for name in ("state", "measured", "estimate", "applied"):
+            # products of matrices round differently for one rig and for several
+            assert together[name][: alone.length, rig] == pytest.approx(
+                alone[name][:, 0], rel=1e-6, abs=1e-9
+            ), name
+    if key not in HIDDEN:
+        assert not np.allclose(together["state"][:, 0], together["state"][:, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key"),
+    [
+        (["plant.kind=lagrange"], "plant.kind"),
+        (["plant.step=0.002"], "plant.step"),
+        (["rig.period=0.004"], "rig.period"),
+        (["duration=20"], "duration"),
+        (["sensors.ideal=true"], "sensors.ideal"),
+    ],
+)
+def test_what_a_batch_has_only_once_is_refused_by_name(overrides, key):
+    assert key in SHARED
+    with pytest.raises(ScenarioError, match=f"{key}: rigs that run side by side must agree"):
+        assemble([load("circle"), load("circle", overrides)])
+
+
+@pytest.mark.parametrize("key", SHARED_EXACT)
+def test_balls_on_the_exact_equations_are_alike(key):
+    exact = "plant.kind=lagrange"
+    value = {"mass": 0.03, "radius": 0.021, "inertia": 5e-6}[key.rpartition(".")[2]]
+    with pytest.raises(ScenarioError, match=key):
+        assemble([load("circle", [exact]), load("circle", [exact, f"{key}={value}"])])
+
+
+def test_a_ball_out_of_balance_beside_one_in_balance_is_refused_by_name():
+    with pytest.raises(ModelError, match=r"plant\.ball\.offset_mm"):
+        assemble([load("circle"), load("circle", ["plant.ball.offset_mm=[1, 0, 0]"])])
+
+
+def test_surfaces_of_differing_grids_are_refused_by_name():
+    patches = [
+        ["plant.surface.spread_percent=20", f"plant.surface.patch_mm={mm}"] for mm in (30, 90)
+    ]
+    with pytest.raises(ModelError, match=r"plant\.surface: .* grids of one size"):
+        assemble([load("circle", each) for each in patches])
+
+
+def test_the_references_of_a_batch_can_be_asked_ahead():
+    members = (
+        Circle(amplitude=0.15, omega=1.0),
+        Hold(x=0.1, y=0.0),
+        Circle(amplitude=0.1, omega=2.0),
+    )
+    batch = PerRigReference(members, 0.002)
+    for t in (0.4, np.array([0.0, 0.4, 7.1]), np.array([[0.1], [0.2]])):
+        for rig, member in enumerate(members):
+            assert batch(t)[..., rig, :] == pytest.approx(member(t), abs=1e-12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Previewing(LQR):
+    """A law that also looks half a second ahead."""
+
+    name: ClassVar[str] = "previewing"
+
+    def control(self, t, x, reference, q):
+        ahead = reference(t + 0.5)[0] - reference(np.array([t + 0.1, t + 0.2]))[0].mean(axis=0)
+        return super().control(t, x, reference, q) + 0.1 * ahead
+
+
+def test_a_law_that_looks_ahead_does_the_same_in_a_batch(monkeypatch):
+    monkeypatch.setattr("controllers.state_feedback.Previewing", Previewing, raising=False)
+    exact = [*SHORT, "plant.kind=lagrange"]
+    laws = (["controller.kind=previewing"], ["controller.kind=afl"])
+    scenarios = [
+        load("circle", [*exact, *laws[rig % 2], f"reference.amplitude={0.1 + 0.01 * rig}"])
+        for rig in range(4)
+    ]
+    together, _ = recorded(scenarios)
+    for rig, scenario in enumerate(scenarios):
+        alone = run(scenario).record
+        assert together["state"][:, rig] == pytest.approx(alone["state"][:, 0], abs=1e-12)
+
+
+def test_the_estimate_of_a_row_is_that_of_its_own_time():
+    quiet = (
+        "duration=3",
+        "metrics.start=1",
+        "plant.kind=lagrange",
+        "plant.friction.rolling_mm=0",
+        "sensors.touch.dead_time=0",
+        "sensors.touch.grid=0",
+        "sensors.touch.variance=[0,0]",
+        "sensors.encoders.counts=0",
+        "sensors.encoders.variance=[0,0]",
+        "disturbance.variance=[0,0]",
+    )
+    scenario = load("circle", quiet).model_copy(update={"predictor": None})
+    record = run(scenario).record
+    late = record.time > 1.5
+    ball = record["estimate"][late, 0, 0::4] - record["state"][late, 0, 0::4]
+    assert np.sqrt((ball**2).mean()) < 1e-6
+    assert np.abs(record["state"][late, 0, 1::4]).max() * 0.002 > 1e-4  # a tick shows

@@ -1,0 +1,144 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.cli import main
+from twin.errors import RecordError
+from twin.run.execute import run, save
+from twin.run.replay import open_run
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A whole record, as a table."""
+    from twin.scenario import load
+
+    folder = tmp_path_factory.mktemp("run")
+    done = run(load("hold", ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")))
+    save(done, folder, {"hold": done.motion})
+    return pq.read_table(folder / "run.parquet")
+
+
+@pytest.fixture
+def rewritten(recorded, tmp_path):
+    """Writes the record with some of its metadata replaced, or with other metadata altogether."""
+
+    def write(table=None, metadata=None, **changed):
+        whole = json.loads(recorded.schema.metadata[b"ballplate"]) | changed
+        encoded = json.dumps(whole) if metadata is None else metadata
+        table = recorded if table is None else table
+        pq.write_table(
+            table.replace_schema_metadata({"ballplate": encoded}), tmp_path / "run.parquet"
+        )
+        return tmp_path
+
+    return write
+
+
+def refusal(folder):
+    with pytest.raises(RecordError) as caught:
+        open_run(folder)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert "run.parquet" in text
+    return text
+
+
+TIMES = {"number": 1, "p50_us": 1, "p99_us": 1, "max_us": 1}
+
+
+def test_a_whole_record_is_opened_with_what_it_holds(rewritten):
+    event = {"time": 1, "severity": "warning", "text": "late", "more": 1}
+    ledger = {"lateness": TIMES, "stages": {"read": TIMES}, "round_trip": TIMES, "ticks": 3}
+    (replay,) = open_run(rewritten(events=[event], ledger=ledger, others={"a": 1}))
+    assert replay.events == (event,)
+    assert replay.ledger == ledger
+    assert replay.metrics["outcome"] == "finished"
+
+
+@pytest.mark.parametrize(
+    ("metadata", "expected"),
+    [
+        ("nonsense", "metadata 'ballplate': not JSON"),
+        (b"\xff\xfe{", "metadata 'ballplate': not JSON"),
+        ("[1, 2]", "metadata 'ballplate': not a JSON object"),
+        ("3", "metadata 'ballplate': not a JSON object"),
+        ("[" * 3000 + "]" * 3000, "metadata 'ballplate': nested deeper"),
+        (f'{{"scenario": {"9" * 5000}}}', "metadata 'ballplate': an integer beyond 64 bit"),
+        ("{}", "no scenario in its metadata"),
+        ('{"scenario": [1]}', "another version"),
+        ('{"scenario": null}', "another version"),
+    ],
+)
+def test_foreign_metadata_is_one_line(rewritten, metadata, expected):
+    assert expected in refusal(rewritten(metadata=metadata))
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"events": 3}, "events: must be a valid array, got 3"),
+        ({"events": {"time": 1}}, "events: must be a valid array"),
+        ({"events": ["late"]}, 'events.0: must be an object, got "late"'),
+        ({"events": [{"time": 1, "text": "late"}]}, "events.0.severity: missing"),
+        ({"events": [{"severity": "a", "text": "late"}]}, "events.0.time: missing"),
+        ({"events": [{"time": 1, "severity": "a"}]}, "events.0.text: missing"),
+        (
+            {"events": [{"time": "1", "severity": "a", "text": "b"}]},
+            'events.0.time: must be a valid number, got "1"',
+        ),
+        ({"metrics": [1]}, "metrics: must be an object, got [1]"),
+        ({"metrics": {"outcome_time": None}}, "metrics.outcome_time: must be a valid number"),
+        ({"metrics": {"rms_error": "large"}}, "metrics.rms_error: must be a valid number"),
+        ({"metrics": {"outcome": 3}}, "metrics.outcome: must be a valid string, got 3"),
+        ({"versions": {"numpy": 2}}, "versions.numpy: must be a valid string"),
+        ({"ledger": [1]}, "ledger: must be an object"),
+        ({"ledger": {"lateness": TIMES}}, "ledger.stages: missing"),
+    ],
+)
+def test_metadata_of_a_wrong_shape_is_one_line_that_names_it(rewritten, changed, expected):
+    assert expected in refusal(rewritten(**changed))
+
+
+def _with(table, name, values):
+    return table.set_column(table.schema.get_field_index(name), name, pa.array(values))
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda t: t.drop_columns(["estimated_theta_rate"]), "no estimated_theta_rate"),
+        (lambda t: t.drop_columns(["true_y"]), "no true_y"),
+        (lambda t: t.append_column("motor_phi_rad", t["time"]), "no motor_theta_rad"),
+        (lambda t: t.append_column("time", t["time"]), "not a readable Parquet file"),
+        (lambda t: t.slice(0, 0), "ended before its first period"),
+        (lambda t: _with(t, "time", ["now"] * len(t)), "no time"),
+        (
+            lambda t: _with(t, "time", np.full(len(t), np.nan)),
+            "time: must be a number in every row",
+        ),
+        (lambda t: _with(t, "time", np.zeros(len(t))), "time: must rise from row to row"),
+        (lambda t: _with(t, "supervisor", np.full(len(t), 9.0)), "supervisor: no state 9"),
+        (lambda t: t.append_column("rig", pa.nulls(len(t), pa.float64())), "rig: must be"),
+    ],
+)
+def test_rows_that_are_no_run_are_one_line(rewritten, recorded, change, expected):
+    assert expected in refusal(rewritten(change(recorded)))
+
+
+def test_a_unit_in_another_encoding_is_no_reason_to_refuse_a_record(rewritten, recorded):
+    field = pa.field("time", pa.float64(), metadata={"unit": b"\xff"})
+    table = recorded.cast(recorded.schema.set(0, field))
+    (replay,) = open_run(rewritten(table))
+    assert replay.units["time"] == "\N{REPLACEMENT CHARACTER}"
+
+
+def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, capsys):
+    folder = rewritten(events=[{"when": 1}])
+    with pytest.raises(SystemExit) as caught:
+        main(["report", str(folder)])
+    assert caught.value.code == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -1,0 +1,107 @@
+"""How to add an effect and a plant, done once: what docs/extending.md describes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from controllers.arrays import Number, column
+from twin.errors import ScenarioError
+from twin.hal.cams import FixedRatio
+from twin.run.assemble import assemble
+from twin.run.execute import run
+from twin.run.plants import PLANTS
+from twin.scenario import load
+from twin.scenario.load import validated
+from twin.scenario.tables import table
+from twin.settings import Unit, filled, setting
+
+EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wind:
+    """An effect: a dataclass whose field says which key of a scenario sets it."""
+
+    acceleration: Number = setting("wind.acceleration_mm", 0.0, Unit.MM, ge=-1000, le=1000)
+
+    def push(self, rates):
+        """Ball accelerations (N, 2) with wind along x."""
+        return rates + column(self.acceleration) * np.array([1.0, 0.0])
+
+
+class Outdoors:
+    """A scenario that has such a table."""
+
+    Table = table("wind", Wind, module=__name__)
+
+    def __init__(self, **keys):
+        self.wind = validated(self.Table, keys, "a scenario", "wind.")
+
+
+def test_a_field_is_all_an_effect_needs_to_be_read_checked_and_stacked():
+    assert filled(Wind, [Outdoors()]).acceleration == 0.0
+    assert filled(Wind, [Outdoors(acceleration_mm=5.0)] * 3).acceleration == 0.005
+    each = filled(Wind, [Outdoors(acceleration_mm=float(mm)) for mm in (0, 5, -5)])
+    assert each.push(np.zeros((3, 2))).tolist() == [[0, 0], [0.005, 0], [-0.005, 0]]
+    with pytest.raises(ScenarioError, match=r"wind\.acceleration_mm: must be less than or equal"):
+        Outdoors(acceleration_mm=2000.0)
+    with pytest.raises(ScenarioError, match="did you mean 'acceleration_mm'"):
+        Outdoors(acceleration=5.0)
+
+
+class Frictionless:
+    """A plant: the ball's flat equations x'' = k1 (phi, -theta), and nothing else."""
+
+    ratio = 1.0
+    channels: tuple[str, ...] = ()
+
+    def __init__(self, rigs, step):
+        self.rigs, self.step = rigs, step
+        self.start(np.zeros((rigs, 4)))
+
+    def start(self, ball, spin=0.0):
+        self.x = np.zeros((self.rigs, 8))
+        self.x[:, (0, 1, 4, 5)] = ball
+
+    def advance(self, motor_rate, steps):
+        for _ in range(steps):
+            pull = 5.886 * self.x[:, 2::4] * np.array([1.0, -1.0])
+            self.x[:, 3::4] = motor_rate
+            self.x[:, 0::4] += self.step * self.x[:, 1::4]
+            self.x[:, 1::4] += self.step * pull
+            self.x[:, 2::4] += self.step * motor_rate
+
+    @property
+    def state(self):
+        return self.x.copy()
+
+    @property
+    def motor(self):
+        return self.x[:, 2::4]
+
+    @property
+    def on_plate(self):
+        return np.ones(self.rigs, bool)
+
+    @property
+    def diverged(self):
+        return ~np.isfinite(self.x).all(axis=1)
+
+    def telemetry(self):
+        return self.x[:, :0]
+
+
+def test_a_plant_is_one_class_and_one_entry(monkeypatch):
+    def build(scenarios, threads):
+        return Frictionless(len(scenarios), scenarios[0].plant.step), FixedRatio()
+
+    clean = load("circle", [*EXACT, "plant.friction.rolling_mm=0", "disturbance.variance=[0,0]"])
+    exact = run(clean)
+    monkeypatch.setitem(PLANTS, "lagrange", build)
+    flat = run(clean)
+    # nearly the same motion as on the exact equations, whose small terms it lacks
+    apart = np.abs(flat.record["state"][..., 0::4] - exact.record["state"][..., 0::4]).max()
+    assert 1e-6 < apart < 2e-3
+    many, _ = assemble([clean, load("circle", [*EXACT, "plant.start.y=0.1"])])
+    assert many.devices.state[:, 4].tolist() == [0.0, 0.1]

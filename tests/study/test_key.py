@@ -1,0 +1,74 @@
+"""A finished run is used again if and only if nothing that it executes has changed."""
+
+import pytest
+
+from twin.study import work
+
+
+@pytest.fixture
+def key(monkeypatch):
+    """The key of the code, as if some files or library versions were others."""
+
+    def of(changed=None, version=None):
+        with monkeypatch.context() as patch:
+            if changed is not None:
+                read = type(changed).read_bytes
+                patch.setattr(
+                    type(changed),
+                    "read_bytes",
+                    lambda path: read(path) + b"#" if path == changed else read(path),
+                )
+            if version is not None:
+                known = work.version
+                patch.setattr(work, "version", lambda name: "9" if name == version else known(name))
+            return work.code.__wrapped__()
+
+    return of
+
+
+def source(*parts):
+    return work.Path(str(work.files("twin"))).joinpath(*parts)
+
+
+def test_the_same_code_has_the_same_key(key):
+    assert key() == key() == work.code()
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        ("run", "record.py"),
+        ("run", "batch.py"),
+        ("run", "assemble.py"),
+        ("run", "control.py"),
+        ("run", "plants.py"),
+        ("sim", "touch.py"),
+        ("sim", "plant", "mechanism.py"),
+        ("hal", "supervisor.py"),
+        ("settings.py",),
+    ],
+    ids="/".join,
+)
+def test_what_a_run_executes_is_in_the_key(key, parts):
+    assert source(*parts).is_file()
+    assert key(changed=source(*parts)) != key()
+
+
+@pytest.mark.parametrize("library", ["mujoco", "numpy", "scipy", "control"])
+def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
+    assert key(version=library) != key()
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        ("devices", "akd", "config.py"),
+        ("view", "scene.py"),
+        ("run", "picture.py"),
+        ("scenario", "load.py"),
+        ("study", "report.py"),
+    ],
+    ids="/".join,
+)
+def test_what_a_simulated_run_never_sees_is_not(key, parts):
+    assert key(changed=source(*parts)) == key()

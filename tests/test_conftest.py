@@ -1,0 +1,87 @@
+"""The tests with deadlines by the clock have the machine for themselves."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = """
+import os, time
+from pathlib import Path
+import pytest
+
+def spend(name, code=0):
+    begin = time.monotonic()
+    time.sleep(0.2)
+    with (Path(__file__).parent / "log").open("a") as log:
+        log.write(f"{name} {os.getpid()} {begin} {time.monotonic()}\\n")
+    assert not code
+
+@pytest.mark.parametrize("number", range(3))
+def test_any(number):
+    spend("any")
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("number", range(2))
+def test_alone(number):
+    spend("alone", ALONE)
+
+@pytest.mark.long
+@pytest.mark.real_time
+def test_long():
+    spend("long")
+
+def test_last():
+    spend("any", ANY)
+"""
+
+
+@pytest.fixture
+def call(tmp_path):
+    """Runs a folder of tests with this conftest: exit code, and what ran in which process when."""
+    shutil.copy(Path(__file__).parent / "conftest.py", tmp_path)
+    markers = "markers =\n  long: long\n  real_time: alone"
+    (tmp_path / "pytest.ini").write_text(f"[pytest]\naddopts = -m 'not long'\n{markers}")
+
+    def run(*arguments, failing=(), files=2):
+        for number in range(files):
+            text = TESTS.replace("ANY", str("any" in failing))
+            text = text.replace("ALONE", str("alone" in failing))
+            (tmp_path / f"test_{number}.py").write_text(text)
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        ran = [line.split() for line in (tmp_path / "log").read_text().splitlines()]
+        (tmp_path / "log").unlink()
+        found = [(name, pid, float(begin), float(end)) for name, pid, begin, end in ran]
+        return done.returncode, found, done.stdout + done.stderr
+
+    return run
+
+
+def test_tests_by_the_clock_run_once_each_alone_after_all_others(call):
+    code, ran, out = call("-n", "2", "--dist", "loadfile")
+    assert code == 0, out
+    assert sorted(name for name, *_ in ran) == ["alone"] * 4 + ["any"] * 8
+    others = [each for each in ran if each[0] == "any"]
+    alone = [each for each in ran if each[0] == "alone"]
+    assert len({pid for _, pid, *_ in others}) == 2
+    assert len({pid for _, pid, *_ in alone}) == 1
+    assert min(begin for *_, begin, _ in alone) > max(end for *_, end in others)
+
+
+@pytest.mark.parametrize("failing", ["any", "alone"])
+def test_a_failure_on_either_side_fails_the_command(call, failing):
+    code, ran, _ = call("-n", "2", failing=[failing], files=1)
+    assert code == 1
+    assert len(ran) == 6
+
+
+def test_in_one_process_and_by_a_mark_the_same_tests_run(call):
+    code, ran, out = call("-n", "0", files=1)
+    assert code == 0, out
+    assert [name for name, *_ in ran] == ["any"] * 3 + ["alone"] * 2 + ["any"]
+    code, ran, out = call("-n", "2", "-m", "long", files=1)
+    assert code == 0, out
+    assert [name for name, *_ in ran] == ["long"]

@@ -1,0 +1,160 @@
+import json
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.cli import main
+from twin.data_file import DEEPEST, INTEGERS, LONGEST, DataError, parse_json, parse_toml, read_toml
+
+DEEP = "[" * 3000 + "]" * 3000
+TABLES = "{a = " * 3000 + "1" + "}" * 3000
+HUGE = "9" * 5000
+LONG = ".".join(["a"] * 50_000)
+QUOTED = ".".join(['"\\"a"'] * 50_000)
+LOG = "time,measured_x,measured_y,measured_phi,measured_theta"
+
+BAD_TOML = {
+    "lists": (f"title = {DEEP}", "nested deeper than 32 levels"),
+    "tables": (f"title = {TABLES}", "nested deeper than 32 levels"),
+    "steps": (
+        f"[{'.'.join('a' * 20)}]\n{'.'.join('b' * 20)} = 1",
+        "nested deeper than 32 levels",
+    ),
+    "digits": (f"duration = {HUGE}", "an integer beyond 64 bit"),
+    "int65": (f"duration = {2**63}", "an integer beyond 64 bit"),
+    "hexadecimal": (f"duration = 0x{'f' * 40_000}", "an integer beyond 64 bit"),
+    "dotted": (f"title = 'a'\n{LONG} = 1", "line 2: a key of more than 32 parts"),
+    "spaced": (f"{LONG.replace('.', ' . ')} = 1", "line 1: a key of more than 32 parts"),
+    "quoted": (f"{QUOTED} = 1", "line 1: a key of more than 32 parts"),
+    "header": (f"[{LONG}]\nb = 1", "line 1: a key of more than 32 parts"),
+    "key": (f"{'k' * 100_000} = 1", "a key of 100000 characters; at most 200"),
+    "size": ("#" * (LONGEST + 1), f"longer than {LONGEST} characters"),
+}
+COMMANDS = {
+    "scenario": ("run", "FILE"),
+    "parameters": ("run", "circle", "--set", "parameters=FILE"),
+    "rig": ("run", "circle", "--rig", "FILE"),
+    "study": ("study", "FILE", "--plan"),
+}
+
+
+@pytest.fixture
+def refused(capsys, tmp_path, monkeypatch):
+    """Calls the command line; its one line of refusal, which must come at once."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        begin = time.process_time()
+        with pytest.raises(SystemExit) as caught:
+            main(list(arguments))
+        assert time.process_time() - begin < 10
+        out, err = capsys.readouterr()
+        assert (caught.value.code, out) == (2, "")
+        assert len(err.splitlines()) == 1
+        assert len(err) < 1020
+        return err
+
+    return call
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("case", BAD_TOML)
+def test_a_toml_file_beyond_a_limit_is_one_line_at_once(refused, tmp_path, command, case):
+    text, expected = BAD_TOML[case]
+    (tmp_path / "bad.toml").write_text(text)
+    err = refused(*(part.replace("FILE", "bad.toml") for part in COMMANDS[command]))
+    assert "bad.toml" in err
+    assert expected in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("run", "circle", "--set", f"title={DEEP}"), "override 'title': nested deeper"),
+        (("run", "circle", "--set", f"seed={HUGE}"), "override 'seed': an integer beyond 64 bit"),
+        (("run", "circle", "--set", f"{LONG}=1"), "at most 32 parts"),
+        (("run", "circle", "--set", LONG), "write key=value"),
+        (("run", "circle", "--set", 'parameters="\\u0000"'), "cannot be read: a NUL"),
+        (("run", "n" * 5000), "not found"),
+        (("study", "n" * 5000), "not found"),
+        (("run", "circle", "--set", f"{'k' * 100_000}=1"), "of 200 characters"),
+        (("run", "circle", "--set", f"duration={['a' * 100_000]}"), "duration: must be"),
+        (("compare", "circle", "--vary", f"seed={DEEP}"), "--vary 'seed': nested deeper"),
+        (("compare", "circle", "--vary", f"seed=[{HUGE}]"), "--vary 'seed': an integer beyond"),
+        (("compare", "circle", "--vary", f"{LONG}=[1]"), "at most 32 parts"),
+        (("compare", "circle", "--vary", LONG), "write KEY="),
+    ],
+)
+def test_an_override_beyond_a_limit_is_one_line_at_once(refused, arguments, expected):
+    assert expected in refused(*arguments)
+
+
+def test_a_long_key_in_quotes_of_a_study_is_one_line_at_once(refused, tmp_path):
+    head = 'title = "a"\nscenario = "circle"\nmethod = "grid"\n'
+    (tmp_path / "bad.toml").write_text(f'{head}[parameters."{"a." * 90}a"]\nvalues = [1]')
+    assert "a key of more than 32 parts" in refused("study", "bad.toml", "--plan")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a" * 100_000, "no column time"),
+        (f"{LOG}\n0,{'b' * 100_000},0,0,0", "line 2: measured_x"),
+        (f"{LOG}\n0,{HUGE * 40},0,0,0", "field larger than field limit"),
+        (f"{LOG}\n0,\0,0,0,0", "is not a number"),
+    ],
+)
+def test_a_damaged_csv_log_is_one_line_at_once(refused, tmp_path, text, expected):
+    (tmp_path / "log.csv").write_text(text)
+    assert expected in refused("identify", "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (DEEP, "nested deeper than 32 levels"),
+        (f'{{"plate_rad": [{HUGE}]}}', "an integer beyond 64 bit"),
+        ("[1, 2]", "not a cam table"),
+        ('{"plate_rad": 1, "motor_rad": [], "provenance": {}}', "not a cam table"),
+        ("TABLE", "not a cam table"),
+    ],
+)
+def test_a_damaged_cam_table_is_one_line_at_once(refused, tmp_path, text, expected):
+    from twin.paths import model_path
+
+    if text == "TABLE":
+        text = json.dumps(json.loads(model_path("cams.json").read_text()) | {"provenance": [1]})
+    (tmp_path / "cams.json").write_text(text)
+    (tmp_path / "rig.toml").write_text('cams = "cams.json"\n[touch]\nport = "/dev/null"')
+    assert expected in refused("run", "circle", "--rig", "rig.toml")
+
+
+def test_what_is_within_the_limits_is_read_as_it_stands(tmp_path):
+    low, high = INTEGERS
+    text = f"{'.'.join('a' * DEEPEST)} = {high}\n# {LONG[:63]}\nb = [{low}, 1.5, 'x.y']\n"
+    (tmp_path / "good.toml").write_text(text)
+    node = read_toml(tmp_path / "good.toml")
+    assert node["b"] == [low, 1.5, "x.y"]
+    for _ in range(DEEPEST - 1):
+        node = node["a"]
+    assert node["a"] == high
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists, max_leaves=20))
+def test_any_json_within_the_limits_is_what_the_library_reads(value):
+    text = json.dumps(value)
+    assert json.dumps(parse_json(text)) == text
+
+
+@given(st.text(alphabet="ab.\"'\\[]{}=#\n 1_-"))
+def test_any_text_is_toml_or_is_refused(text):
+    try:
+        assert isinstance(parse_toml(text), dict)
+    except ValueError as error:
+        assert str(error)  # noqa: PT017  either is a right answer
+    try:
+        parse_json(text)
+    except DataError as error:
+        assert str(error)  # noqa: PT017

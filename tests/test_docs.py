@@ -1,0 +1,102 @@
+"""The pages for maintainers: what they show works, and every generated page can be made again."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+import controllers
+from controllers import catalog as catalog_module
+from controllers.catalog import catalog
+from controllers.interfaces import Observer, Reference
+from twin.cli import COMMANDS, ballplate
+from twin.run.execute import run
+
+ROOT = Path(__file__).parent.parent
+EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+WRITTEN = {"extending.md", "glossary.md", "studies.md", "regenerate.py", "screenshots.py"}
+SMOOTH = "plant.friction.rolling_mm=0"
+
+
+@pytest.fixture(scope="module")
+def regenerate():
+    place = ROOT / "docs" / "regenerate.py"
+    spec = importlib.util.spec_from_file_location("regenerate", place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate):
+    docs = ROOT / "docs"
+    made = [
+        path
+        for page in regenerate.PAGES.values()
+        for pattern in page.files
+        for path in docs.glob(pattern)
+    ]
+    assert len(made) == len(set(made))
+    assert all(list(docs.glob(each)) for page in regenerate.PAGES.values() for each in page.files)
+    here = {path for path in docs.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert here - set(made) == {docs / name for name in WRITTEN}
+
+
+def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
+    for page in regenerate.PAGES.values():
+        name, *arguments = page.command
+        if name.endswith(".py"):
+            assert (ROOT / "docs" / name).is_file()
+            continue
+        command = ballplate.get_command(click.Context(ballplate), name)
+        command.make_context(name, list(arguments))
+
+
+def test_a_page_of_an_unknown_name_is_refused_and_the_known_ones_are_listed(regenerate):
+    with pytest.raises(click.BadParameter, match=r"'saftey' is not .*'safety'"):
+        regenerate.main.make_context("regenerate", ["saftey"])
+
+
+def test_every_file_that_a_page_links_to_exists():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_command_that_a_page_shows_exists():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert set(re.findall(r"uv run ballplate (\w+)", text)) <= set(COMMANDS), page.name
+
+
+@pytest.fixture
+def dropped(tmp_path, monkeypatch):
+    """The classes of docs/extending.md, dropped into the package as a user would."""
+    for number, code in enumerate(re.findall(r"```python\n(.*?)```", EXTENDING, re.DOTALL)):
+        (tmp_path / f"extending_{number}.py").write_text(code, encoding="utf-8")
+    monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
+    catalog_module._modules.cache_clear()
+    yield
+    catalog_module._modules.cache_clear()
+
+
+def test_the_observer_of_the_page_is_found_and_drives_the_ball_to_its_place(dropped, scenario):
+    assert "alpha_beta" in catalog(Observer)
+    done = run(scenario(SMOOTH, "observer.kind=alpha_beta", "duration=8", "metrics.start=6"))
+    assert done.outcome.ending == "finished"
+    assert done.metrics.tracking_error_percent < 2
+
+
+def test_the_settings_of_the_observer_of_the_page_are_checked_like_all_others(dropped, scenario):
+    with pytest.raises(ValueError, match=r"observer\.bal: unknown key; did you mean 'ball'"):
+        scenario("observer.kind=alpha_beta", "observer.bal=[0.1, 0.1]")
+
+
+def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
+    assert "drift" in catalog(Reference)
+    done = run(scenario(SMOOTH, "reference.kind=drift", "reference.rate=[0.01, 0]", "duration=6"))
+    assert done.motion.reference[-1] == pytest.approx([0.06, 0.0], abs=1e-3)
+    assert done.motion.ball[-1] == pytest.approx([0.06, 0.0], abs=0.02)
