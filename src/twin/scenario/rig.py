@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import typing
-from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, Field, create_model
+from pydantic import BaseModel, Field
 
 from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
@@ -16,29 +14,9 @@ from twin.devices.lumio.config import LumioConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
 from twin.scenario.schema import LimitsTable
-from twin.scenario.tables import STRICT, Section
+from twin.scenario.tables import Section, model_of
 
 Settings = TypeVar("Settings")
-
-
-def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
-    """A strict model of a frozen dataclass and of those in it."""
-    hints = typing.get_type_hints(cls)
-    fields: dict[str, Any] = {}
-    for item in dataclasses.fields(cls):
-        if item.name in without:
-            continue
-        hint = hints[item.name]
-        if dataclasses.is_dataclass(hint):
-            inner = model_of(typing.cast("type", hint))
-            fields[item.name] = (inner | None, None)
-        elif item.default is not dataclasses.MISSING:
-            fields[item.name] = (hint, item.default)
-        elif item.default_factory is not dataclasses.MISSING:
-            fields[item.name] = (hint, Field(default_factory=item.default_factory))
-        else:
-            fields[item.name] = (hint, ...)
-    return create_model(cls.__name__, __config__=STRICT, **fields)
 
 
 def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
@@ -51,10 +29,10 @@ def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
     return cls(**given, **more)
 
 
-Bus = model_of(BusConfig)
-Drives = model_of(AkdConfig, {"bus", "axes", "period"})
-Axis = model_of(AxisConfig, {"name"})
-Touch = model_of(LumioConfig)
+BusTable = model_of(BusConfig)
+DrivesTable = model_of(AkdConfig, {"bus", "axes", "period"})
+AxisTable = model_of(AxisConfig, {"name"})
+TouchScreenTable = model_of(LumioConfig)
 
 
 class RigFile(Section):
@@ -73,11 +51,11 @@ class RigFile(Section):
     late_periods: Annotated[int, Field(ge=1)] = 25
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
     limits: LimitsTable = LimitsTable()
-    bus: Bus = Bus()  # type: ignore[valid-type]
-    drives: Drives = Drives()  # type: ignore[valid-type]
-    phi: Axis = Axis(node=1)  # type: ignore[valid-type]
-    theta: Axis = Axis(node=2)  # type: ignore[valid-type]
-    touch: Touch  # type: ignore[valid-type]
+    bus: BusTable = BusTable()  # type: ignore[valid-type]
+    drives: DrivesTable = DrivesTable()  # type: ignore[valid-type]
+    phi: AxisTable = AxisTable(node=1)  # type: ignore[valid-type]
+    theta: AxisTable = AxisTable(node=2)  # type: ignore[valid-type]
+    touch: TouchScreenTable  # type: ignore[valid-type]
 
     def servos(self, period: float) -> AkdConfig:
         """The drives' settings, for a control period in s.

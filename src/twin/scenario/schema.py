@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import typing
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference
 from twin.hal.limits import Limits
 from twin.scenario.plant import PlantTable
-from twin.scenario.tables import STRICT, Section, table
+from twin.scenario.tables import Section, model_of, table
 from twin.sim.drives import DriveModel
 from twin.sim.encoders import EncoderModel
 from twin.sim.touch import TouchModel
@@ -181,25 +180,13 @@ KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
 
 def settings_model(cls: type) -> type[BaseModel]:
     """A strict model of the settings of a law, observer or reference: its dataclass fields."""
-    hints = typing.get_type_hints(cls)
     given = {
         item.name
         for base in (Law, Observer)
         if issubclass(cls, base)
         for item in dataclasses.fields(base)
     }
-    fields: dict[str, Any] = {}
-    for item in dataclasses.fields(cls):
-        if item.name in given or not item.init:
-            continue
-        if item.default is not dataclasses.MISSING:
-            default = item.default
-        elif item.default_factory is not dataclasses.MISSING:
-            default = item.default_factory()
-        else:
-            default = ...
-        fields[item.name] = (hints[item.name], default)
-    return create_model(cls.__name__, __config__=STRICT, **fields)
+    return model_of(cls, given)
 
 
 def checked_settings(cls: type, settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import typing
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
@@ -59,3 +62,23 @@ def _hint(about: Setting) -> Any:
         return Annotated[int, number]
     bounded = Annotated[float, number]
     return bounded | None if default is None else bounded
+
+
+def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
+    """A strict model of a frozen dataclass and of those in it."""
+    hints = typing.get_type_hints(cls)
+    fields: dict[str, Any] = {}
+    for item in dataclasses.fields(cls):
+        if item.name in without or not item.init:
+            continue
+        hint = hints[item.name]
+        if dataclasses.is_dataclass(hint):
+            inner = model_of(typing.cast("type", hint))
+            fields[item.name] = (inner | None, None)
+        elif item.default is not dataclasses.MISSING:
+            fields[item.name] = (hint, item.default)
+        elif item.default_factory is not dataclasses.MISSING:
+            fields[item.name] = (hint, Field(default_factory=item.default_factory))
+        else:
+            fields[item.name] = (hint, ...)
+    return create_model(cls.__name__, __config__=STRICT, **fields)

@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array, Number, column
 from twin.settings import setting
-from twin.sim.noise import Hold, Noise
+from twin.sim.noise import HeldPeriods, Noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class SimulatedEncoders:
     """
 
     def __init__(
-        self, model: EncoderModel, seeds: Sequence[np.random.SeedSequence], hold: Hold = 1
+        self, model: EncoderModel, seeds: Sequence[np.random.SeedSequence], hold: HeldPeriods = 1
     ) -> None:
         self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
         counts = np.asarray(column(model.counts), float)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array
 
-Hold = int | NDArray[np.integer]
+HeldPeriods = int | NDArray[np.integer]
 """A number of control periods for all rigs, or one per rig, shape (N,)."""
 
 
@@ -27,7 +27,7 @@ class Noise:
     BLOCK = 256
 
     def __init__(
-        self, variance: ArrayLike, seeds: Sequence[np.random.SeedSequence], hold: Hold = 1
+        self, variance: ArrayLike, seeds: Sequence[np.random.SeedSequence], hold: HeldPeriods = 1
     ) -> None:
         scale = np.sqrt(np.asarray(variance, dtype=float))
         self._scale = np.broadcast_to(scale, (len(seeds), scale.shape[-1]))

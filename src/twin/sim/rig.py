@@ -13,7 +13,7 @@ from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
 from twin.sim.drives import DriveModel, SimulatedDrives
 from twin.sim.encoders import EncoderModel, SimulatedEncoders
-from twin.sim.noise import Hold, Noise
+from twin.sim.noise import HeldPeriods, Noise
 from twin.sim.plant.interface import Plant
 from twin.sim.touch import SimulatedScreen, TouchModel
 
@@ -39,7 +39,7 @@ class SimulatedDevices:
         touch: TouchModel,
         encoders: EncoderModel,
         drives: DriveModel,
-        hold: Hold = 1,
+        hold: HeldPeriods = 1,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:
         self.plant = plant

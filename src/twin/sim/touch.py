@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask, Number
 from twin.hal.interface import SCREEN, Touch
 from twin.settings import Unit, setting
-from twin.sim.noise import Hold, Noise
+from twin.sim.noise import HeldPeriods, Noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class SimulatedScreen:
         model: TouchModel,
         period: float,
         seeds: Sequence[np.random.SeedSequence],
-        hold: Hold = 1,
+        hold: HeldPeriods = 1,
     ) -> None:
         rigs = len(seeds)
 
