@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-import control
 import numpy as np
 
 from controllers.interfaces import Array, Law, Reference
@@ -123,6 +122,8 @@ def placed(A: Array, B: Array, poles: Sequence[Pole]) -> Array:
     Returns:
         K, shape (2, 8).
     """
+    import control  # noqa: PLC0415  heavy: loaded when needed
+
     K = np.zeros((2, 8))
     for axis in (0, 1):
         own = slice(4 * axis, 4 * axis + 4)
@@ -145,6 +146,8 @@ def optimal(A: Array, B: Array, Q: Sequence[float], R: Sequence[float]) -> Array
     Raises:
         ValueError: If a weight is not allowed, or no gain stabilises the plate with these weights.
     """
+    import control  # noqa: PLC0415  heavy: loaded when needed
+
     if len(Q) != 8 or not all(math.isfinite(w) and w >= 0 for w in Q):
         raise ValueError(f"Q must be 8 finite numbers, none negative, got {list(Q)}")
     if len(R) != 2 or not all(math.isfinite(w) and w > 0 for w in R):

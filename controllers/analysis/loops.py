@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import schur
 
 from controllers.analysis.linearise import System, linear_controller, linear_law, whole_periods
 from controllers.arrays import Array
@@ -72,7 +72,7 @@ class Loop(NamedTuple):
         i = self.cuts.index(cut)
         s = np.exp(1j * omega * self.period) if self.period else 1j * omega
         # (s - A)^-1 b by back substitution: A = Z T Z' with T upper triangular, for all s at once.
-        T, Z = schur(self.A, output="complex")
+        T, Z = scipy.linalg.schur(self.A, output="complex")
         b = Z.conj().T @ self.B[:, i]
         v = np.zeros((len(omega), len(b)), complex)
         for k in reversed(range(len(b))):

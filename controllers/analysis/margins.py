@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import control
 import numpy as np
 
 from controllers.analysis.loops import Loop
@@ -43,6 +42,8 @@ def margins(loop: Loop, cut: str, *, points: int = 300) -> Margins | None:
     Returns:
         The margins, or None if the closed loop is not stable.
     """
+    import control  # noqa: PLC0415  heavy: loaded when needed
+
     if loop.poles()[0].real >= 0:
         return None
     highest = 0.999 * math.pi / loop.period if loop.period else 1e3

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import solve_continuous_are, solve_discrete_are
+import scipy
 
 from controllers.arrays import Array
 from controllers.observers.linear import LinearObserver
@@ -84,7 +84,7 @@ def predicted_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Ar
     """
     # Outputs in units of their noise: scipy finds no solution with variances of 1e-10 as they are.
     C = C / np.sqrt(np.diag(R))[:, np.newaxis]
-    S = solve_discrete_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
+    S = scipy.linalg.solve_discrete_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
     return (S + S.T) / 2
 
 
@@ -102,5 +102,5 @@ def bucy_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Array:
         Shape (n, n), symmetric.
     """
     C = C / np.sqrt(np.diag(R))[:, np.newaxis]
-    S = solve_continuous_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
+    S = scipy.linalg.solve_continuous_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
     return (S + S.T) / 2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import place_poles
+import scipy
 
 from controllers.arrays import Array
 from controllers.observers.innovation import OUTPUTS
@@ -71,5 +71,5 @@ def current_gain(A: Array, poles: Sequence[Pole], T: float) -> Array:
     if max(map(poles.count, poles)) > 2:
         raise ValueError(f"poles may coincide in pairs, no more, got {listed(poles)}")
     C = np.eye(4)[OUTPUTS]
-    placed = place_poles(A.T, C.T, np.exp(np.sort(poles) * T))
+    placed = scipy.signal.place_poles(A.T, C.T, np.exp(np.sort(poles) * T))
     return np.linalg.solve(A, placed.gain_matrix.T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from controllers.arrays import Array
 
@@ -28,7 +28,7 @@ def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:
     n, m = B.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = A, B
-    step = expm(block * T)
+    step = scipy.linalg.expm(block * T)
     return step[:n, :n], step[:n, n:]
 
 

@@ -7,7 +7,7 @@ from math import factorial
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import PPoly, make_interp_spline
+import scipy
 
 from controllers.interfaces import Array, Reference
 from controllers.references.checks import finite, pair, positive
@@ -125,10 +125,11 @@ def _curve(points: Array, closed: bool) -> WithDerivatives:
     # An open curve ends straight: second and fourth derivative zero, so two points give a line.
     straight = [(2, np.zeros(2)), (4, np.zeros(2))]
     ends = "periodic" if closed else (straight, straight)
-    spline = make_interp_spline(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
+    interpolate = scipy.interpolate.make_interp_spline
+    spline = interpolate(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
     # PPoly.from_spline would do for one axis alone.
     powers = [spline(share[:-1], nu=k) / factorial(k) for k in reversed(range(6))]
-    return WithDerivatives(PPoly(np.array(powers), share))
+    return WithDerivatives(scipy.interpolate.PPoly(np.array(powers), share))
 
 
 def _schedule(time: float, duration: float, ramp: float, closed: bool) -> WithDerivatives:

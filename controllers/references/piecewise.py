@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import BPoly, PPoly
+import scipy
 
 from controllers.arrays import Array
 
@@ -26,8 +26,8 @@ def join(start: Array, end: Array, duration: float) -> Array:
     """
     # Counted from the start: the rounding of a constant would be in all coefficients.
     ends = np.array((start, end)) - at_rest(start[0])
-    bernstein = BPoly.from_derivatives(np.array((0.0, duration)), ends)
-    powers = PPoly.from_bernstein_basis(bernstein).c[:, 0]
+    bernstein = scipy.interpolate.BPoly.from_derivatives(np.array((0.0, duration)), ends)
+    powers = scipy.interpolate.PPoly.from_bernstein_basis(bernstein).c[:, 0]
     powers[-1] += start[0]
     return powers
 
@@ -50,7 +50,7 @@ def at_rest(place: Sequence[float] | Array) -> Array:
     return out
 
 
-def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> PPoly:
+def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> scipy.interpolate.PPoly:
     """Polynomials one after another; the first holds for all time before, the last ever after.
 
     Args:
@@ -59,7 +59,7 @@ def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> PPoly:
     """
     # Two that coincide may be in the wrong order by rounding.
     x = np.maximum.accumulate((*origins, origins[-1]))
-    return PPoly(np.stack(pieces, axis=1), x)
+    return scipy.interpolate.PPoly(np.stack(pieces, axis=1), x)
 
 
 class WithDerivatives:
@@ -69,12 +69,12 @@ class WithDerivatives:
         polynomial: Of values of shape (n,).
     """
 
-    def __init__(self, polynomial: PPoly) -> None:
+    def __init__(self, polynomial: scipy.interpolate.PPoly) -> None:
         c = np.zeros((*polynomial.c.shape[:2], 5, polynomial.c.shape[2]))
         for k in range(5):
             derived = polynomial.derivative(k).c
             c[-len(derived) :, :, k] = derived
-        self._all = PPoly(c, polynomial.x)
+        self._all = scipy.interpolate.PPoly(c, polynomial.x)
 
     def __call__(self, t: float | Array) -> Array:
         """Value and four derivatives at t, shape (5, *shape(t), n)."""

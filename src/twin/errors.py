@@ -8,6 +8,11 @@ TwinError
 +-- RigError          a rig cannot be switched on; also DriveError and ScreenError of its devices
 """
 
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
 
 class TwinError(Exception):
     """Base of all errors whose message is one line: what, where, what is allowed."""
@@ -31,3 +36,16 @@ class RecordError(TwinError, OSError):
 
 class RigError(TwinError, ConnectionError):
     """A rig, or one of its devices, cannot be brought up."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: which is nearest, and which are known."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    return f"{hint} (known: {', '.join(names) or 'none'})"
+
+
+def shortened(text: str) -> str:
+    """A text that fits into a message."""
+    return text if len(text) <= 200 else f"{text[:200]}..."

@@ -99,9 +99,9 @@ def test_a_broken_entry_point_is_one_line_that_names_it(tmp_path):
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: outside\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text("[ballplate.controllers]\nouter = nowhere.laws\n")
-    done = python(tmp_path, MAIN, "list")
+    done = python(tmp_path, MAIN, *RUN)
     assert done.returncode == 0
-    assert "circle" in done.stdout
+    assert "Hold on the centre" in done.stdout
     assert left_out(done) == [
         "ballplate: warning: not imported: entry point 'outer' (nowhere.laws): "
         "ModuleNotFoundError: No module named 'nowhere'"

@@ -15,7 +15,7 @@ from controllers.state_feedback import LQR
 from twin.cli.reproduce import reproduce as command
 from twin.errors import ScenarioError
 from twin.run.control import build_controller
-from twin.scenario.load import load, shipped
+from twin.scenario import load, shipped
 from twin.thesis.experiments.batch import noise, on_rig, rolling, simulate
 from twin.thesis.experiments.fit import ARMS, FrictionFit, best, fitted, identified, write
 from twin.thesis.experiments.hypotheses import HYPOTHESES, circles, measured, summary

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 from importlib import import_module
-from importlib.metadata import version
 
 import click
 
@@ -30,6 +29,33 @@ COMMANDS = {
 }
 """Command name to where it is defined; imported only when called, to start fast."""
 
+HELP = {
+    "list": "List the scenarios that can be run by name.",
+    "run": "Run a scenario: a name shown by `ballplate list`, or a TOML file.",
+    "compare": "Run several scenarios, or variants of one, side by side: one table, one picture.",
+    "view": "Open run folders in the Rerun viewer, several side by side on one time line.",
+    "report": "Report on one run folder, or compare several: a page, pictures, a table.",
+    "reproduce": "Recompute the thesis's tables and compare.",
+    "explain": (
+        "Attribute the tracking error to effects: run with all, without each, and with each alone."
+    ),
+    "identify": "Fit friction, dead time, drives and level to a recorded run.",
+    "study": "Run a study: a shipped one by name, or a TOML file; without a name, list them.",
+    "doctor": "Check everything that a rig needs before it is brought up, and say what to do.",
+    "emulate": (
+        "Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys."
+    ),
+    "safety": (
+        "Inject every fault into a rig on emulated devices, and judge detection and reaction."
+    ),
+    "analyse": (
+        "Analyse the system and its control loops and compare with the thesis, chapters "
+        "5 and 6.2.1."
+    ),
+    "calibrate": "Calibrate the cam table and the level of a rig.",
+}
+"""Command name to the first sentence of its help: `ballplate --help` imports no command."""
+
 LONGEST_LINE = 1000
 """Characters of a message: what it quotes may be of any length."""
 
@@ -51,9 +77,20 @@ class Commands(click.Group):
         command: click.Command = getattr(import_module(module), name)
         return command
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the names of the commands and, of each, as much of its sentence as fits."""
+        del ctx
+        space = formatter.width - 6 - max(map(len, HELP))
+        rows = [
+            (name, click.Command(name, help=text).get_short_help_str(space))
+            for name, text in HELP.items()
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(version("ballplate"), prog_name="ballplate")
+@click.version_option(package_name="ballplate", prog_name="ballplate")
 def ballplate() -> None:
     """A digital twin of a cam-driven ball-and-plate rig.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.errors import ScenarioError
+from twin.shipped import find
 
 if TYPE_CHECKING:
     from twin.scenario import Scenario
@@ -22,6 +23,19 @@ PLANT = click.option(
     help="Simulate the mechanism, or the exact equations.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+
+
+def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
+    """The scenario of a shipped name or a TOML file, with ``KEY=VALUE`` overrides.
+
+    Raises:
+        ScenarioError: If it does not exist, which is told before anything heavy is imported, or
+            anything in it is unknown or out of range.
+    """
+    find(name)
+    from twin.scenario import load
+
+    return load(name, overrides)
 
 
 def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:

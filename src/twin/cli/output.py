@@ -12,8 +12,6 @@ from typing import Any, Protocol
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
 
 from twin.report.numbers import LABELS as INDICATORS
 from twin.report.numbers import shown
@@ -47,6 +45,8 @@ def warn(message: str) -> None:
 
 def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
     """A table of indicators, one column per run; indicators that apply to none are left out."""
+    from rich.table import Table
+
     table = Table(header_style="bold")
     table.add_column("", overflow="fold")
     for label in runs:
@@ -87,6 +87,8 @@ def progress(what: str, total: float, unit: str = "") -> Iterator[Advance]:
         click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
         yield _lines(what, meter)
         return
+    from rich.progress import BarColumn, Progress, TextColumn
+
     columns = (TextColumn("{task.description}", markup=False), BarColumn(24))
     text = TextColumn("{task.fields[text]}", markup=False)
     with Progress(*columns, text, console=errors, transient=True) as bar:

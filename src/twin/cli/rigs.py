@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twin.cli.output import errors
-from twin.devices.rig import HardwareRig
 from twin.errors import ScenarioError
-from twin.scenario import Scenario
+
+if TYPE_CHECKING:
+    from twin.devices.rig import HardwareRig
+    from twin.scenario import Scenario
 
 RIG = click.option(
     "--rig",
@@ -48,8 +51,8 @@ def chosen(
             raise ScenarioError("--reset: a simulated rig has no faults to reset; it needs --rig")
         yield None
         return
-    from twin.run.connect import connect  # noqa: PLC0415  loaded when asked for
-    from twin.scenario.rig import check_rig, read_rig  # noqa: PLC0415
+    from twin.run.connect import connect
+    from twin.scenario.rig import check_rig, read_rig
 
     if scenario.sensors.ideal:
         raise ScenarioError("--rig: no rig measures its full state; set sensors.ideal=false")
@@ -63,8 +66,8 @@ def chosen(
                 )
         yield connect(scenario, read_rig(Path(rig)), reset=reset)
         return
-    from twin.emulator.serve import emulated  # noqa: PLC0415  loaded when asked for
-    from twin.run.plants import build_plant  # noqa: PLC0415
+    from twin.emulator.serve import emulated
+    from twin.run.plants import build_plant
 
     # what a virtual rig knows of its cams is part of its scenario
     known = build_plant([scenario])[1]

@@ -6,28 +6,25 @@ import itertools
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from controllers.analysis import instability, slow_observer
-from twin.cli.options import JSON, PLANT, SETTING, check_writable, titled
+from twin.cli.options import JSON, PLANT, SETTING, check_writable, load_scenario, titled
 from twin.cli.output import console, print_json, print_metrics, progress, warn
 from twin.cli.rigs import RESET, RIG, print_timing
 from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
 from twin.data_file import DataError, parse_toml, read_toml
 from twin.errors import ScenarioError
-from twin.hal.rig import Rig
-from twin.run.control import build_controller
-from twin.run.execute import Run, save
-from twin.run.execute import run as run_scenario
-from twin.run.loop import Ending
-from twin.run.metrics import Motion
-from twin.run.overview_plot import draw
-from twin.run.record import Recorder
-from twin.scenario import Scenario, load, shipped
-from twin.scenario.clean import clean
+from twin.shipped import shipped
+
+if TYPE_CHECKING:
+    from twin.hal.rig import Rig
+    from twin.run.execute import Run
+    from twin.run.metrics import Motion
+    from twin.run.record import Recorder
+    from twin.scenario import Scenario
 
 PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
 """What the plants are called in tables, pictures and progress."""
@@ -69,7 +66,10 @@ def run(
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     changed = _with_plant(overrides, plant)
-    chosen = titled(load(scenario, changed), changed)
+    chosen = titled(load_scenario(scenario, changed), changed)
+    from twin.run.execute import save
+    from twin.scenario.clean import clean
+
     folder = out or Path("runs") / Path(scenario).stem
     check_writable(folder)
     label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
@@ -125,9 +125,12 @@ def compare(
         named = (name,) if len(scenarios) > 1 or not vary else ()
         for variant in itertools.product(*map(_variants, vary)):
             label = " ".join((*named, *variant))
-            cases[label] = load(name, (*changed, *variant))
+            cases[label] = load_scenario(name, (*changed, *variant))
             values = ", ".join(item.partition("=")[2] for item in variant)
             headings[label] = " ".join((*named, values)).strip()
+    from twin.run.execute import save
+    from twin.run.overview_plot import draw
+
     folder = out or Path("runs") / "compare"
     check_writable(folder)
     runs: dict[str, Run] = {}
@@ -151,6 +154,8 @@ def compare(
 
 def exit_code(done: Run) -> int:
     """0 for a finished run, else 1."""
+    from twin.run.loop import Ending
+
     return 0 if done.outcome.ending is Ending.FINISHED else 1
 
 
@@ -162,6 +167,10 @@ def _run(
     quiet: bool = False,
     rig: Rig | None = None,
 ) -> Run:
+    from controllers.analysis import instability, slow_observer
+    from twin.run.control import build_controller
+    from twin.run.execute import run as run_scenario
+
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
     for danger in (

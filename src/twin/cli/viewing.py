@@ -12,17 +12,17 @@ import click
 
 from twin.cli.output import warn
 from twin.errors import ScenarioError, TwinError, ViewError
-from twin.run.record import Recorder
-from twin.scenario import Scenario
 
 if TYPE_CHECKING:
+    from twin.run.record import Recorder
+    from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess
     from twin.view.viewer import Opened
 
 WEB_PORT = 9090
 SUMMARY = 30.0
 """Most seconds that the live summary is given for its last lines: it has the lowest priority."""
-Attach = Callable[[Recorder], None]
+Attach = Callable[["Recorder"], None]
 """Is given the recorder before the run, to observe it."""
 
 OPTIONS = (
@@ -72,7 +72,7 @@ class Viewing:
         with ExitStack() as running:
             observers: list[LiveProcess] = []
             if self.watch:
-                from twin.view import live_process, terminal  # noqa: PLC0415  loaded when asked for
+                from twin.view import live_process, terminal
 
                 observers.append(live_process.LiveProcess(terminal.work, (scenario,)))
                 running.callback(observers[-1].close)
@@ -101,8 +101,8 @@ class Viewing:
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
         if self._rrd is not None:
-            from twin.run.replay import open_run  # noqa: PLC0415  loaded when asked for
-            from twin.view.recording import write  # noqa: PLC0415
+            from twin.run.replay import open_run
+            from twin.view.recording import write
 
             try:
                 write(self._rrd, open_run(folder))
@@ -120,7 +120,7 @@ class Viewing:
         """Start the view that was asked for; None if none was, or it cannot start."""
         if not (self._window or self._connect or self._serve):
             return None
-        from twin.view import live, viewer  # noqa: PLC0415  loaded when asked for
+        from twin.view import live, viewer
 
         url = live.address(self._connect) if self._connect is not None else ""
         try:

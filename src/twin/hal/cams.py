@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import NdBSpline, make_interp_spline
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
@@ -53,7 +53,7 @@ class CamTable:
     """How the table was made: model file and its hash, engine, sweep."""
     ratio: float = field(init=False)
     """Motor angle per plate angle about level, mean of the two axes."""
-    _spline: NdBSpline = field(init=False, repr=False, compare=False)
+    _spline: scipy.interpolate.NdBSpline = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the table and prepare its interpolation."""
@@ -62,9 +62,11 @@ class CamTable:
             raise ModelError(f"cam table: {self.angles.shape} angles on a grid of {n} lines")
         if not (np.isfinite(self.angles).all() and np.all(np.diff(self.grid) > 0)):
             raise ModelError("cam table: angles must be finite and the grid rising")
-        along_phi = make_interp_spline(self.grid, self.angles, k=_ORDER, axis=0)
-        along_both = make_interp_spline(self.grid, along_phi.c, k=_ORDER, axis=1)
-        spline = NdBSpline((along_phi.t, along_both.t), along_both.c.swapaxes(0, 1), k=_ORDER)
+        interpolate = scipy.interpolate.make_interp_spline
+        along_phi = interpolate(self.grid, self.angles, k=_ORDER, axis=0)
+        along_both = interpolate(self.grid, along_phi.c, k=_ORDER, axis=1)
+        knots, weights = (along_phi.t, along_both.t), along_both.c.swapaxes(0, 1)
+        spline = scipy.interpolate.NdBSpline(knots, weights, k=_ORDER)
         object.__setattr__(self, "_spline", spline)
         level = np.zeros((1, 2))
         slopes = spline(level, nu=(1, 0))[0, 0], spline(level, nu=(0, 1))[0, 1]

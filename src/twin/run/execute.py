@@ -16,7 +16,6 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.overview_plot import draw
 from twin.run.record import Recorder, write_json, write_run
 from twin.scenario.schema import Scenario
 
@@ -114,6 +113,8 @@ def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
     Raises:
         RecordError: If the folder cannot be written.
     """
+    from twin.run.overview_plot import draw  # noqa: PLC0415  heavy: loaded when needed
+
     metadata = {
         "scenario": run.scenario.model_dump(mode="json"),
         "metrics": run.metrics.as_dict(),

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 
 from twin.hal.interface import SCREEN
@@ -29,6 +30,7 @@ REFERENCE: dict[str, Any] = {
 }
 WIDTH = 100
 """Characters in a line of the title."""
+DPI = 110
 
 
 def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> None:
@@ -43,32 +45,41 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
     Raises:
         RecordError: If the file cannot be written.
     """
-    drawn = picture(runs, title, area)
-    write_whole(path, lambda target: drawn.savefig(target, dpi=110, format="png"))
+    with mpl.rc_context(LOOK):
+        drawn = _arranged(runs, title, area)
+        write_whole(path, lambda target: drawn.savefig(target, dpi=DPI, format="png"))
 
 
 def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
     """The picture of runs over their reference; arguments as for ``draw``."""
     with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 7.2), layout="constrained")
-        if title:
-            lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
-            figure.suptitle("\n".join(lines), fontsize=12, fontweight="bold")
-        panels = figure.subplot_mosaic(
-            [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]],
-            width_ratios=(1.15, 1),
-        )
-        reference = next(iter(runs.values()))
-        _plate(panels["plate"], area)
-        panels["plate"].plot(*(1000 * reference.reference.T), label="reference", **REFERENCE)
-        for name, axis in (("x", 0), ("y", 1)):
-            panels[name].plot(reference.time, 1000 * reference.reference[:, axis], **REFERENCE)
-            panels[name].set_ylabel(f"{name} [mm]")
-        for index, (label, motion) in enumerate(runs.items()):
-            _add(panels, motion, label, index)
-        _label(panels, single=len(runs) == 1)
-        # text is laid out when drawn: now, while these settings hold
+        figure = _arranged(runs, title, area)
+        # ticks are made when drawn: now, while these settings hold
         figure.draw_without_rendering()
+    return figure
+
+
+def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
+    """The picture laid out, for the settings in force."""
+    figure = Figure(figsize=(12, 7.2), dpi=DPI)
+    if title:
+        lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
+        figure.suptitle("\n".join(lines), fontsize=12, fontweight="bold")
+    panels = figure.subplot_mosaic(
+        [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]],
+        width_ratios=(1.15, 1),
+    )
+    reference = next(iter(runs.values()))
+    _plate(panels["plate"], area)
+    panels["plate"].plot(*(1000 * reference.reference.T), label="reference", **REFERENCE)
+    for name, axis in (("x", 0), ("y", 1)):
+        panels[name].plot(reference.time, 1000 * reference.reference[:, axis], **REFERENCE)
+        panels[name].set_ylabel(f"{name} [mm]")
+    for index, (label, motion) in enumerate(runs.items()):
+        _add(panels, motion, label, index)
+    _label(panels, single=len(runs) == 1)
+    # once; as the figure's own engine it would lay out, and draw, once more for each file
+    ConstrainedLayoutEngine().execute(figure)
     return figure
 
 

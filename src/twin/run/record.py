@@ -1,4 +1,4 @@
-"""The record of a run: named channels, one row a control period, written whole or not at all."""
+"""The record of a run: named channels, one row per control period, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
 
@@ -133,12 +134,14 @@ class Recorder:
 
     def table(self, metadata: Mapping[str, Any]) -> pa.Table:
         """All channels as an Arrow table; with several rigs the rows of one follow the other."""
+        import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
         rows = self.length
         fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
-        arrays = [pa.array(np.tile(self.time, self.rigs))]
+        arrays = [_arrow(np.tile(self.time, self.rigs))]
         if self.rigs > 1:
             fields.append(pa.field("rig", pa.int32(), metadata={"unit": "1"}))
-            arrays.append(pa.array(np.repeat(np.arange(self.rigs, dtype=np.int32), rows)))
+            arrays.append(_arrow(np.repeat(np.arange(self.rigs, dtype=np.int32), rows)))
         for name in self.data:
             channel = CHANNELS.get(name) or Channel(
                 self.plant, tuple(column.rpartition("_")[2] for column in self.plant)
@@ -147,9 +150,20 @@ class Recorder:
                 channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
             ):
                 fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
-                arrays.append(pa.array(values.T.ravel()))
+                arrays.append(_arrow(values.T.ravel()))
         encoded = {"ballplate": json.dumps(metadata, sort_keys=True)}
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
+
+
+def _arrow(values: NDArray[Any]) -> pa.Array:
+    """Numbers, shape (K,), as an Arrow array.
+
+    ``pa.array`` does the same, but imports pandas wherever that is installed.
+    """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
@@ -181,6 +195,8 @@ def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> 
     Raises:
         RecordError: If the folder cannot be written.
     """
+    import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
+
     table = recorder.table(metadata)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(table, path))
 
@@ -191,6 +207,9 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     Raises:
         RecordError: If it cannot be read or was not written by this program.
     """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
     try:
         table = pq.read_table(file)
     except FileNotFoundError as error:

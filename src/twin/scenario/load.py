@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -12,29 +11,14 @@ from typing import Any, TypeGuard, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-import controllers
 from controllers.catalog import broken
-from twin.data_file import DEEPEST, LONGEST_KEY, DataError, is_file, parse_toml, read_toml
-from twin.errors import ScenarioError
+from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
+from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
+from twin.shipped import find
 
 Tables = dict[str, Any]
 Model = TypeVar("Model", bound=BaseModel)
-
-
-def folder() -> Path:
-    """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
-    return Path(controllers.__file__).parent.parent / "scenarios"
-
-
-def shipped() -> dict[str, Path]:
-    """The shipped scenarios by name; those of a subfolder as ``folder/name``."""
-    root = folder()
-    return {
-        path.relative_to(root).with_suffix("").as_posix(): path
-        for path in sorted(root.rglob("*.toml"))
-        if path.relative_to(root).parts[0] != "studies"
-    }
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
@@ -90,10 +74,7 @@ def read(name: str) -> tuple[Tables, str]:
     Raises:
         ScenarioError: If there is no such scenario, or its file is not TOML.
     """
-    known = shipped()
-    path = known.get(name) or Path(name)
-    if not is_file(path):
-        raise ScenarioError(f"scenario '{_short(name)}': not found{nearest(name, known)}")
+    path = find(name)
     try:
         return read_toml(path), path.name
     except DataError as error:
@@ -144,11 +125,11 @@ def setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     key = key.strip()
     if not equals or not all(key.split(".")):
-        raise ScenarioError(f"override '{_short(text)}': write key=value, as in duration=10")
+        raise ScenarioError(f"override '{shortened(text)}': write key=value, as in duration=10")
     try:
         return key, _toml_value(value.strip())
     except DataError as error:
-        raise ScenarioError(f"override '{_short(key)}': {error}") from None
+        raise ScenarioError(f"override '{shortened(key)}': {error}") from None
 
 
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
@@ -164,7 +145,7 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
         names = key.split(".")
         if len(names) > DEEPEST or max(map(len, names)) > LONGEST_KEY:
             allowed = f"at most {DEEPEST} parts of {LONGEST_KEY} characters"
-            raise ScenarioError(f"override '{_short(key)}': too long a key: {allowed}")
+            raise ScenarioError(f"override '{shortened(key)}': too long a key: {allowed}")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
@@ -230,7 +211,7 @@ def _one_line(model: type[BaseModel], error: ValidationError) -> str:
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     if first["type"] == "value_error" and not place:
         return message
-    return f"{place}: must be {message}, got {_short(json.dumps(first['input'], default=str))}"
+    return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
 
 
 def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
@@ -247,19 +228,6 @@ def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
 
 def _is_table(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: which is nearest, and which are known."""
-    names = list(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    hint = f"; did you mean '{close[0]}'?" if close else ""
-    return f"{hint} (known: {', '.join(names) or 'none'})"
-
-
-def _short(text: str) -> str:
-    """A text that fits into a message."""
-    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _toml_value(text: str) -> Any:

@@ -13,9 +13,9 @@ from scipy import stats
 
 from controllers.arrays import Array
 from twin.data_file import DataError, is_file, read_toml
-from twin.errors import ScenarioError
+from twin.errors import ScenarioError, nearest
 from twin.run.metrics import Metrics
-from twin.scenario.load import folder, nearest
+from twin.shipped import folder
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]

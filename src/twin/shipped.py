@@ -1,0 +1,37 @@
+"""The shipped scenarios by name, found without importing what checks and runs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import controllers
+from twin.data_file import is_file
+from twin.errors import ScenarioError, nearest, shortened
+
+
+def folder() -> Path:
+    """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
+    return Path(controllers.__file__).parent.parent / "scenarios"
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped scenarios by name; those of a subfolder as ``folder/name``."""
+    root = folder()
+    return {
+        path.relative_to(root).with_suffix("").as_posix(): path
+        for path in sorted(root.rglob("*.toml"))
+        if path.relative_to(root).parts[0] != "studies"
+    }
+
+
+def find(name: str) -> Path:
+    """The file of a scenario: a shipped one by its name, or any TOML file by its path.
+
+    Raises:
+        ScenarioError: If there is no such file.
+    """
+    known = shipped()
+    path = known.get(name) or Path(name)
+    if not is_file(path):
+        raise ScenarioError(f"scenario '{shortened(name)}': not found{nearest(name, known)}")
+    return path

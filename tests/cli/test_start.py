@@ -1,0 +1,81 @@
+"""A command starts fast: it imports nothing heavy before it needs it."""
+
+import json
+import subprocess
+import sys
+
+import click
+import pytest
+
+from twin.cli import COMMANDS, HELP, ballplate
+
+UNUSED = {"control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot"}
+"""What no run with a nonlinear law needs, whatever it writes."""
+LATE = {"matplotlib", "pyarrow", "PIL", "scipy.signal", "scipy.stats", "scipy.interpolate"}
+"""What a run needs for its observer, its cams and its files, but not to be imported."""
+HEAVY = UNUSED | LATE | {"numpy", "scipy", "mujoco", "pydantic"}
+"""What help, lists and mistakes never need."""
+RUN = ("run", "sine", "--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
+
+COMMAND = """
+from twin.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit as ended:
+    code = ended.code
+"""
+
+
+def modules(tmp_path, program, *arguments):
+    """What a program leaves as ``code``, and the modules that it imported."""
+    whole = f"import json, sys\ncode = 0\n{program}\nprint(json.dumps([code, [*sys.modules]]))"
+    done = subprocess.run(
+        [sys.executable, "-c", whole, *arguments],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    code, names = json.loads(done.stdout.splitlines()[-1])
+    return code, set(names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        ((), 0),
+        (("--help",), 0),
+        (("--version",), 0),
+        (("list",), 0),
+        (("list", "--json"), 0),
+        (("run", "--help"), 0),
+        (("compare", "--help"), 0),
+        (("run", "cirle"), 2),
+        (("compare", "cirle"), 2),
+        (("rn",), 2),
+    ],
+)
+def test_help_lists_and_mistakes_need_no_numerical_library(tmp_path, arguments, code):
+    ended, imported = modules(tmp_path, COMMAND, *arguments)
+    assert ended == code
+    assert not imported & HEAVY
+
+
+def test_a_run_imports_only_what_it_uses(tmp_path):
+    code, imported = modules(tmp_path, COMMAND, *RUN)
+    assert code == 0
+    assert (tmp_path / "runs" / "sine" / "picture.png").is_file()
+    assert not imported & UNUSED
+
+
+@pytest.mark.parametrize("module", ["twin.run.execute", "twin.run.batch", "controllers.analysis"])
+def test_what_runs_a_scenario_can_be_imported_without_what_it_uses_later(tmp_path, module):
+    assert not modules(tmp_path, f"import {module}")[1] & (UNUSED | LATE)
+
+
+def test_the_short_helps_shown_together_are_those_of_the_commands():
+    assert list(HELP) == list(COMMANDS)
+    context = click.Context(ballplate)
+    for columns in (40, 60, 78, 100, 200):
+        formatter = click.HelpFormatter(width=columns)
+        ballplate.format_commands(context, formatter)
+        imported = click.HelpFormatter(width=columns)
+        click.Group.format_commands(ballplate, context, imported)
+        assert formatter.getvalue() == imported.getvalue()
