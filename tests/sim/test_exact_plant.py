@@ -1,10 +1,14 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
+from twin.hal.interface import SCREEN
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
+from twin.sim.plant.level import tilted_gravity
+from twin.sim.plant.surface import SurfaceMap
 
 MODEL = BallPlate()
 
@@ -75,3 +79,156 @@ def test_a_ball_that_left_the_screen_has_fallen_for_good():
     plant._x[:, 0] = 0.0
     plant.advance(np.zeros((1, 2)), 2)
     assert not plant.on_plate[0]
+
+
+def plain_rk4(x, u, step, arm):
+    """One step of one rig, straight from the model's own derivative and Coulomb's law."""
+
+    def limit(x):
+        return MODEL.c1 * arm / MODEL.radius * MODEL.gravity * np.cos(x[2]) * np.cos(x[6])
+
+    def rate(x):
+        out = MODEL.derivative(x, u)
+        velocity, free = x[1::4], out[1::4].copy()
+        speed, push = np.hypot(*velocity), np.hypot(*free)
+        if speed > 0:
+            out[1::4] = free - limit(x) * velocity / speed
+        else:
+            out[1::4] = free * max(0.0, 1 - limit(x) / push) if push > 0 else 0.0
+        return out
+
+    k1 = rate(x)
+    k2 = rate(x + step / 2 * k1)
+    k3 = rate(x + step / 2 * k2)
+    k4 = rate(x + step * k3)
+    after = x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    resting = x.copy()
+    resting[1::4] = 0.0
+    pushed = np.hypot(*MODEL.derivative(resting, u)[1::4]) > limit(x)
+    if arm and np.hypot(*x[1::4]) <= limit(x) * step and not pushed:
+        after[1::4] = 0.0
+    return after
+
+
+def random_states(count):
+    """Ball and plate anywhere; of the balls one third rests and one third is about to."""
+    rng = np.random.default_rng(5)
+    x = rng.uniform(-1, 1, (count, 8)) * (0.2, 0.3, 0.15, 0.6, 0.15, 0.3, 0.15, 0.6)
+    x[::3, 1::4] = 0.0
+    x[1::3, 1::4] *= 1e-4
+    x[::2, 2:4] *= 0.02
+    x[::2, 6:8] *= 0.02
+    return x
+
+
+def periods(states, commands, **plant):
+    """The states after these commands of two steps each, all rigs in one plant."""
+    plant = ExactPlant(rigs=len(states), **plant)
+    plant.start(states[:, (0, 1, 4, 5)])
+    plant._x[:] = states
+    for command in commands:
+        plant.advance(np.tile(command, (len(states), 1)), 2)
+    return plant.state
+
+
+@pytest.mark.parametrize("arm", [0.0, 2e-4])
+@pytest.mark.parametrize("together", [False, True])
+def test_random_states_move_as_the_models_derivative_under_coulomb_friction_says(arm, together):
+    friction = Friction(rolling=arm) if arm else None
+    states, commands = random_states(60), np.random.default_rng(6).uniform(-0.1, 0.1, (5, 2))
+    groups = [states] if together else [state[None] for state in states]
+    found = np.concatenate([periods(group, commands, friction=friction) for group in groups])
+    for state, end in zip(states, found, strict=True):
+        for command in commands:
+            u = (command - state[3::4]) / 0.002
+            for _ in range(2):
+                state = plain_rk4(state, u, 0.001, arm)  # noqa: PLW2901
+        # the plate's motion is in closed form here and by RK4 there
+        assert end == pytest.approx(state, rel=1e-8, abs=1e-8)
+
+
+@pytest.mark.parametrize("level", [(0.0, 0.0), (0.01, -0.02)])
+@pytest.mark.parametrize("arm", [None, 2e-4])
+def test_one_rig_alone_moves_to_the_bit_as_among_others(arm, level):
+    friction = None if arm is None else Friction(rolling=arm)
+    states, commands = random_states(30), np.random.default_rng(7).uniform(-0.1, 0.1, (50, 2))
+    together = periods(states, commands, friction=friction, level=level)
+    for state, expected in zip(states, together, strict=True):
+        alone = periods(state[None], commands, friction=friction, level=level)
+        assert alone[0].tolist() == expected.tolist()
+
+
+def test_one_rig_of_constant_friction_moves_to_the_bit_as_among_others_that_stick_and_slope():
+    states, commands = random_states(9), np.random.default_rng(8).uniform(-0.1, 0.1, (50, 2))
+    ratios = np.where(np.arange(9) == 4, 1.0, 1.5)
+    slope = np.zeros((9, 2, 2))
+    slope[5:, 1] = 0.01
+    mixed = Friction(rolling=2e-4, breakaway_ratio=ratios, map=SurfaceMap(height=slope))
+    together = periods(states, commands, friction=mixed)
+    alone = periods(states[4:5], commands, friction=Friction(rolling=2e-4))
+    assert alone[0].tolist() == together[4].tolist()
+
+
+@pytest.mark.parametrize("friction", [None, Friction(rolling=2e-4)])
+def test_a_base_that_stands_tilted_is_a_plate_that_does(friction):
+    tilted_base = ExactPlant(friction=friction, level=(0.02, 0.0))
+    plate = tilted(ExactPlant(friction=friction), 0.02)
+    for plant in (tilted_base, plate):
+        plant.advance(np.zeros((1, 2)), 500)
+    assert tilted_base.state[0, :2] == pytest.approx(plate.state[0, :2], abs=1e-12)
+    assert plate.state[0, 0] > 1e-3
+
+
+@pytest.mark.parametrize("rigs", [1, 3])
+def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
+    rise = 0.01
+    x = np.array([-0.5, 0.5]) * SCREEN[0]
+    surface = SurfaceMap(height=np.tile(rise * x[:, None], (1, 2)))
+    plant = ExactPlant(rigs=rigs, friction=Friction(rolling=0.0, map=surface))
+    plant.advance(np.zeros((rigs, 2)), 500)
+    assert plant.state[:, 0] == pytest.approx(-MODEL.k1 * rise * 0.5**2 / 2)
+    assert plant.state[:, 4].tolist() == [0.0] * rigs
+
+
+@pytest.mark.parametrize("friction", [None, Friction(rolling=2e-4)])
+@pytest.mark.parametrize("rigs", [1, 2])
+@pytest.mark.parametrize(
+    ("place", "value"), [(0, np.inf), (1, 1.7e308), (3, 1e200), (2, np.inf), (4, np.nan)]
+)
+def test_numbers_that_run_away_end_as_diverged(friction, rigs, place, value):
+    plant = ExactPlant(rigs=rigs, friction=friction)
+    plant._x[0] = 0.1
+    plant._x[0, place] = value
+    with np.errstate(all="ignore"):
+        for _ in range(5):
+            plant.advance(np.full((rigs, 2), 1e200 if place == 3 else 10.0), 200)
+    assert plant.diverged.tolist() == [True, *[place == 3] * (rigs - 1)]
+
+
+def test_one_ball_that_runs_away_does_so_without_a_warning():
+    plant = ExactPlant(friction=Friction(rolling=2e-4))
+    plant.start(np.array([[1e200, 1e200, -1e200, 1e160]]))
+    plant.advance(np.array([[1e3, -1e3]]), 20)
+    plant.advance(np.array([[1e100, -1e100]]), 200)
+    assert plant.diverged.tolist() == [True]
+
+
+@pytest.mark.parametrize("level", [(0.0, 0.0), (0.02, -0.01)])
+def test_the_equations_of_a_given_plate_are_the_models_own(level):
+    rng = np.random.default_rng(9)
+    x, u = rng.normal(0, 0.3, (200, 8)), rng.normal(0, 5, (200, 2))
+    angle, gravity = x.T[2::4], tilted_gravity(level, MODEL.gravity)
+    at = MODEL.rolling(np.sin(angle), np.cos(angle), x.T[3::4], u.T, gravity)
+    found = np.stack(
+        (
+            at.xx * x[:, 0] + at.xy * x[:, 4] + at.turn * x[:, 5] + at.px,
+            at.yx * x[:, 0] + at.yy * x[:, 4] - at.turn * x[:, 1] + at.py,
+        ),
+        axis=-1,
+    )
+    plate = Rotation.from_euler("XY", angle[::-1].T)
+    pull = plate.inv().apply(gravity)
+    level_pull = plate.inv().apply((0.0, 0.0, -MODEL.gravity))
+    change = MODEL.c1 * (pull - level_pull)[:, :2]
+    assert found == pytest.approx(MODEL.derivative(x, u)[:, 1::4] + change, abs=1e-12)
+    assert at.normal == pytest.approx(-pull[:, 2], abs=1e-12)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +16,38 @@ from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.settings import Unit, setting
 from twin.sim.plant.surface import SurfaceMap
+
+
+class Arithmetic(NamedTuple):
+    """What one formula needs to hold for a plain number and for an array of rigs alike."""
+
+    sqrt: Callable[[Any], Any]
+    where: Callable[[Any, Any, Any], Any]
+    """The second argument where the first is true, else the third."""
+    any: Callable[[Any], bool | np.bool_]
+
+
+NUMBERS = Arithmetic(math.sqrt, lambda condition, this, other: this if condition else other, bool)
+"""Of plain numbers, several times faster than numpy's for one rig."""
+ARRAYS = Arithmetic(np.sqrt, np.where, np.any)
+
+
+def resisted(
+    limit: Any, velocity: tuple[Any, Any], free: tuple[Any, Any], by: Arithmetic = ARRAYS
+) -> tuple[Any, Any]:
+    """Acceleration (x'', y'') of a ball whose free one friction resists, up to a limit (m/s^2).
+
+    A moving ball is slowed against its velocity; a resting one starts only when the free
+    acceleration exceeds the limit. Numbers or arrays of one shape, as ``by`` says.
+    """
+    (vx, vy), (ax, ay), where = velocity, free, by.where
+    speed = by.sqrt(vx * vx + vy * vy)
+    push = by.sqrt(ax * ax + ay * ay)
+    moving, freed = speed > 0, (push > limit) & (push > 0)
+    drag = where(moving, limit / where(moving, speed, 1.0), 0.0)
+    share = where(freed, 1.0 - limit / where(freed, push, 1.0), 0.0)
+    kept = where(moving, 1.0, share)
+    return kept * ax - drag * vx, kept * ay - drag * vy
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,7 +105,7 @@ class Friction:
         """Whether there is no resistance at all, shape () or (N,)."""
         return np.asarray((np.asarray(self.rolling) == 0) & (np.asarray(self.viscous) == 0))
 
-    @property
+    @cached_property
     def constant(self) -> bool:
         """Whether the arm depends neither on speed nor on rest nor on place."""
         same = self.map is None and not np.any(self.viscous)
@@ -151,16 +186,8 @@ class Friction:
     ) -> Array:
         """Acceleration of the ball with resistance, shape (..., 2), given the one without.
 
-        A moving ball is slowed against its velocity; a resting one starts only when the free
-        acceleration exceeds the limit. Arguments as for ``deceleration``.
+        Arguments as for ``deceleration``.
         """
-        velocity = x[..., 1::4]
         limit = self.deceleration(model, x, age, normal)
-        speed = np.hypot(velocity[..., 0], velocity[..., 1])
-        push = np.hypot(free[..., 0], free[..., 1])
-        # Divided only where the quotient is at most one: tiny speeds and pushes would overflow it.
-        heading = velocity / np.where(speed > 0, speed, 1.0)[..., None]
-        freed = push > limit
-        share = np.where(freed, 1.0 - limit / np.where(freed, push, 1.0), 0.0)
-        moving = free - limit[..., None] * heading
-        return np.where((speed > 0)[..., None], moving, share[..., None] * free)
+        velocity = x[..., 1], x[..., 5]
+        return np.stack(resisted(limit, velocity, (free[..., 0], free[..., 1])), axis=-1)

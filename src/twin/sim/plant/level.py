@@ -28,20 +28,6 @@ def tilted_gravity(level: ArrayLike, gravity: float) -> Array:
     )
 
 
-def in_plate(vector: Array, phi: Array, theta: Array) -> Array:
-    """A vector of rig axes in plate axes, R' v with R = Rx(theta) Ry(phi), shape (..., 3)."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    turned = np.cos(theta) * z - np.sin(theta) * y
-    return np.stack(
-        (
-            np.cos(phi) * x - np.sin(phi) * turned,
-            np.cos(theta) * y + np.sin(theta) * z,
-            np.sin(phi) * x + np.cos(phi) * turned,
-        ),
-        axis=-1,
-    )
-
-
 def from_plate(vector: Array, phi: Array, theta: Array) -> Array:
     """A vector of plate axes in rig axes, R v with R = Rx(theta) Ry(phi), shape (..., 3)."""
     a, b, c = vector[..., 0], vector[..., 1], vector[..., 2]
