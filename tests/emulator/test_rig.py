@@ -39,7 +39,8 @@ def patient(tables):
 
 @pytest.fixture
 def virtual(scenario, tmp_path):
-    with VirtualRig(scenario("plant.kind=lagrange")) as rig, rig.server:
+    # the mechanism: what the host knows of its rig are real cams
+    with VirtualRig(scenario("plant.kind=mujoco")) as rig, rig.server:
         (tmp_path / "rig.toml").write_text(toml(patient(rig.tables())))
         yield rig
 
@@ -78,7 +79,7 @@ def host(folder, *more):
     """The command line running on the virtual rig, in a separate process."""
     code = "from twin.cli import main; raise SystemExit(main())"
     arguments = ["run", "hold", "--rig", str(folder / "rig.toml"), "--set", "duration=60"]
-    arguments += ["--set", "plant.kind=lagrange", "--out", str(folder / "out"), *more]
+    arguments += ["--out", str(folder / "out"), *more]
     with subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
         stdout=subprocess.PIPE,

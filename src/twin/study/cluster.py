@@ -47,7 +47,7 @@ class Cluster(Executor):
             raise ScenarioError(
                 "--scheduler: needs the extra cluster: pip install 'ballplate[cluster]'"
             ) from error
-        for name in ("distributed", "distributed.client"):
+        for name in ("distributed", "distributed.client", "tornado.application"):
             # it would log every lost connection with a traceback
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
