@@ -17,11 +17,13 @@ import numpy as np
 
 Model = TypeVar("Model")
 SAME = object()
+"""Stands for: the field has the default of its key."""
 
 
 class Unit(Enum):
     """Units in which a person writes a number; each knows its way to SI."""
 
+    # in tuples, because a bare function in an Enum is a method
     SI = (lambda value: value,)
     MM = (lambda value: value / 1000,)
     UM = (lambda value: value * 1e-6,)

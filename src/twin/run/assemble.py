@@ -118,8 +118,7 @@ def build_devices(
     """
     start_plant(plant, scenarios)
     period = period or scenarios[0].rig.period
-    holds = {max(s.sensors.noise_hold, s.rig.period): None for s in scenarios}
-    hold = np.array([round(max(s.sensors.noise_hold, s.rig.period) / period) for s in scenarios])
+    holds = [round(max(s.sensors.noise_hold, s.rig.period) / period) for s in scenarios]
     if seeds is None:
         seeds = [np.random.SeedSequence(s.seed, spawn_key=(0,)) for s in scenarios]
     return SimulatedDevices(
@@ -128,7 +127,7 @@ def build_devices(
         touch=perfect.get("touch") or filled(TouchModel, scenarios),
         encoders=perfect.get("encoders") or filled(EncoderModel, scenarios),
         drives=filled(DriveModel, scenarios),
-        hold=int(hold[0]) if len(holds) == 1 else hold,
+        hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
         seeds=seeds,
     )
 
