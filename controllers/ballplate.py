@@ -42,31 +42,6 @@ class Chain(NamedTuple):
     """Input gain +-k1 cos(angle) in m/s^2, shape (..., 2)."""
 
 
-class Rolling(NamedTuple):
-    """The ball's equations at an instant at which the plate's motion is given.
-
-    They are linear in the ball's own position and velocity (plate axes, m and m/s)::
-
-        x'' = xx x + xy y + turn y' + px
-        y'' = yx x + yy y - turn x' + py
-
-    Numbers for one rig, arrays of one shape for several.
-    """
-
-    xx: Any
-    xy: Any
-    yx: Any
-    yy: Any
-    """Coefficients of the position in 1/s^2."""
-    turn: Any
-    """Coefficient of the velocity in 1/s."""
-    px: Any
-    py: Any
-    """What is left of a ball at rest on the middle, m/s^2."""
-    normal: Any
-    """Force per mass that presses the ball on the plate, without the plate's motion, m/s^2."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class BallPlate:
     """A ball rolling on a plate whose angular accelerations are the inputs.
@@ -151,40 +126,6 @@ class BallPlate:
         out[..., 5] = f6 + g6 * u2
         out[..., 3::4] = u
         return out
-
-    def rolling(
-        self,
-        sines: Iterable[Any],
-        cosines: Iterable[Any],
-        rates: Iterable[Any],
-        u: Iterable[Any],
-        gravity: Iterable[Any],
-    ) -> Rolling:
-        """Rows x'' and y'' of (5.9a) gathered for the ball, where the plate's motion is given.
-
-        Each argument is taken apart into plain numbers, or arrays of one shape, per component.
-
-        Args:
-            sines: Of (phi, theta).
-            cosines: Of (phi, theta).
-            rates: (phi', theta') in rad/s.
-            u: (phi'', theta'') in rad/s^2.
-            gravity: Gravity (x, y, z) in the axes of the base, m/s^2; (0, 0, -g) if it is level.
-        """
-        (s3, s7), (c3, c7), (wy, w7), (u1, u2) = sines, cosines, rates, u
-        gx, gy, gz = gravity
-        wx, wz, down = w7 * c3, w7 * s3, c7 * gz - s7 * gy
-        c1, xy = self.c1, self.c1 * s3 * u2
-        return Rolling(
-            c1 * (wz * wz + wy * wy),
-            xy,
-            -2 * c1 * wx * wy - xy,
-            c1 * w7 * w7,
-            2 * c1 * wz,
-            c1 * (c3 * gx - s3 * down - self.d * wx * wz) - self.c2 * u1,
-            c1 * (c7 * gy + s7 * gz - self.c3 * wy * wz) + self.c2 * c3 * u2,
-            -s3 * gx - c3 * down,
-        )
 
     def output(self, x: Array) -> Array:
         """Measured outputs h(x) = (x, phi, y, theta) of (5.7), shape (..., 4)."""

@@ -8,6 +8,7 @@ from twin.hal.interface import SCREEN
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.level import tilted_gravity
+from twin.sim.plant.rolling import rolling
 from twin.sim.plant.surface import SurfaceMap
 
 MODEL = BallPlate()
@@ -218,7 +219,7 @@ def test_the_equations_of_a_given_plate_are_the_models_own(level):
     rng = np.random.default_rng(9)
     x, u = rng.normal(0, 0.3, (200, 8)), rng.normal(0, 5, (200, 2))
     angle, gravity = x.T[2::4], tilted_gravity(level, MODEL.gravity)
-    at = MODEL.rolling(np.sin(angle), np.cos(angle), x.T[3::4], u.T, gravity)
+    at = rolling(MODEL, np.sin(angle), np.cos(angle), x.T[3::4], u.T, gravity)
     found = np.stack(
         (
             at.xx * x[:, 0] + at.xy * x[:, 4] + at.turn * x[:, 5] + at.px,

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.arrays import Array, Mask, Number
-from controllers.ballplate import BallPlate, Rolling
+from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
 from twin.sim.plant.friction import ARRAYS, NUMBERS, Friction, resisted
 from twin.sim.plant.level import tilted_gravity
+from twin.sim.plant.rolling import Rolling, rolling
 
 EDGES = SCREEN[0] / 2, SCREEN[1] / 2
 """Where the screen ends along x and y, m."""
@@ -135,13 +136,13 @@ class ExactPlant:
         """The ball's equations at each time of the plate's (angles, rates, accelerations)."""
         if not self._single:
             angle, rate = _turned(plate, np.array(times)[:, None])
-            table = self.model.rolling(np.sin(angle), np.cos(angle), rate, plate[2], self._gravity)
+            table = rolling(self.model, np.sin(angle), np.cos(angle), rate, plate[2], self._gravity)
             return [Rolling(*each) for each in zip(*table, strict=True)]
         angles, rates = zip(*(_turned(plate, time) for time in times), strict=True)
         # numpy's sine here too: the math module's need not have the same last bits
         all_angles = np.array(angles)
         trig = zip(np.sin(all_angles).tolist(), np.cos(all_angles).tolist(), rates, strict=True)
-        return [self.model.rolling(*each, plate[2], self._gravity) for each in trig]
+        return [rolling(self.model, *each, plate[2], self._gravity) for each in trig]
 
     def _step(self, ball: Any, begin: Rolling, middle: Rolling, end: Rolling) -> tuple[Any, ...]:
         """One step of RK4, from (x, x', y, y') to the next."""
