@@ -1,11 +1,14 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import RecordError
+from twin.run.execute import run, save
 from twin.run.record import Recorder, write_json, write_run, write_whole
+from twin.run.replay import open_run
 
 
 def filled(rigs=1):
@@ -51,3 +54,19 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="cannot write"):
         write_json(tmp_path / "file" / "metrics.json", {})
+
+
+def test_a_record_of_an_earlier_version_has_todays_columns(tmp_path, scenario):
+    done = run(scenario())
+    save(done, tmp_path, {"run": done.motion})
+    file = tmp_path / "run.parquet"
+    table = pq.read_table(file)
+    old = [name.replace("requested_", "wished_") for name in table.column_names]
+    assert old != table.column_names
+    fields = [item.with_name(name) for item, name in zip(table.schema, old, strict=True)]
+    renamed = pa.schema(fields, metadata=table.schema.metadata)
+    pq.write_table(pa.Table.from_arrays(table.columns, schema=renamed), file)
+    (replay,) = open_run(tmp_path)
+    requested = replay.rows["requested_phi_acc"]
+    assert np.array_equal(requested, done.record["requested"][:, 0, 0])
+    assert replay.units["requested_phi_acc"] == "rad/s^2"
