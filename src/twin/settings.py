@@ -62,9 +62,14 @@ class Setting:
 
     def of(self, scenario: Any) -> Any:
         """Its value in a scenario, in the key's unit."""
-        for name in self.key.split("."):
-            scenario = getattr(scenario, name)
-        return scenario
+        return value_of(scenario, self.key)
+
+
+def value_of(scenario: Any, key: str) -> Any:
+    """What a scenario says of a dotted key."""
+    for name in key.split("."):
+        scenario = getattr(scenario, name)
+    return scenario
 
 
 def setting(

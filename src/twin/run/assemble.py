@@ -19,7 +19,7 @@ from twin.hal.rig import Rig
 from twin.run.control import build_controllers
 from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
-from twin.settings import filled, settings_of
+from twin.settings import filled, settings_of, value_of
 from twin.sim.drives import DriveModel
 from twin.sim.encoders import EncoderModel
 from twin.sim.plant.interface import BallStart, Plant
@@ -79,14 +79,7 @@ def assemble(
 def shared(scenario: Scenario) -> dict[str, Any]:
     """What a scenario says of that in which the rigs of a batch must agree, by key."""
     keys = SHARED + (SHARED_EXACT if scenario.plant.kind == "lagrange" else ())
-    return {key: _value(scenario, key) for key in keys}
-
-
-def _value(scenario: Scenario, key: str) -> Any:
-    value: Any = scenario
-    for name in key.split("."):
-        value = getattr(value, name)
-    return value
+    return {key: value_of(scenario, key) for key in keys}
 
 
 def _agree(scenarios: Sequence[Scenario]) -> None:
@@ -105,7 +98,8 @@ def build_devices(
     *,
     period: float | None = None,
     seeds: Sequence[np.random.SeedSequence] | None = None,
-    **perfect: Any,
+    touch: TouchModel | None = None,
+    encoders: EncoderModel | None = None,
 ) -> SimulatedDevices:
     """The scenarios' devices around their plant, the plant started.
 
@@ -114,7 +108,8 @@ def build_devices(
         plant: All of them.
         period: Control period in s; that of the scenarios by default.
         seeds: Root of the noise, one per rig.
-        perfect: ``touch`` or ``encoders`` in place of the scenarios' own.
+        touch: Imperfections of the touch screen in place of the scenarios' own.
+        encoders: Imperfections of the plate encoders in place of the scenarios' own.
     """
     start_plant(plant, scenarios)
     period = period or scenarios[0].rig.period
@@ -124,8 +119,8 @@ def build_devices(
     return SimulatedDevices(
         plant,
         period=period,
-        touch=perfect.get("touch") or filled(TouchModel, scenarios),
-        encoders=perfect.get("encoders") or filled(EncoderModel, scenarios),
+        touch=touch or filled(TouchModel, scenarios),
+        encoders=encoders or filled(EncoderModel, scenarios),
         drives=filled(DriveModel, scenarios),
         hold=holds[0] if len(set(holds)) == 1 else np.array(holds),
         seeds=seeds,

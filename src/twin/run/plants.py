@@ -73,11 +73,8 @@ def _cams(kind: str, ratio: float) -> Transmission:
 
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
-    made: dict[SurfaceModel, SurfaceMap | None] = {}
-    for scenario in scenarios:
-        model = filled(SurfaceModel, [scenario])
-        if model not in made:
-            made[model] = model.map()
-    surfaces = [made[filled(SurfaceModel, [scenario])] for scenario in scenarios]
+    models = [filled(SurfaceModel, [scenario]) for scenario in scenarios]
+    made = {model: model.map() for model in dict.fromkeys(models)}
+    surfaces = [made[model] for model in models]
     friction = filled(Friction, scenarios, map=SurfaceMap.stacked(surfaces))
     return None if friction.absent.all() and friction.map is None else friction
