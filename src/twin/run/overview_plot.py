@@ -11,9 +11,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 
+from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
 from twin.run.record import write_whole
@@ -30,6 +30,14 @@ REFERENCE: dict[str, Any] = {
 }
 WIDTH = 100
 """Characters in a line of the title."""
+LEGEND = 150
+"""Characters in a line of the legend."""
+FEW = 2
+"""Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
+WINDOW = 0.5
+"""Seconds over which that is taken."""
+LEAST_ERROR = 0.1
+"""Least height of the axis of the tracking error in mm: less than the screen can tell."""
 DPI = 110
 
 
@@ -38,7 +46,7 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
 
     Args:
         path: Where to write.
-        runs: Label to motion; the first one's reference is drawn.
+        runs: Label to motion; a reference of all is drawn once, else each run's own.
         title: Heading.
         area: Operating area |x|, |y| in m.
 
@@ -61,7 +69,7 @@ def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -
 
 def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
     """The picture laid out, for the settings in force."""
-    figure = Figure(figsize=(12, 7.2), dpi=DPI)
+    figure = Figure(figsize=(12, 7.2), dpi=DPI, layout="constrained")
     if title:
         lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
         figure.suptitle("\n".join(lines), fontsize=12, fontweight="bold")
@@ -69,18 +77,45 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
         [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]],
         width_ratios=(1.15, 1),
     )
-    reference = next(iter(runs.values()))
     _plate(panels["plate"], area)
-    panels["plate"].plot(*(1000 * reference.reference.T), label="reference", **REFERENCE)
-    for name, axis in (("x", 0), ("y", 1)):
-        panels[name].plot(reference.time, 1000 * reference.reference[:, axis], **REFERENCE)
-        panels[name].set_ylabel(f"{name} [mm]")
+    smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
-        _add(panels, motion, label, index)
-    _label(panels, single=len(runs) == 1)
-    # once; as the figure's own engine it would lay out, and draw, once more for each file
-    ConstrainedLayoutEngine().execute(figure)
+        _add(panels, motion, label, index, smooth=smooth)
+    for label, motion, look in _references(runs):
+        _refer(panels, motion, label, look)
+    _label(panels, smooth=smooth)
+    entries = panels["plate"].get_legend_handles_labels()
+    columns = max(1, min(len(entries[1]), LEGEND // (5 + max(map(len, entries[1])))))
+    figure.legend(*entries, loc="outside lower center", ncols=columns, fontsize=9)
+    # once; kept, the engine would lay out, and draw, once more for each file
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
+    figure.set_layout_engine("none")
     return figure
+
+
+def _references(runs: Mapping[str, Motion]) -> list[tuple[str, Motion, dict[str, Any]]]:
+    """Label, motion and look of the references: the one of all runs, or each run's own."""
+    first = next(iter(runs.values())).reference
+    same = all(
+        np.array_equal(motion.reference[: len(first)], first[: len(motion.reference)])
+        for motion in runs.values()
+    )
+    if same:
+        longest = max(runs.values(), key=lambda motion: len(motion.time))
+        return [("reference", longest, REFERENCE)]
+    return [
+        (f"reference of {label}", motion, {**REFERENCE, "color": COLOURS[index % len(COLOURS)]})
+        for index, (label, motion) in enumerate(runs.items())
+    ]
+
+
+def _refer(panels: Mapping[str, Axes], motion: Motion, label: str, look: Mapping[str, Any]) -> None:
+    desired = 1000 * motion.reference
+    panels["plate"].plot(*desired.T, label=label, **look)
+    for name, axis in (("x", 0), ("y", 1)):
+        panels[name].plot(motion.time, desired[:, axis], **look)
 
 
 def _plate(panel: Axes, area: tuple[float, float]) -> None:
@@ -96,7 +131,9 @@ def _plate(panel: Axes, area: tuple[float, float]) -> None:
     panel.grid(visible=False)
 
 
-def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int) -> None:
+def _add(
+    panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, smooth: bool
+) -> None:
     colour, style = COLOURS[index % len(COLOURS)], STYLES[(index // len(COLOURS)) % len(STYLES)]
     look: dict[str, Any] = {"color": colour, "linewidth": 1.2, "linestyle": style}
     ball = 1000 * motion.ball
@@ -106,26 +143,46 @@ def _add(panels: Mapping[str, Axes], motion: Motion, label: str, index: int) -> 
     panels["x"].plot(motion.time, ball[:, 0], **look)
     panels["y"].plot(motion.time, ball[:, 1], **look)
     distance = 1000 * np.hypot(*motion.error.T)
-    panels["error"].plot(motion.time, distance, label=label, **look)
+    panels["error"].plot(motion.time, distance, **look)
     plate = np.degrees(motion.plate)
     other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
     panels["angle"].plot(motion.time, plate[:, 1], **other)
-    panels["effort"].plot(motion.time, motion.u[:, 0], **{**look, "linewidth": 0.8})
-    panels["effort"].plot(motion.time, motion.u[:, 1], **{**other, "linewidth": 0.8})
+    effort = _running_rms(motion.u, motion.time) if smooth else motion.u
+    panels["effort"].plot(motion.time, effort[:, 0], **{**look, "linewidth": 0.8})
+    panels["effort"].plot(motion.time, effort[:, 1], **{**other, "linewidth": 0.8})
 
 
-def _label(panels: Mapping[str, Axes], *, single: bool) -> None:
-    panels["plate"].legend(loc="lower right", fontsize=8)
-    panels["error"].set(
+def _running_rms(values: Array, time: Array) -> Array:
+    """Root mean square over ``WINDOW`` seconds about each instant; values (K, 2), time (K,)."""
+    rate = (len(time) - 1) / max(float(time[-1] - time[0]), 1e-9)
+    half = min(len(time) // 2, round(0.5 * WINDOW * rate))
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(values**2, axis=0)])
+    index = np.arange(len(time))
+    first, last = np.maximum(index - half, 0), np.minimum(index + half + 1, len(time))
+    mean = (total[last] - total[first]) / (last - first)[:, None]
+    level: Array = np.sqrt(np.maximum(mean, 0.0))
+    return level
+
+
+def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
+    error = panels["error"]
+    top = max(float(np.nanmax(line.get_ydata())) for line in error.lines)
+    error.set(
         ylabel="distance from reference [mm]",
         xlabel="time [s]",
         title="Tracking error",
-        ylim=(0, None),
+        ylim=(0, max(1.05 * top, LEAST_ERROR)),
     )
-    if not single:
-        panels["error"].legend(loc="center right", fontsize=8)
+    for name in ("x", "y"):
+        panels[name].set_ylabel(f"{name} [mm]")
     panels["x"].set_title("Position (dotted: reference)")
     panels["angle"].set_ylabel("plate angle [deg]")
-    panels["effort"].set(ylabel="plate acc. [rad/s²]", xlabel="time [s]")
+    effort = f"RMS over {WINDOW:g} s" if smooth else "plate acc."
+    panels["effort"].set(ylabel=f"{effort} [rad/s²]", xlabel="time [s]")
     panels["angle"].set_title("Plate and its acceleration (solid: φ about y; dashed: θ about x)")
+    for name, least in (("x", 1.0), ("y", 1.0), ("angle", 0.05), ("effort", 0.05)):
+        low, high = map(float, panels[name].get_ylim())
+        if high - low < least:
+            middle = (low + high) / 2
+            panels[name].set_ylim(middle - least / 2, middle + least / 2)
