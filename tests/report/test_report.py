@@ -83,6 +83,25 @@ def test_cut_effort_is_counted_and_told():
     assert any("No limit was in the way" in line for line in summary(some, Diagnosis.of(some)))
 
 
+HOLD = TABLES | {"reference": {"kind": "hold", "x": 0.03}}
+
+
+def test_a_ball_stuck_by_friction_is_called_stuck():
+    still = made(rest, HOLD, true_phi=np.full(10_000, np.radians(0.3)))
+    found = Diagnosis.of(still)
+    assert found.stuck == pytest.approx(0.03)
+    (sentence,) = [text for text in summary(still, found) if "stuck" in text]
+    # 0.18 mm on 20 mm
+    assert "30 mm from its reference" in sentence
+    assert "tilted by 0.3 deg; its friction holds it up to 0.52 deg" in sentence
+
+
+def test_a_ball_that_creeps_or_lies_where_it_should_is_not_stuck():
+    assert Diagnosis.of(made(lambda t: on_x(0.2e-3 * t), HOLD)).stuck is None
+    assert Diagnosis.of(made(lambda t: on_x(np.full(len(t), 0.0295)), HOLD)).stuck is None
+    assert Diagnosis.of(made(rest)).stuck is None  # its reference moves
+
+
 def test_a_fall_is_told_first_and_with_its_reason():
     some = made(reference)
     metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}

@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pyarrow as pa
@@ -8,7 +9,7 @@ import pytest
 from twin.cli import main
 from twin.errors import RecordError
 from twin.run.execute import run, save
-from twin.run.replay import open_run
+from twin.run.replay import open_run, open_runs
 
 
 @pytest.fixture(scope="module")
@@ -142,3 +143,22 @@ def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, c
         main(["report", str(folder)])
     assert caught.value.code == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_folders_of_runs_and_patterns_lead_to_every_run(rewritten, tmp_path):
+    single = rewritten()
+    several = tmp_path / "compare"
+    for name in ("afl", "lqr"):
+        shutil.copytree(single, several / name, ignore=shutil.ignore_patterns("compare"))
+    (several / "compare.png").write_bytes(b"a picture")
+    assert [run.name for run in open_runs((several,))] == ["afl", "lqr"]
+    assert [run.name for run in open_runs(tuple(sorted(several.iterdir())))] == ["afl", "lqr"]
+    both = open_runs((single, several / "lqr"))
+    assert [run.name for run in both] == [tmp_path.name, "lqr"]
+
+
+def test_pictures_alone_are_no_runs(tmp_path):
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"a picture")
+    with pytest.raises(RecordError, match=r"a\.png: not a run; give run folders"):
+        open_runs((tmp_path / "a.png", tmp_path / "b.png"))

@@ -9,12 +9,19 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from controllers.arrays import Array
+from twin.run.metrics import Motion
 from twin.run.replay import Replay, columns
 
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
 CUT = 0.01
 """Difference of requested and applied acceleration in rad/s^2 that counts as cut by a limit."""
+REST = 1.0
+"""Seconds without motion at the end of a run after which a ball rests."""
+STILL = 0.1e-3
+"""Motion in m within that time that is none."""
+AWAY = 1e-3
+"""Distance in m from its reference at which a resting ball is stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +38,9 @@ class Diagnosis:
         angle: Largest plate angle over its limit.
         lifted: Share of time in which a wheel had no contact; None if not recorded.
         untouched: Share of time in which the screen detected nothing.
+        stuck: Distance at which a resting ball ended from a resting reference; None if either
+            moved, or the ball is where it should be.
+        tilt: Tilt of the plate then, rad.
     """
 
     rms: float
@@ -42,6 +52,8 @@ class Diagnosis:
     angle: float
     lifted: float | None
     untouched: float
+    stuck: float | None
+    tilt: float
 
     @classmethod
     def of(cls, run: Replay) -> Diagnosis:
@@ -67,7 +79,17 @@ class Diagnosis:
             angle=float(np.abs(motion.plate).max() / run.limits.angle),
             lifted=float((np.min(wheels, axis=0) <= 0).mean()) if wheels else None,
             untouched=float((touched < 0.5).mean()),
+            stuck=_stuck(motion),
+            tilt=float(np.hypot(*motion.plate[-1])),
         )
+
+
+def _stuck(motion: Motion) -> float | None:
+    """How far from its resting reference the ball lay still at the end of a run."""
+    last = motion.time >= motion.time[-1] - REST
+    moved = max(np.ptp(where[last], axis=0).max() for where in (motion.ball, motion.reference))
+    away = float(np.hypot(*motion.error[-1]))
+    return away if moved < STILL and away > AWAY and motion.time[-1] >= REST else None
 
 
 def _timing(

@@ -35,7 +35,9 @@ def details(runs: Sequence[Replay]) -> Figure:
             _estimate(panels["estimate"], run, colour)
             _share(panels["share"], run, colour)
         _late(panels["late"], runs)
-        panels["spectrum"].legend(fontsize=8)
+        if len(runs) > 1:
+            names = panels["spectrum"].get_legend_handles_labels()
+            figure.legend(*names, loc="outside lower center", ncols=4, fontsize=9)
         figure.draw_without_rendering()
     return figure
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from twin.report.diagnosis import Diagnosis
 from twin.run.replay import Replay
 
@@ -17,7 +19,7 @@ ENDINGS = {
 
 def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
-    return [_ending(run), _error(run, found), *_causes(run, found)]
+    return [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
 
 
 def _ending(run: Replay) -> str:
@@ -34,6 +36,23 @@ def _error(run: Replay, found: Diagnosis) -> str:
     percent = run.metrics.get("tracking_error_percent")
     share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
     return f"{since} ball was {1000 * found.rms:.3g} mm (RMS) from its reference{share}."
+
+
+def _held(run: Replay, found: Diagnosis) -> list[str]:
+    """Of a ball that lies still away from its reference: by what, and what would free it."""
+    if found.stuck is None:
+        return []
+    plant = run.scenario.plant
+    tilt = math.degrees(found.tilt)
+    arm = plant.friction.rolling_mm * plant.friction.breakaway_ratio
+    holds = math.degrees(math.atan(arm / (1000 * plant.ball.radius)))
+    simulated = arm > 0 and "true_x" in run.rows
+    known = f"; its friction holds it up to {holds:.2g} deg" if simulated else ""
+    return [
+        f"At the end the ball lay still {1000 * found.stuck:.3g} mm from its reference, stuck on a "
+        f"plate tilted by {tilt:.2g} deg{known}. A law with integral action or a higher gain, or a "
+        "reference that keeps moving, would free it."
+    ]
 
 
 def _causes(run: Replay, found: Diagnosis) -> list[str]:

@@ -171,13 +171,32 @@ def _check_rows(values: Mapping[str, Array], source: str) -> None:
 def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Replay]:
     """Several runs with names of their own.
 
+    Args:
+        paths: Run folders, Parquet files, and folders of run folders, as ``compare`` writes them.
+            Files of another kind beside them, as a pattern finds them, are passed over.
+        rigs: Which rigs of a record of several; empty for the first.
+
     Raises:
         RecordError: If one cannot be opened.
     """
     runs: list[Replay] = []
-    for path in paths:
+    for path in _records(paths):
         for run in open_run(path, rigs):
             taken = sum(other.name.partition("~")[0] == run.name for other in runs)
             name = f"{run.name}~{taken + 1}" if taken else run.name
             runs.append(Replay(**{**vars(run), "name": name}) if taken else run)
     return runs
+
+
+def _records(paths: tuple[Path, ...]) -> list[Path]:
+    """The run folders and files that paths lead to."""
+    found: list[Path] = []
+    for path in paths:
+        inner = sorted(each.parent for each in path.glob("*/run.parquet"))
+        if inner and not (path / "run.parquet").exists():
+            found += inner
+        elif path.is_dir() or path.suffix == ".parquet" or len(paths) == 1:
+            found.append(path)
+    if not found:
+        raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")
+    return found
