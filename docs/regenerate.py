@@ -41,6 +41,7 @@ PAGES = {
         (("picture.png", "circle.png"),),
     ),
     "view": Page(("view-*.png",), ("screenshots.py",)),
+    "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),

@@ -13,6 +13,7 @@ from twin.installation import problem
 
 COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
+    "describe": "twin.cli.describe:describe",
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
     "view": "twin.cli.view:view",
@@ -31,6 +32,9 @@ COMMANDS = {
 
 HELP = {
     "list": "List the scenarios that can be run by name.",
+    "describe": (
+        "Describe what a scenario may set: a key, a table, or a law, observer or reference."
+    ),
     "run": "Run a scenario: a name shown by `ballplate list`, or a TOML file.",
     "compare": "Run several scenarios, or variants of one, side by side: one table, one picture.",
     "view": "Open run folders in the Rerun viewer, several side by side on one time line.",

@@ -37,6 +37,7 @@ class _Ball(Section):
     """The ball; defaults are the thesis's Table A.2, or those of the solid steel ball."""
 
     kind: Literal["hollow", "steel"] = "hollow"
+    """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
 
 
 class _Surface(Section):
@@ -82,13 +83,12 @@ else:
 
 
 class _PlantTable(Section):
-    """What is simulated: the mechanism in MuJoCo, or the exact equations (5.9).
-
-    ``level_deg``: tilt (phi, theta) of the base the rig stands on, which its encoders cannot see.
-    """
+    """What is simulated."""
 
     kind: Literal["mujoco", "lagrange"] = "mujoco"
+    """The mechanism in MuJoCo, or the exact equations (5.9)."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
+    """Time step of the simulation in s; for the mechanism at most 0.002."""
     ball: BallTable = BallTable()
     friction: FrictionTable = FrictionTable()
     surface: SurfaceTable = SurfaceTable()

@@ -30,13 +30,12 @@ MOST_PERIODS = 10_000_000
 
 
 class _RigKeys(Section):
-    """Control period in s, and what the rig knows of its cams.
-
-    ``cams``: the calibrated table over both plate angles, one table per axis, or a plain ratio.
-    """
+    """How often the rig is controlled, and what it knows of its cams."""
 
     period: Positive = 0.002
+    """Control period in s."""
     cams: Literal["table", "per_axis", "ratio"] = "table"
+    """The calibrated table over both plate angles, one table per axis, or a plain ratio."""
 
 
 class _TouchChecks(Section):
@@ -73,19 +72,23 @@ else:
 
 
 class SensorsTable(Section):
-    """What the rig measures, or with ``ideal`` the full true state; noise is held so long, s."""
+    """What the rig measures."""
 
     ideal: bool = False
+    """Whether the full true state is measured instead."""
     noise_hold: NotNegative = 0.0
+    """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
     touch: TouchTable = TouchTable()
     encoders: EncodersTable = EncodersTable()
 
 
 class MetricsTable(Section):
-    """From which time in s on steady tracking is judged, and the settling band in percent."""
+    """How a run is judged."""
 
     start: NotNegative = 0.0
+    """Time in s from which on steady tracking is judged."""
     band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
+    """Settling band in % of the way to a constant goal."""
 
 
 class Choice(BaseModel):
@@ -108,19 +111,25 @@ class ObserverChoice(Choice):
 
 
 class Predictor(Section):
-    """The Smith predictor and the dead time in s that it assumes."""
+    """The Smith predictor."""
 
     kind: Literal["smith"] = "smith"
+    """Its name; a scenario without the table has none."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
+    """Dead time in s that it assumes."""
 
 
 class Scenario(Section):
     """One experiment: a plant, its sensors, a controller, a reference, and for how long."""
 
     title: str
+    """What tables, pictures and reports call it."""
     duration: Positive
+    """How long it runs, in s."""
     seed: Annotated[int, Field(ge=0)] = 0
+    """Which noise is drawn: the same seed gives the same run to the last bit."""
     baseline: bool = False
+    """Whether `ballplate run` also runs the clean model, to compare with."""
     plant: PlantTable = PlantTable()
     rig: RigTable = RigTable()
     sensors: SensorsTable = SensorsTable()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
@@ -18,6 +18,8 @@ class Section(BaseModel):
     """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
 
     model_config = STRICT
+    sources: ClassVar[dict[str, tuple[type, str]]] = {}
+    """Of keys that set a dataclass's field: key to dataclass and name of the field."""
 
 
 if TYPE_CHECKING:
@@ -40,13 +42,17 @@ def table(name: str, *classes: type, module: str, base: type[Section] = Section)
         base: What the model has besides, fields of its own and checks.
     """
     fields: dict[str, Any] = {}
+    sources: dict[str, tuple[type, str]] = {}
     for cls in classes:
-        for about in settings_of(cls).values():
+        for field, about in settings_of(cls).items():
             path, _, key = about.key.rpartition(".")
             if path == name:
                 fields[key] = (_hint(about), about.default)
+                sources[key] = (cls, field)
     title = f"{name.rpartition('.')[2].capitalize()}Table"
-    return create_model(title, __base__=base, __module__=module, **fields)
+    derived = create_model(title, __base__=base, __module__=module, **fields)
+    derived.sources = sources
+    return derived
 
 
 def _hint(about: Setting) -> Any:

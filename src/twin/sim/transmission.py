@@ -19,9 +19,9 @@ class TransmissionError:
     Fields may be arrays with one entry per rig.
 
     Attributes:
-        slope: How much too far each axis is taken, relative, for (phi, theta), shape (2,) or
+        slope: How much too far each axis is taken, dimensionless, for (phi, theta), shape (2,) or
             (N, 2).
-        coupling: Share of one axis's angle that turns the other, too.
+        coupling: Share of one axis's angle that turns the other, too, dimensionless.
     """
 
     slope: tuple[float, float] | Array = setting(

@@ -32,7 +32,7 @@ class Parts:
         torque: Largest torque of a motor, N m.
         speed: Largest speed of a motor, rad/s.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
-        level: Tilt (phi, theta) of the base that everything stands on, rad.
+        level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
 
     Raises:
         ModelError: If a number is out of range.

@@ -1,0 +1,104 @@
+"""The command describe: what may be set, with type, unit, range, default and meaning."""
+
+from __future__ import annotations
+
+import textwrap
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twin.cli.options import JSON
+from twin.cli.output import console, print_json
+from twin.markdown import table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from twin.scenario.describe import Key
+
+INTRODUCTION = """\
+# Every setting
+
+Written by `ballplate describe --doc docs/settings.md`. `--set KEY=VALUE` sets one on the command
+line, the tables of a scenario file do so for good; `ballplate describe NAME` shows what stands here
+of a key, a table, or a law, observer or reference.
+"""
+
+
+@click.command()
+@click.argument("name", metavar="[KEY|TABLE|KIND]", required=False, default="")
+@click.option("--doc", type=click.Path(path_type=Path), help="Write the page of all settings.")
+@JSON
+def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
+    """Describe what a scenario may set: a key, a table, or a law, observer or reference."""
+    from twin.scenario.describe import about, described
+
+    if doc is not None:
+        from twin.run.record import write_whole
+
+        text = _page()
+        write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
+        console.print(f"written to {doc}")
+        return 0
+    found = described(name)
+    if as_json:
+        print_json([key.as_dict() for key in found])
+        return 0
+    if sentence := about(name):
+        console.print(sentence, style="bold", markup=False)
+    if not found:
+        console.print("It has no settings.")
+    for key in found:
+        _print(key)
+    if not name:
+        console.print("Settings of a law, observer or reference: ballplate describe NAME")
+    return 0
+
+
+def _print(key: Key) -> None:
+    unit = f" {key.unit}" if key.unit and not key.required and key.default is not None else ""
+    of = f" ({key.unit})" if key.unit and not unit else ""
+    only = "; plant.kind=mujoco only" if key.plants else ""
+    console.print(f"{key.key} = {key.value}{unit}", style="bold", markup=False, soft_wrap=True)
+    whose = f"{key.kind}: " if key.kind else ""
+    facts = f"{whose}{key.type}{of}{f', {key.allowed}' if key.allowed else ''}{only}"
+    for text in (key.meaning, f"[{facts}]"):
+        for line in textwrap.wrap(text, max(console.width - 4, 40)):
+            console.print(f"    {line}", markup=False, soft_wrap=True)
+
+
+def _page() -> str:
+    """Every setting, as Markdown."""
+    from twin.scenario.describe import about, described, every_kind
+
+    parts = [INTRODUCTION]
+    for name, keys in groupby(described(), lambda key: key.key.rpartition(".")[0]):
+        parts += [f"## {name or 'The scenario'}\n", _table(keys)]
+    for kind, settings in every_kind().items():
+        sentence = _cell(about(kind))
+        shown = _table(settings) if settings else "It has no settings.\n"
+        parts += [f"## {kind}\n", f"{sentence}\n", shown]
+    return "\n".join(parts)
+
+
+def _table(keys: Iterable[Key]) -> str:
+    headings = ("key", "default", "unit", "type", "allowed", "meaning")
+    rows = [
+        (
+            f"`{key.key}`",
+            f"`{key.value}`",
+            key.unit,
+            key.type,
+            _cell(key.allowed),
+            _cell(key.meaning + (" Mechanism only." if key.plants else "")),
+        )
+        for key in keys
+    ]
+    return table(headings, rows, range(len(headings)))
+
+
+def _cell(text: str) -> str:
+    """A text that no table and no formatting takes apart."""
+    return text.replace("|", r"\|").replace("*", r"\*")

@@ -1,0 +1,249 @@
+"""What may be set: every key with its type, unit, range, default and meaning.
+
+Types, ranges and defaults come from the models that check a scenario, meanings from the docstrings
+of the dataclasses and models whose fields the keys set; nothing is written here a second time.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from itertools import chain
+from typing import Any, get_args
+
+from docstring_parser import parse_from_object
+from pydantic import BaseModel
+
+from twin.errors import ScenarioError, shortened
+from twin.scenario.schema import KINDS, Choice, Scenario, choices, settings_model
+from twin.scenario.tables import Section
+from twin.settings import Setting, Unit, settings_of
+
+WORDS = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+}
+PRINTED = {
+    Unit.MM: ("m", "mm"),
+    Unit.UM: ("m", "um"),
+    Unit.DEG: ("rad", "deg"),
+    Unit.PERCENT: ("dimensionless", "%"),
+}
+"""What a key's unit is called, and the SI unit in the field's docstring that it stands for."""
+UNIT = re.compile(
+    r"(?:,| in) (?P<unit>\(rad/s\^2\)\^2(?: s)?|m\^2 s and rad\^2 s|kg m\^2|kg|N/m|N m|N|1/s|Hz|%|"
+    r"mm per m/s|mm|um|m/s|m s|m\^2|m|rad/s\^2|rad/s|rad\^2|rad|deg/s|deg|s)(?=[\s.,;:]|$)"
+)
+"""The unit in a sentence, after a comma or the word in."""
+FOREIGN = ("abc", "builtins", "pydantic", "typing")
+"""Packages whose classes have no settings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """One key of a scenario.
+
+    Attributes:
+        key: Dotted name, as on the command line after ``--set``.
+        type: What its value is, in words.
+        unit: Its unit; empty where it has none.
+        default: Its value where a scenario gives none; None for none.
+        required: Whether every scenario must give it.
+        allowed: Range or choices in words; empty for any.
+        meaning: What it sets, in a sentence.
+        plants: The plant that alone has it; empty for all.
+        kind: The law, observer or reference that has it; empty for a key of every scenario.
+    """
+
+    key: str
+    type: str
+    unit: str
+    default: Any
+    required: bool
+    allowed: str
+    meaning: str
+    plants: str = ""
+    kind: str = ""
+
+    @property
+    def value(self) -> str:
+        """Its default as a scenario would say it, ``required``, or ``none``."""
+        if self.required or self.default is None:
+            return "required" if self.required else "none"
+        return json.dumps(self.default, ensure_ascii=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def described(name: str = "") -> list[Key]:
+    """The keys that a name stands for.
+
+    Args:
+        name: A key, a table (``plant.friction``), the last part of a key (``rolling_mm``), or a
+            law, observer or reference with or without its table (``lqr``, ``reference.path``).
+            Empty for the keys of every scenario.
+
+    Raises:
+        ScenarioError: If there is nothing of that name.
+    """
+    general = list(keys(Scenario))
+    if not name:
+        return general
+    kinds = every_kind()
+    found = [key for key in general if f"{key.key}.".startswith(f"{name}.")]
+    for kind, its in kinds.items():
+        if name in (kind, *kind.split(".")):
+            found += its
+    if found or any(name in (kind, kind.partition(".")[2]) for kind in kinds):
+        return found
+    every = [*general, *chain.from_iterable(kinds.values())]
+    found = [key for key in every if key.key.endswith(f".{name}")]
+    # one setting of a kind, as reference.path.points
+    full, _, leaf = name.rpartition(".")
+    found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
+    if not found:
+        names = {key.key for key in every} | {key.key.rpartition(".")[2] for key in every}
+        names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}
+        close = get_close_matches(name, sorted(names), n=1, cutoff=0.5)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
+        raise ScenarioError(
+            f"nothing called '{shortened(name)}'{hint}; `ballplate describe` lists every key"
+        )
+    return found
+
+
+def every_kind() -> dict[str, list[Key]]:
+    """The settings of every law, observer and reference, by table and name."""
+    return {
+        f"{table}.{kind}": list(_settings(table, kind))
+        for table in KINDS
+        for kind in choices(table)
+    }
+
+
+def about(kind: str) -> str:
+    """The first sentence about a law, observer or reference; empty for anything else."""
+    for table in KINDS:
+        cls = choices(table).get(kind.rpartition(".")[2])
+        if cls is not None:
+            return str(parse_from_object(cls).short_description or "")
+    return ""
+
+
+def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
+    """Every key of a table and the tables in it."""
+    schema = model.model_json_schema()
+    sources = model.sources if issubclass(model, Section) else {}
+    for name, field in model.model_fields.items():
+        inner = _table(field.annotation)
+        if inner is not None and issubclass(inner, Choice):
+            yield from _kind(f"{prefix}{name}", inner)
+        elif inner is not None:
+            yield from keys(inner, f"{prefix}{name}.")
+        else:
+            source, attribute = sources.get(name, (model, name))
+            yield _key(
+                f"{prefix}{name}",
+                schema["properties"][name],
+                _meanings(source).get(attribute, ""),
+                settings_of(source)[attribute] if name in sources else None,
+            )
+
+
+def _kind(table: str, model: type[Choice]) -> Iterator[Key]:
+    field = model.model_fields["kind"]
+    yield Key(
+        key=f"{table}.kind",
+        type="text",
+        unit="",
+        default=None if field.is_required() else field.default,
+        required=field.is_required(),
+        allowed=", ".join(choices(table)),
+        meaning=f"The {table}; its own settings stand beside it.",
+    )
+
+
+def _settings(table: str, kind: str) -> Iterator[Key]:
+    """The settings of a law, observer or reference."""
+    cls = choices(table)[kind]
+    meanings = _meanings(cls)
+    for name, schema in settings_model(cls).model_json_schema()["properties"].items():
+        yield replace(_key(f"{table}.{name}", schema, meanings.get(name, "")), kind=kind)
+
+
+def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | None = None) -> Key:
+    """A key from its part of the JSON schema, its meaning, and the setting it is, if it is one."""
+    if about is not None and about.unit in PRINTED:
+        was, own = PRINTED[about.unit]
+        meaning = re.sub(rf"((?:,| in) ){was}\b", rf"\g<1>{own}", meaning)
+    unit = UNIT.search(meaning)
+    return Key(
+        key=key,
+        type=_type(schema),
+        unit=unit["unit"] if unit else "",
+        default=schema.get("default"),
+        required="default" not in schema,
+        allowed=_range(schema),
+        meaning=meaning,
+        plants="mujoco" if about is not None and about.exact else "",
+    )
+
+
+def _type(schema: Mapping[str, Any]) -> str:
+    """The type of a value in words."""
+    if "anyOf" in schema:
+        parts = [_type(part) for part in schema["anyOf"] if part.get("type") != "null"]
+        return " or ".join(dict.fromkeys(parts))
+    if schema.get("type") == "array":
+        inner = schema.get("items") or schema.get("prefixItems", [{}])[0]
+        number = f"{schema['minItems']} " if "minItems" in schema else ""
+        several = re.sub(r"\b(number|text|list)\b", r"\1s", _type(inner))
+        return f"list of {number}{several}"
+    return WORDS.get(str(schema.get("type")), "value")
+
+
+def _range(schema: Mapping[str, Any]) -> str:
+    """The range or the choices of a value in words."""
+    for part in schema.get("anyOf", ()):
+        if inner := _range(part):
+            return inner
+    if schema.get("type") == "array":
+        return _range(schema.get("items") or schema.get("prefixItems", [{}])[0])
+    if "enum" in schema:
+        return ", ".join(map(str, schema["enum"]))
+    if "const" in schema:
+        return str(schema["const"])
+    low = [(">=", schema["minimum"])] if "minimum" in schema else []
+    low += [(">", schema["exclusiveMinimum"])] if "exclusiveMinimum" in schema else []
+    high = [("<=", schema["maximum"])] if "maximum" in schema else []
+    high += [("<", schema["exclusiveMaximum"])] if "exclusiveMaximum" in schema else []
+    return ", ".join(f"{sign} {value:g}" for sign, value in low + high)
+
+
+def _table(annotation: object) -> type[BaseModel] | None:
+    """The model of a table, of one that may be left out too; None for a value."""
+    found = [
+        each
+        for each in (annotation, *get_args(annotation))
+        if isinstance(each, type) and issubclass(each, BaseModel)
+    ]
+    return found[0] if found else None
+
+
+@cache
+def _meanings(cls: type) -> dict[str, str]:
+    """What the fields of a dataclass or model mean, by their names."""
+    return {
+        item.args[1]: " ".join((item.description or "").split())
+        for source in reversed(cls.__mro__)
+        if source.__module__.partition(".")[0] not in FOREIGN
+        for item in parse_from_object(source).params
+    }

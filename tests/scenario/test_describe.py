@@ -1,0 +1,134 @@
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.describe import describe as command
+from twin.errors import ScenarioError
+from twin.scenario.describe import about, described, every_kind
+from twin.scenario.load import check, override
+from twin.scenario.schema import KINDS, Scenario, choices
+
+TABLES = {
+    "title": "test",
+    "duration": 1.0,
+    "controller": {"kind": "lqr"},
+    "reference": {"kind": "hold"},
+}
+EVERY = [*described(), *(key for keys in every_kind().values() for key in keys)]
+PROJECT = Path(__file__).parents[2]
+SUFFIX = {"mm": "mm", "um": "um", "deg": "deg", "hz": "Hz", "percent": "%"}
+BOUND = re.compile(r"(>=|>|<=|<) (\S+?)(?:,|$)")
+
+
+def told(*arguments):
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.output
+
+
+@pytest.mark.parametrize("key", EVERY, ids=lambda key: f"{key.kind}{key.key}")
+def test_every_key_says_what_it_means_and_in_which_unit(key):
+    assert key.meaning.endswith(".")
+    if (suffix := key.key.rpartition("_")[2]) in SUFFIX and key.key.count("_"):
+        assert key.unit.partition("/")[0].partition(" ")[0] == SUFFIX[suffix]
+
+
+def test_every_key_that_a_scenario_has_is_described():
+    def leaves(table, prefix=""):
+        for name, value in table.items():
+            if isinstance(value, dict):
+                yield from leaves(value, f"{prefix}{name}.")
+            else:
+                yield f"{prefix}{name}"
+
+    whole = check({**TABLES, "predictor": {}}, "test").model_dump(mode="json")
+    assert set(leaves(whole)) == {key.key for key in described()}
+
+
+def value_in(scenario, key):
+    for name in key.split("."):
+        scenario = getattr(scenario, name)
+    return scenario
+
+
+def test_the_described_defaults_are_those_of_a_scenario():
+    scenario = check({**TABLES, "predictor": {}}, "test")
+    for key in described():
+        if not key.required:
+            value = value_in(scenario, key.key)
+            value = list(value) if isinstance(value, tuple) else value
+            assert value == key.default, key.key
+
+
+def value_at(key, number):
+    """An override that gives a key a number, as often as it wants."""
+    values = key.default if isinstance(key.default, list) else [1.0, 1.0]
+    if key.type.startswith("list"):
+        return f"{key.key}={[number] * len(values)}"
+    return f"{key.key}={number:.17g}"
+
+
+@pytest.mark.parametrize(
+    "key", [key for key in described() if BOUND.search(key.allowed)], ids=lambda key: key.key
+)
+def test_what_lies_beyond_a_described_range_is_refused_and_said(key):
+    for sign, number in BOUND.findall(key.allowed):
+        bound = float(number)
+        beyond = math.nextafter(bound, math.inf if sign.startswith("<") else -math.inf)
+        wrong = bound if sign in "<>" else beyond
+        if key.type == "whole number":
+            wrong = bound - 1
+        text = value_at(key, int(wrong) if key.type == "whole number" else wrong)
+        with pytest.raises(ScenarioError, match=re.escape(key.key.rpartition(".")[2])):
+            check(override(TABLES, [text]), "test")
+
+
+def test_a_kind_shows_its_own_settings_and_sentence():
+    assert [key.key for key in described("lqr")] == [key.key for key in described("controller.lqr")]
+    assert {key.kind for key in described("lqr")} == {"lqr"}
+    assert about("lqr").startswith("State feedback that minimises")
+    assert described("ideal") == []
+
+
+def test_the_last_part_of_a_key_finds_all_of_that_name():
+    found = {(key.kind, key.key) for key in described("amplitude")}
+    assert {kind for kind, _ in found} == {"circle", "lissajous", "sine"}
+    assert [key.key for key in described("rolling_mm")] == ["plant.friction.rolling_mm"]
+    assert [key.kind for key in described("reference.path.points")] == ["path"]
+
+
+def test_a_table_shows_its_keys_only():
+    assert {key.key.rpartition(".")[0] for key in described("plant.friction")} == {"plant.friction"}
+    assert len(described("plant")) > len(described("plant.friction"))
+
+
+@pytest.mark.parametrize("wrong", ["rolling", "plant.fricton", "lqrr"])
+def test_an_unknown_name_is_one_line_with_the_nearest(wrong):
+    with pytest.raises(ScenarioError, match=r"nothing called .*; did you mean '") as caught:
+        described(wrong)
+    assert len(str(caught.value)) < 200
+
+
+def test_the_command_prints_words_or_json():
+    words = told("plant.friction.rolling_mm")
+    assert "plant.friction.rolling_mm = 0.18 mm" in words
+    assert "[number, >= 0, <= 10]" in words
+    (key,) = json.loads(told("plant.friction.rolling_mm", "--json"))
+    assert (key["unit"], key["default"], key["required"]) == ("mm", 0.18, False)
+    assert "It has no settings." in told("ideal")
+
+
+def test_the_page_holds_every_key_and_kind_and_is_today_s(tmp_path):
+    told("--doc", str(tmp_path / "settings.md"))
+    page = (tmp_path / "settings.md").read_text(encoding="utf-8")
+    assert page == (PROJECT / "docs" / "settings.md").read_text(encoding="utf-8")
+    for key in EVERY:
+        assert f"| `{key.key}` |" in page
+    for table in KINDS:
+        for kind in choices(table):
+            assert f"## {table}.{kind}\n" in page
+    assert Scenario.__name__ not in page
