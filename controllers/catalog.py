@@ -1,14 +1,17 @@
 """Laws, observers and references by the name a scenario calls them.
 
-Whatever module lies in this package, or is named by an entry point of the group
-``ballplate.controllers``, contributes its concrete subclasses; nothing is listed by hand. One that
-cannot be imported is left out and named by ``broken``.
+Whatever module lies in this package or in the folder ``laws`` of the working folder, is named by
+an entry point of the group ``ballplate.controllers``, or was added, contributes its concrete
+subclasses; nothing is listed by hand. One that cannot be imported, or takes a name that is taken,
+is left out and named by ``broken``.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
+import os
 import pkgutil
 import sys
 import traceback
@@ -16,6 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import cache, partial
 from importlib.metadata import entry_points
 from itertools import chain
+from pathlib import Path
 from types import ModuleType
 from typing import TypeVar, get_type_hints
 
@@ -25,6 +29,10 @@ from controllers.interfaces import Law, Observer, Reference
 Kind = TypeVar("Kind", Law, Observer, Reference)
 
 GROUP = "ballplate.controllers"
+FOLDER = "laws"
+"""Folder of the working folder whose files are taken as well."""
+ADDED = "BALLPLATE_LAWS"
+"""Environment variable with the files that were added, so that child processes have them."""
 
 
 @cache
@@ -32,11 +40,15 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
     """Every module of this package, then those of outside packages; a line for each broken one."""
     modules: list[ModuleType] = []
     lines: list[str] = []
-    for place, load in chain(_own(controllers.__path__, "controllers."), _outside()):
+    taken: dict[str, type] = {}
+    for place, load in chain(_own(controllers.__path__, "controllers."), _outside(), _files()):
         try:
             module = load()
             for item in _classes(module):
                 get_type_hints(item)  # as whoever checks its settings will
+                if taken.setdefault(item.name, item) is not item:
+                    other = sys.modules[taken[item.name].__module__].__file__
+                    raise ValueError(f"the name '{item.name}' is taken by {other}")
             modules.append(module)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
             lines.append(_line(error, {place}) or f"{place}: {_words(error)}")
@@ -57,6 +69,56 @@ def _outside() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
     """Entry points of outside packages: what to call them, and how to import them."""
     for entry in entry_points(group=GROUP):
         yield f"entry point '{entry.name}' ({entry.value})", entry.load
+
+
+def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
+    """Files of the folder of laws, and added ones: path, and how to import it."""
+    added = [Path(text) for text in os.environ.get(ADDED, "").split(os.pathsep) if text]
+    for path in dict.fromkeys((*sorted(Path(FOLDER).resolve().glob("*.py")), *added)):
+        yield str(path), partial(_imported, path)
+
+
+def _imported(path: Path) -> ModuleType:
+    """The module of a file that lies in no package."""
+    name = f"{FOLDER}_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def add(file: Path) -> None:
+    """Take in the laws, observers and references of a file, in this process and its children.
+
+    Raises:
+        ValueError: If it cannot be imported, or has none: the file, its line and what is wrong.
+    """
+    path = file.resolve()
+    if not path.is_file() or path.suffix != ".py":
+        raise ValueError(f"{file}: not a Python file")
+    before = os.environ.get(ADDED, "")
+    os.environ[ADDED] = os.pathsep.join(filter(None, (before, str(path))))
+    _modules.cache_clear()
+    wrong = next((line for line in broken() if line.startswith(str(path))), "")
+    found = [module for module in outside() if module.__file__ == str(path)]
+    if not wrong and not any(map(_classes, found)):
+        wrong = f"{file}: no law, observer or reference in it has a name"
+    if wrong:
+        os.environ[ADDED] = before
+        _modules.cache_clear()
+        raise ValueError(wrong)
+
+
+def outside() -> list[ModuleType]:
+    """The modules that do not lie in this package."""
+    return [each for each in _modules()[0] if not each.__name__.startswith("controllers.")]
 
 
 def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 import pytest
+from click.testing import CliRunner
 
-import controllers
 from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Observer, Reference
 from twin.cli import COMMANDS, ballplate
+from twin.cli.new import new
 from twin.run.execute import run
 
 ROOT = Path(__file__).parent.parent
@@ -74,10 +75,11 @@ def test_every_command_that_a_page_shows_exists():
 
 @pytest.fixture
 def dropped(tmp_path, monkeypatch):
-    """The classes of docs/extending.md, dropped into the package as a user would."""
-    for number, code in enumerate(re.findall(r"```python\n(.*?)```", EXTENDING, re.DOTALL)):
-        (tmp_path / f"extending_{number}.py").write_text(code, encoding="utf-8")
-    monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
+    """The observer and the reference of docs/extending.md, written as the page says."""
+    monkeypatch.chdir(tmp_path)
+    page = EXTENDING
+    for kind, name in re.findall(r"`ballplate new (observer|reference) (\w+)`", page):
+        assert CliRunner().invoke(new, [kind, name]).exit_code == 0
     catalog_module._modules.cache_clear()
     yield
     catalog_module._modules.cache_clear()

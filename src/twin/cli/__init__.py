@@ -14,10 +14,12 @@ from twin.installation import problem
 COMMANDS = {
     "list": "twin.cli.scenarios:list_scenarios",
     "describe": "twin.cli.describe:describe",
+    "new": "twin.cli.new:new",
     "run": "twin.cli.scenarios:run",
     "compare": "twin.cli.scenarios:compare",
     "view": "twin.cli.view:view",
     "report": "twin.cli.report:report",
+    "export": "twin.cli.export:export",
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
     "identify": "twin.cli.identify:identify",
@@ -35,10 +37,14 @@ HELP = {
     "describe": (
         "Describe what a scenario may set: a key, a table, or a law, observer or reference."
     ),
+    "new": (
+        "Write a commented start: a law, observer or reference into laws/, or a scenario or study."
+    ),
     "run": "Run a scenario: a name shown by `ballplate list`, or a TOML file.",
     "compare": "Run several scenarios, or variants of one, side by side: one table, one picture.",
     "view": "Open run folders in the Rerun viewer, several side by side on one time line.",
     "report": "Report on one run folder, or compare several: a page, pictures, a table.",
+    "export": "Export the signals of a run to a .csv, .mat or .parquet file.",
     "reproduce": "Recompute the thesis's tables and compare.",
     "explain": (
         "Attribute the tracking error to effects: run with all, without each, and with each alone."

@@ -12,7 +12,7 @@ from rich.table import Table
 from controllers.analysis import designs
 from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row
 from controllers.ballplate import BallPlate
-from twin.cli.options import JSON, SETTING, titled
+from twin.cli.options import JSON, LAW, SETTING, titled
 from twin.cli.output import console, print_json, progress
 from twin.run.control import build_controller
 from twin.run.execute import run as run_scenario
@@ -33,6 +33,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 
 @click.command()
 @click.argument("scenario", default="sine")
+@LAW
 @SETTING
 @JSON
 def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:

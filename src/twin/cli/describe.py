@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import JSON
+from twin.cli.options import JSON, LAW
 from twin.cli.output import console, print_json
 from twin.markdown import table
 
@@ -30,6 +30,7 @@ of a key, a table, or a law, observer or reference.
 @click.command()
 @click.argument("name", metavar="[KEY|TABLE|KIND]", required=False, default="")
 @click.option("--doc", type=click.Path(path_type=Path), help="Write the page of all settings.")
+@LAW
 @JSON
 def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference."""

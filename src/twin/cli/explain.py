@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from twin.cli.options import JSON, SETTING, check_writable, titled
+from twin.cli.options import JSON, LAW, SETTING, check_writable, titled
 from twin.cli.output import console, print_json, progress
 from twin.explain.attribution import EffectCase, Explanation, plan, summary
 from twin.explain.attribution import explain as explain_scenario
@@ -23,6 +23,7 @@ PROCESSES = min(2, os.cpu_count() or 1)
 
 @click.command()
 @click.argument("scenario")
+@LAW
 @SETTING
 @click.option(
     "--typical",

@@ -22,6 +22,28 @@ PLANT = click.option(
     type=click.Choice(["mujoco", "lagrange"]),
     help="Simulate the mechanism, or the exact equations.",
 )
+
+
+def _add_laws(_: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> None:
+    if laws:
+        from controllers.catalog import add
+
+        for file in laws:
+            try:
+                add(file)
+            except ValueError as error:
+                raise ScenarioError(f"--law {error}") from None
+
+
+LAW = click.option(
+    "--law",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    expose_value=False,
+    is_eager=True,
+    callback=_add_laws,
+    help="Take in the laws, observers and references of a Python file; those in laws/ always are.",
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 
 

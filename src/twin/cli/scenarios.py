@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.cli.options import JSON, PLANT, SETTING, check_writable, load_scenario, titled
+from twin.cli.options import JSON, LAW, PLANT, SETTING, check_writable, load_scenario, titled
 from twin.cli.output import console, print_json, print_metrics, progress, warn
 from twin.cli.rigs import RESET, RIG, print_timing
 from twin.cli.rigs import chosen as on_rig
@@ -46,6 +46,7 @@ def list_scenarios(*, as_json: bool) -> None:
 
 @click.command()
 @click.argument("scenario")
+@LAW
 @SETTING
 @PLANT
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO].")
@@ -98,6 +99,7 @@ def run(
 
 @click.command()
 @click.argument("scenarios", nargs=-1, required=True)
+@LAW
 @SETTING
 @PLANT
 @click.option(

@@ -11,7 +11,7 @@ from time import perf_counter
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON, LAW, check_writable
 from twin.cli.output import console, duration, errors, print_json, progress
 from twin.errors import ScenarioError
 from twin.study.answers import Answer, answers
@@ -38,6 +38,7 @@ PILOT = (0.1, 0.5)
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
 @click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
+@LAW
 @JSON
 def study(
     study: str | None,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import controllers
+from controllers.catalog import outside
 from twin.errors import TwinError
 from twin.paths import model_path
 from twin.run.batch import alike, simulate
@@ -192,6 +193,7 @@ def sources() -> list[Path]:
     found += [twin / "run" / f"{name}.py" for name in RUN]
     found += [twin / "scenario" / f"{name}.py" for name in ("schema", "plant", "tables")]
     found += [twin / "settings.py", Path(__file__), model_path(), model_path("cams.json")]
+    found += [Path(module.__file__) for module in outside() if module.__file__]
     return sorted(found)
 
 

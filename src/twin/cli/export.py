@@ -1,0 +1,38 @@
+"""The command export: the signals of a run for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from twin.cli.output import console
+from twin.errors import RecordError
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--rig", type=int, help="Rig, if the record has several [the first].")
+@click.option(
+    "--every", type=click.IntRange(min=1), default=1, help="Take every N-th row only.", metavar="N"
+)
+@click.option("--columns", help="Columns to take, with commas between [all]; time comes first.")
+def export(run: Path, file: Path, rig: int | None, every: int, columns: str | None) -> int:
+    """Export the signals of a run to a .csv, .mat or .parquet file."""
+    from twin.errors import nearest
+    from twin.run.export import export as write
+    from twin.run.replay import open_run
+
+    (opened,) = open_run(run, () if rig is None else (rig,))
+    names = list(opened.rows)
+    if columns is not None:
+        wanted = [name.strip() for name in columns.split(",")]
+        for name in wanted:
+            if name not in names:
+                raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
+        names = list(dict.fromkeys(("time", *wanted)))
+    write(file, {name: opened.rows[name][::every] for name in names}, opened.units)
+    rows = len(opened.rows["time"][::every])
+    console.print(f"written to {file}: {rows} rows of {len(names)} columns")
+    return 0

@@ -1,0 +1,1 @@
+"""What ``ballplate new`` writes: working examples, renamed."""
