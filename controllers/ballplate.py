@@ -77,6 +77,8 @@ class BallPlate:
     """c2 / c1 in m, (5.1)."""
     k1: float = field(init=False, repr=False)
     """Ball acceleration for a unit sine of the slope in m/s^2, (6.41)."""
+    k: Array = field(init=False, repr=False, compare=False)
+    """The same along x and along y for a positive plate angle, +-k1 in m/s^2, (6.45)."""
 
     def __post_init__(self) -> None:
         """Check the parameters and derive the constants of (5.1)."""
@@ -99,6 +101,7 @@ class BallPlate:
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "k", self.k1 * SIGN)
 
     def f(self, x: Array) -> Array:
         """Drift of the exact model (5.9b), shape (..., 8)."""
@@ -203,12 +206,10 @@ class BallPlate:
 
     def chain(self, x: Array) -> Chain:
         """Brunovsky form of the flat model at the state x, shape (..., 8)."""
-        axes = x.reshape(*x.shape[:-1], 2, 4)
-        angle, rate = axes[..., 2], axes[..., 3]
-        k = self.k1 * SIGN
-        a = k * np.cos(angle)
-        z = axes.copy()
-        z[..., 2] = k * np.sin(angle)
+        z = x.copy().reshape(*x.shape[:-1], 2, 4)
+        angle, rate = x[..., 2::4], x[..., 3::4]
+        a = self.k * np.cos(angle)
+        z[..., 2] = self.k * np.sin(angle)
         z[..., 3] = a * rate
         return Chain(z, angle, rate, a)
 

@@ -51,7 +51,7 @@ class AFL(Law):
         """Plate accelerations (6.59) in rad/s^2, shape (..., 2)."""
         z, _, rate, a = self.model.chain(x)
         r = reference(t)
-        v = r[4] - (z - desired(r[:4])) @ self.p[:4]
+        v = r[4] - (z - desired(r[:4])).dot(self.p[:4])
         if self.memory:
             v = v - self.p[4] * q
         out: Array = (v + z[..., 2] * rate * rate) / a

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.ballplate import SIGN
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, stable_poles
 from controllers.state_feedback import optimal, placed, weights
@@ -60,7 +59,7 @@ class Feedforward(Law):
         Returns:
             x*, shape (..., 8), and u_ff in rad/s^2, shape (..., 2).
         """
-        k = self.model.k1 * SIGN
+        k = self.model.k
         sine = np.minimum(np.maximum(r[2] / k, -STEEPEST), STEEPEST)
         a = k * np.sqrt(1 - sine * sine)
         rate = r[3] / a

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from controllers.ballplate import BallPlate
 __all__ = ["Array", "Law", "Mask", "Measurement", "Observer", "Reference"]
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement:
+class Measurement(NamedTuple):
     """What a rig hands over once a control period, simulated or real.
 
     Attributes:

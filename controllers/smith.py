@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, some
 from controllers.interfaces import Measurement, Observer
 
 BALL = slice(0, None, 4)
@@ -74,13 +74,14 @@ class Smith(Observer):
         slot = self._tick % self._length
         self._past[slot] = ball
         y = measurement.y.copy()
+        position = y[..., 0::2]
         touched = measurement.touched
-        if measurement.age.any():
+        if some(measurement.age):
             touched = touched & (measurement.age <= self.longest_wait)
             age = np.where(touched, measurement.age, 0)
-            y[..., 0::2] += ball - self._look_back_each(self._back + age / self.period)
+            position += ball - self._look_back_each(self._back + age / self.period)
         else:
-            y[..., 0::2] += ball - self._look_back()
+            position += ball - self._look_back()
         self.x = self.observer.correct(
             Measurement(measurement.time, y, measurement.age, touched, measurement.state)
         )

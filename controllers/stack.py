@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controllers.arrays import constant
 from controllers.interfaces import Array, Law, Measurement, Observer, Reference
 
 
@@ -43,6 +44,7 @@ class Controller:
             reference = SampledReference(reference, period)
         self.reference = reference
         self.period = period
+        self._period = constant(period)
 
     def start(self, measurement: Measurement) -> None:
         """Begin with the ball and the plate where the measurement sees them, at rest."""
@@ -61,8 +63,8 @@ class Controller:
         u = self.law.control(t, x, self.reference, self.memory)
         if self.law.memory:
             slope = self.law.memory_rate(t, x, self.reference, self.memory)
-            self.memory = self.memory + self.period * slope
-        return ControlStep(x, u, self.rate + self.period * u)
+            self.memory = self.memory + self._period * slope
+        return ControlStep(x, u, self.rate + self._period * u)
 
     def applied(self, rate: Array) -> Array:
         """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).
@@ -70,7 +72,7 @@ class Controller:
         Returns:
             The accelerations that they mean, rad/s^2, shape (..., 2).
         """
-        acceleration: Array = (rate - self.rate) / self.period
+        acceleration: Array = (rate - self.rate) / self._period
         self.observer.predict(acceleration)
         self.rate = rate
         return acceleration

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, every
 from controllers.ballplate import MEASURED
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import OUTPUTS
@@ -89,7 +89,7 @@ class ExtendedKalman(Observer):
     def correct(self, measurement: Measurement) -> Array:
         """Take in a measurement; without a touch only the plate angles correct."""
         x, P, y, R = self.x, self.P, measurement.y, self._R
-        if not measurement.touched.all():
+        if not every(measurement.touched):
             felt = measurement.touched[..., np.newaxis] | OF_PLATE
             y, R = np.where(felt, y, x[..., OUTPUTS]), np.where(felt, R, math.inf)
         # rows of C P, and the innovation as a further column that is treated as they are

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controllers.arrays import Array
+from controllers.arrays import Array, every
 from controllers.interfaces import Measurement
 
 OUTPUTS = slice(0, None, 2)
@@ -20,6 +20,6 @@ def innovation(measurement: Measurement, x: Array) -> Array:
         Shape (..., 4), in m and rad.
     """
     e = measurement.y - x[..., OUTPUTS]
-    if not measurement.touched.all():
+    if not every(measurement.touched):
         e[~measurement.touched, 0::2] = 0
     return e

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import SIGN
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import innovation
 from controllers.observers.luenberger import axis_poles
@@ -71,7 +70,7 @@ class NonlinearLuenberger(Observer):
         self.H = chain_gain(stable_poles(self.plate_poles, 2), self.period)
         self._ball = A[:2].T, B[:2, 0]
         self._turn, self._push = A[2:, 2:].T, B[2:, 0]
-        self._k = SIGN * self.model.k1
+        self._k = self.model.k
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8)."""

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin.hal.limits import Limits
+from twin.hal.limits import Clamp, Limits
 from twin.hal.states import Event, State
 from twin.hal.supervisor import Supervisor
 
@@ -44,6 +44,16 @@ def test_a_wish_within_every_limit_passes_unchanged():
     supervisor = running()
     wish = np.array([[0.01, -0.005], [0.0, 0.012]])
     assert np.array_equal(supervisor.clamp(wish), wish)
+
+
+@settings(max_examples=300)
+@given(*[arrays(float, (3, 2), elements=st.floats(-r, r)) for r in (2.0, 0.65, 0.2)])
+def test_one_rig_is_clamped_to_the_bits_it_has_among_three(wish, rate, angle):
+    clamp = Clamp(LIMITS, PERIOD)
+    together = clamp(wish, rate, angle)
+    for rig in range(3):
+        mine = slice(rig, rig + 1)
+        assert np.array_equal(clamp(wish[mine], rate[mine], angle[mine]), together[mine])
 
 
 def test_nothing_moves_before_the_explicit_start():

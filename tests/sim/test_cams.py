@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import fsolve
 
 from twin.errors import ModelError
@@ -132,6 +133,17 @@ def test_the_table_takes_any_leading_axes(table):
     motor = table.motor(plate)
     assert motor.shape == plate.shape
     assert motor[1, 2] == pytest.approx(table.motor(plate[1, 2]))
+
+
+def test_the_table_is_scipys_cubic_spline_for_one_rig_and_for_many(table):
+    edge = table.grid[-1]
+    plate = np.random.default_rng(3).uniform(-edge, edge, (500, 2))
+    found = table.motor(plate)
+    for motor in (0, 1):
+        spline = RectBivariateSpline(table.grid, table.grid, table.angles[..., motor])
+        assert found[:, motor] == pytest.approx(spline(*plate.T, grid=False), abs=1e-12)
+    alone = [table.motor(one[None])[0] for one in plate]
+    assert np.array_equal(alone, found)
 
 
 def test_the_table_returns_its_own_numbers_on_its_grid(table):

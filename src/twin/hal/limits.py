@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array, Number, column
+from controllers.arrays import Arithmetic, Array, Number, column, elementwise
 from twin.settings import Unit, setting
 
 
@@ -49,7 +50,7 @@ class Clamp:
         self._step = acceleration * period
         self._half_step = self._step / 2
         self._whole_way = 2 * acceleration * angle
-        self._per_angle = 2 * acceleration * np.array([1.0, -1.0])[:, None, None]
+        self._per_angle = 2 * acceleration
         self._least, self._most = self._half_step**2, (rate + self._half_step) ** 2
 
     def __call__(self, requested: Array, rate: Array, angle: Array) -> Array:
@@ -60,14 +61,19 @@ class Clamp:
             rate: Rates commanded last, rad/s, shape (N, 2).
             angle: Plate angles, rad, shape (N, 2).
         """
+        return elementwise(self._allowed, requested, rate, angle)
+
+    def _allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
+        """The same for each plate axis."""
+        back = requested < 0
+        towards = by.where(back, -angle, angle)
         # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this
-        # is the square of v + step / 2 that the way to the angle limit allows, up and down.
-        square = self._whole_way - self._per_angle * angle
-        square = np.minimum(np.maximum(square, self._least), self._most)
-        up, down = np.sqrt(square) - self._half_step
-        requested = np.minimum(np.maximum(requested, -down), up)
-        rates: Array = np.minimum(np.maximum(requested, rate - self._step), rate + self._step)
-        return rates
+        # is the square of v + step / 2 that the way to the angle limit allows.
+        square = self._whole_way - self._per_angle * towards
+        largest = by.sqrt(by.least(by.most(square, self._least), self._most)) - self._half_step
+        size = by.least(largest, abs(requested))
+        requested = by.where(back, -size, size)
+        return by.least(by.most(requested, rate - self._step), rate + self._step)
 
     def towards_level(self, angle: Array) -> Array:
         """The rates that bring the plate level, with half of the acceleration allowed."""

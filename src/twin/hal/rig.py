@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, constant
 from controllers.interfaces import Measurement
 from twin.hal.faults import FaultSource
 from twin.hal.interface import Clock, Servos, TouchScreen, Transmission
@@ -61,6 +61,7 @@ class Rig:
         anchor: float = ANCHOR,
     ) -> None:
         self.period = period
+        self._period = constant(period)
         self.journal: list[Entry] = []
         """Every condition that was detected, oldest first."""
         self.supervisor = supervisor
@@ -128,7 +129,7 @@ class Rig:
         """What the sensors say now; a rig past a limit is stopped here."""
         touch = self._screen.read()
         plate = self._servos.plate()
-        y = np.empty((*plate.shape[:-1], 4))
+        y = np.empty((len(plate), 4))
         y[..., 0::2] = touch.position
         y[..., 1::2] = plate
         self.supervisor.watch(y, touch.touched)
@@ -154,9 +155,9 @@ class Rig:
         if self._unanchored > self._anchor_time:
             self._anchor()
         applied = self.supervisor.clamp(rate)
-        self._plate = self._plate + self.period * applied
+        self._plate = self._plate + self._period * applied
         motor = self._transmission.motor(self._plate)
-        self._servos.command((motor - self._motor) / self.period)
+        self._servos.command((motor - self._motor) / self._period)
         self._motor = motor
         return applied
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array, Mask, column
+from controllers.arrays import Array, Mask, column, constant, every, some
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Clamp, Limits
 from twin.hal.states import TRANSITIONS, Event, State
@@ -76,11 +76,11 @@ class Supervisor:
         self.notes: list[Note] = []
         """What was detected and not yet taken out, oldest first."""
         self._clamp = Clamp(limits, period)
-        self._period = period
+        self._period = constant(period)
         self._bounds: Array = np.empty((rigs, 4))
         self._bounds[:, 0::2] = np.add(limits.area, column(limits.margin))
         self._bounds[:, 1::2] = column(limits.angle) + self.ANGLE_SLACK
-        self._trust = period / self.DRIFT_TIME
+        self._trust = constant(period / self.DRIFT_TIME)
         self._unseen: float | Array = 0.0
         self._paces = max(1, round(PACE / period))
         self._way = column(limits.ball_speed) * self._paces * period
@@ -130,15 +130,15 @@ class Supervisor:
         """
         self.angle = self.angle + self._trust * (y[:, 1::2] - self.angle)
         beyond = np.abs(y) > self._bounds
-        if beyond.any():
+        if some(beyond):
             ball, plate = beyond[:, 0::2].any(axis=1), beyond[:, 1::2].any(axis=1)
             self._judge(BALL_OUTSIDE, ball, y[:, 0::2], "ball at ({:.3f}, {:.3f}) m left the area")
             where = "plate at ({:.3f}, {:.3f}) rad past its limit"
             self._judge(PLATE_TILTED, plate, y[:, 1::2], where)
-        if not touched.all():
+        if not every(touched):
             self._unseen = np.where(touched, 0.0, self._unseen + self._period)
             self._judge(BALL_LOST, self.lost, y, "screen no longer feels the ball")
-        elif not isinstance(self._unseen, float):
+        else:
             self._unseen = 0.0
         self._pace += 1
         if self._pace == self._paces:
@@ -149,7 +149,7 @@ class Supervisor:
         moved = np.abs(ball - self._before)
         # NaN, where the ball was not felt, is never too fast
         fast = (moved > self._way).any(axis=1)
-        if fast.any():
+        if some(fast):
             speed = moved / (self._paces * self._period)
             self._judge(BALL_FAST, fast, speed, "ball at ({:.2f}, {:.2f}) m/s is too fast")
         self._before = np.where(touched[:, None], ball, np.nan)
@@ -160,7 +160,7 @@ class Supervisor:
         The result keeps within rate and acceleration limits, and within what can still be braked
         before the angle limit; in a fault it is zero at once.
         """
-        if not np.isfinite(rate).all():
+        if not every(np.isfinite(rate)):
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
             self._judge(BAD_REQUEST, bad, rate, "controller asked for ({}, {}) rad/s")
             rate = np.where(bad[:, None], 0.0, rate)

@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import some
 from controllers.interfaces import Measurement
 from controllers.stack import Controller
 from twin.hal.rig import Rig
@@ -66,7 +67,7 @@ class RunMonitor:
     def watch(self, measurement: Measurement) -> bool:
         """Take in a new period; return whether every rig has ended."""
         fallen = self._rig.fallen
-        if self._rig.supervisor.all_running and not fallen.any():
+        if self._rig.supervisor.all_running and not some(fallen):
             return False
         self._note(measurement.time, fallen)
         return len(self.outcomes) == self._rigs

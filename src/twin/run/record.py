@@ -102,12 +102,12 @@ class Recorder:
             if (self._tick - 1) % self.every:
                 return
             self._peak = None
-        kept = {name: channels[name] for name in self.keep or channels}
         if not self.data:
-            for name, value in kept.items():
-                self.data[name] = np.full((len(self._time), *value.shape), np.nan)
-        for name, value in kept.items():
-            self.data[name][self.length] = value
+            for name in self.keep or channels:
+                self.data[name] = np.full((len(self._time), *channels[name].shape), np.nan)
+            self._columns = list(self.data.items())
+        for name, values in self._columns:
+            values[self.length] = channels[name]
         self._time[self.length] = time
         self.length += 1
 

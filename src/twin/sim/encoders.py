@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array, Number, column
+from controllers.arrays import Array, Number, column, constant
 from twin.settings import setting
 from twin.sim.noise import HeldPeriods, Noise
 
@@ -46,7 +46,7 @@ class SimulatedEncoders:
         counts = np.asarray(column(model.counts), float)
         self._exact = counts == 0
         self._counting, self._mixed = bool(counts.any()), bool(self._exact.any())
-        self._count = 2 * math.pi / np.where(self._exact, 1.0, counts)
+        self._count = constant(2 * math.pi / np.where(self._exact, 1.0, counts))
 
     def read(self, plate: Array) -> Array:
         """Measured plate angles in rad for the true ones, both (N, 2)."""

@@ -149,11 +149,13 @@ class SimulatedScreen:
     ) -> tuple[Array, Mask]:
         """Ball so many periods ago, between two samples by a straight line."""
         newer = (self._tick - whole) % self._length
-        rows: Any = slice(None) if isinstance(newer, int) else self._rows
-        after, felt = self._past[newer, rows], self._felt[newer, rows]
+        one_for_all = isinstance(newer, int)
+        at: Any = newer if one_for_all else (newer, self._rows)
+        after, felt = self._past[at], self._felt[at]
         if share is None:
             return after.copy(), felt
-        before = self._past[(newer - 1) % self._length, rows]
+        older = (newer - 1) % self._length
+        before = self._past[older if one_for_all else (older, self._rows)]
         return (1 - share) * after + share * before, felt
 
     def _drawn_delay(self) -> Array:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.arrays import Array, Mask, Number
+from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.sim.plant.friction import ARRAYS, NUMBERS, Friction, resisted
+from twin.sim.plant.friction import Friction, resisted
 from twin.sim.plant.level import tilted_gravity
 from twin.sim.plant.rolling import Rolling, rolling
 

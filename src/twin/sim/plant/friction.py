@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Number
+from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.settings import Unit, setting
 from twin.sim.plant.surface import SurfaceMap
-
-
-class Arithmetic(NamedTuple):
-    """What one formula needs to hold for a plain number and for an array of rigs alike."""
-
-    sqrt: Callable[[Any], Any]
-    where: Callable[[Any, Any, Any], Any]
-    """The second argument where the first is true, else the third."""
-    any: Callable[[Any], bool | np.bool_]
-
-
-NUMBERS = Arithmetic(math.sqrt, lambda condition, this, other: this if condition else other, bool)
-"""Of plain numbers, several times faster than numpy's for one rig."""
-ARRAYS = Arithmetic(np.sqrt, np.where, np.any)
 
 
 def resisted(

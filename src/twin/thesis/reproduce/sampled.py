@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class FromOrigin(Controller):
 
     def start(self, measurement: Measurement) -> None:
         """Begin with ball and plate at rest on the centre, whatever is measured."""
-        super().start(replace(measurement, y=np.zeros_like(measurement.y)))
+        super().start(measurement._replace(y=np.zeros_like(measurement.y)))
 
 
 class EndlessPlate(ExactPlant):
