@@ -89,6 +89,7 @@ class Recorder:
     def __post_init__(self) -> None:
         """Make room for the times."""
         self._time = np.empty(math.ceil(self.ticks / self.every))
+        self._columns: list[tuple[str, Array]] = []
         self._tick = 0
         self._peak: Array | None = None
 
@@ -102,7 +103,7 @@ class Recorder:
             if (self._tick - 1) % self.every:
                 return
             self._peak = None
-        if not self.data:
+        if not self._columns:
             for name in self.keep or channels:
                 self.data[name] = np.full((len(self._time), *channels[name].shape), np.nan)
             self._columns = list(self.data.items())
