@@ -7,6 +7,7 @@ import json
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from functools import partial
 from math import factorial
 from pathlib import Path
 from typing import Any, Self
@@ -68,22 +69,19 @@ class CamTable:
             raise ModelError(f"cam table: {self.angles.shape} angles on a grid of {n} lines")
         if not (np.isfinite(self.angles).all() and np.all(np.diff(self.grid) > 0)):
             raise ModelError("cam table: angles must be finite and the grid rising")
-        interpolate = scipy.interpolate.make_interp_spline
-        along_phi = interpolate(self.grid, self.angles, k=_ORDER, axis=0)
-        along_both = interpolate(self.grid, along_phi.c, k=_ORDER, axis=1)
-        knots, weights = (along_phi.t, along_both.t), along_both.c.swapaxes(0, 1)
-        spline = scipy.interpolate.NdBSpline(knots, weights, k=_ORDER)
-        lines = self.grid[:-1]
-        corners = np.stack(np.meshgrid(lines, lines, indexing="ij"), axis=-1)
-        pieces = np.empty((2, _ORDER + 1, _ORDER + 1, n - 1, n - 1))
-        for i, j in np.ndindex(pieces.shape[1:3]):
-            derivative = spline(corners, nu=(i, j))
-            pieces[:, i, j] = np.moveaxis(derivative, -1, 0) / (factorial(i) * factorial(j))
+        spline = partial(scipy.interpolate.make_interp_spline, self.grid, k=_ORDER)
+        corners, powers = self.grid[:-1], range(_ORDER + 1)
+        # Taylor coefficients at the corners, first along phi, then of these along theta
+        along_phi = spline(self.angles, axis=0)
+        rows = np.array([along_phi(corners, nu=i) / factorial(i) for i in powers])
+        along_theta = spline(rows, axis=2)
+        pieces = np.array([along_theta(corners, nu=j) / factorial(j) for j in powers])
+        pieces = pieces.transpose(4, 1, 0, 2, 3).copy()
         cells = np.moveaxis(pieces, (3, 4), (0, 1)).tolist()
         object.__setattr__(self, "_pieces", pieces)
         object.__setattr__(self, "_lists", (self.grid.tolist(), cells))
-        level = np.zeros((1, 2))
-        slopes = spline(level, nu=(1, 0))[0, 0], spline(level, nu=(0, 1))[0, 1]
+        level = along_phi(0.0), along_phi(0.0, nu=1)
+        slopes = spline(level[1][:, 0])(0.0), spline(level[0][:, 1])(0.0, nu=1)
         object.__setattr__(self, "ratio", float(np.mean(slopes)))
 
     def motor(self, plate: Array) -> Array:

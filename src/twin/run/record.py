@@ -107,9 +107,10 @@ class Recorder:
             for name in self.keep or channels:
                 self.data[name] = np.full((len(self._time), *channels[name].shape), np.nan)
             self._columns = list(self.data.items())
+        row = self.length
         for name, values in self._columns:
-            values[self.length] = channels[name]
-        self._time[self.length] = time
+            values[row] = channels[name]
+        self._time[row] = time
         self.length += 1
 
     def _largest(self, applied: Array) -> Array:
