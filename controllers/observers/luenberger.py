@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy
 
 from controllers.arrays import Array
 from controllers.observers.innovation import OUTPUTS
 from controllers.observers.linear import LinearObserver
+from controllers.observers.placement import place_poles
 from controllers.observers.sampling import sample
 from controllers.poles import Pole, listed, stable_poles
 
@@ -71,5 +71,4 @@ def current_gain(A: Array, poles: Sequence[Pole], T: float) -> Array:
     if max(map(poles.count, poles)) > 2:
         raise ValueError(f"poles may coincide in pairs, no more, got {listed(poles)}")
     C = np.eye(4)[OUTPUTS]
-    placed = scipy.signal.place_poles(A.T, C.T, np.exp(np.sort(poles) * T))
-    return np.linalg.solve(A, placed.gain_matrix.T)
+    return np.linalg.solve(A, place_poles(A.T, C.T, np.exp(np.array(poles) * T)).T)

@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import place_poles
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -20,6 +19,7 @@ from controllers.interfaces import Observer
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
 from controllers.observers.kalman import bucy_covariance
 from controllers.observers.luenberger import axis_poles
+from controllers.observers.placement import place_poles
 
 OUTPUTS = slice(0, 8, 2)
 """The measured states x, phi, y, theta."""
@@ -141,5 +141,5 @@ def _placed(A: Array, poles: tuple[tuple[complex, ...], ...]) -> Array:
     for axis, mine in enumerate(poles):
         own, outputs = slice(4 * axis, 4 * axis + 4), slice(2 * axis, 2 * axis + 2)
         C = np.eye(4)[0::2]
-        L[own, outputs] = place_poles(A[own, own].T, C.T, np.sort(mine)).gain_matrix.T
+        L[own, outputs] = place_poles(A[own, own].T, C.T, mine).T
     return L

@@ -1,0 +1,119 @@
+"""Pole placement that turns the eigenvectors away from each other, pair by pair.
+
+With two inputs, poles do not fix a gain: each eigenvector may lie anywhere in a plane. The search
+is that of A. L. Tits and Y. Yang, Globally convergent algorithms for robust pole assignment by
+state feedback, IEEE Trans. Automatic Control 41 (1996), 1432-1452. It takes the steps of
+``scipy.signal.place_poles`` and ends with its gain; importing that takes as long as a fifth of a
+run, for it brings scipy.stats along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from controllers.poles import Pole
+
+Complex = NDArray[Any]
+"""Real or complex numbers."""
+
+SWEEPS = 30
+"""Most times that all pairs are turned."""
+SETTLED = 1e-3
+"""Relative change of the eigenvectors' volume in a sweep at which the search ends."""
+PAIRS = {
+    0: ((3, 0), (1, 2), (0, 1), (2, 3), (0, 2), (1, 3)),
+    1: ((1, 0), (2, 3), (0, 1), (2, 3), (2, 3), (2, 3), (0, 1), (2, 3)),
+    2: ((0, 1), (2, 3)) * 5,
+}
+"""The pairs of a sweep by the number of conjugate pairs among the poles, real poles first."""
+
+
+def place_poles(A: Array, B: Array, poles: Sequence[Pole] | Array) -> Array:
+    """Gain K that gives A - B K four poles, with eigenvectors that span a large volume.
+
+    Args:
+        A: State matrix, shape (4, 4).
+        B: Input matrix with orthonormal columns, shape (4, 2).
+        poles: Real or in conjugate pairs, none more than twice, shape (4,).
+
+    Returns:
+        Shape (2, 4).
+    """
+    real = sorted(pole.real for pole in poles if not pole.imag)
+    lower = sorted((pole for pole in poles if pole.imag < 0), key=lambda p: (p.real, p.imag))
+    unreached = scipy.linalg.qr(B)[0][:, 2:]
+    planes: list[Complex] = []
+    columns: list[Array] = []
+    for pole in (*real, *lower):
+        plane = scipy.linalg.qr((A - pole * np.eye(4)).T @ unreached)[0][:, 2:]
+        begin = plane.sum(axis=1) / np.linalg.norm(plane.sum(axis=1))
+        # a conjugate pair stands as real and imaginary part of one vector
+        parts = (begin.real, begin.imag) if pole.imag else (begin,)
+        columns += parts
+        planes += [plane] * len(parts)
+    X = np.stack(columns, axis=1)
+    for _ in range(SWEEPS):
+        before = abs(np.linalg.det(X))
+        for i, j in PAIRS[len(lower)]:
+            turn = _turned if i < len(real) else _turned_conjugates
+            others = scipy.linalg.qr(np.delete(X, (i, j), axis=1))[0]
+            X[:, i], X[:, j] = turn(X[:, i], X[:, j], planes[i], planes[j], *others.T[2:])
+        volume = abs(np.linalg.det(X))
+        if abs(volume - before) < SETTLED * volume:
+            break
+    V = X.astype(complex)
+    values = [complex(pole) for pole in real]
+    for pole in lower:
+        i = len(values)
+        V[:, i], V[:, i + 1] = X[:, i] - 1j * X[:, i + 1], X[:, i] + 1j * X[:, i + 1]
+        values += [pole, pole.conjugate()]
+    closed = np.linalg.solve(V.T, np.diag(values) @ V.T).T
+    return B.T @ (A - closed.real)
+
+
+def _turned(
+    x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array
+) -> tuple[Array, Array]:
+    """The eigenvectors x, y of two real poles in their planes P, Q that span most with the others.
+
+    Args:
+        x: Shape (4,).
+        y: Shape (4,).
+        P: Orthonormal columns, shape (4, 2).
+        Q: Orthonormal columns, shape (4, 2).
+        u: With v an orthonormal basis of what is orthogonal to the other two, shape (4,).
+        v: Shape (4,).
+    """
+    left, size, right = np.linalg.svd(P.T @ (np.outer(u, v) - np.outer(v, u)) @ Q)
+    if np.allclose(*size):
+        basis = scipy.linalg.block_diag(P, Q) @ np.concatenate([left, right.T])
+    else:
+        basis = np.concatenate([P @ left[:, :1], Q @ right[:1].T])
+    found = _nearest(np.concatenate([x, y]), basis, np.sqrt(2))
+    return found[:4], found[4:]
+
+
+def _turned_conjugates(
+    x: Array, y: Array, P: Complex, _: Complex, u: Array, v: Array
+) -> tuple[Array, Array]:
+    """The same for real and imaginary part x, y of a conjugate pair's eigenvector in the plane P."""
+    w = np.sqrt(2) * (u + 1j * v)
+    size, directions = np.linalg.eig(
+        P.conj().T @ (np.outer(w, w.conj()) - np.outer(w.conj(), w)) @ P
+    )
+    largest = np.argsort(-np.abs(size))[: 2 if np.allclose(*np.abs(size)) else 1]
+    found = _nearest(x + 1j * y, P @ directions[:, largest])
+    return found.real, found.imag
+
+
+def _nearest(x: Complex, basis: Complex, length: float = 1.0) -> Complex:
+    """The projection of x on basis columns, made as long; the first of them if it is none."""
+    near = basis @ basis.conj().T @ x
+    chosen = basis[:, 0] if np.allclose(near, 0) else near
+    return length * chosen / np.linalg.norm(chosen)
