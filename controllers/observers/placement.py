@@ -77,9 +77,7 @@ def place_poles(A: Array, B: Array, poles: Sequence[Pole] | Array) -> Array:
     return B.T @ (A - closed.real)
 
 
-def _turned(
-    x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array
-) -> tuple[Array, Array]:
+def _turned(x: Array, y: Array, P: Array, Q: Array, u: Array, v: Array) -> tuple[Array, Array]:
     """The eigenvectors x, y of two real poles in their planes P, Q that span most with the others.
 
     Args:
@@ -102,7 +100,7 @@ def _turned(
 def _turned_conjugates(
     x: Array, y: Array, P: Complex, _: Complex, u: Array, v: Array
 ) -> tuple[Array, Array]:
-    """The same for real and imaginary part x, y of a conjugate pair's eigenvector in the plane P."""
+    """The same for a conjugate pair: real part x, imaginary part y, in the complex plane P."""
     w = np.sqrt(2) * (u + 1j * v)
     size, directions = np.linalg.eig(
         P.conj().T @ (np.outer(w, w.conj()) - np.outer(w.conj(), w)) @ P

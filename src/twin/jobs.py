@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from threading import Thread
+from typing import Any, TypeVar
 
 from twin.errors import TwinError
 
@@ -37,20 +42,68 @@ def results(
         for name, job in jobs:
             yield name, work(job)
         return
-    before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes, context, initializer=_leave_interrupts)
     try:
-        for name, future in handed_out(pool, work, jobs, AHEAD * processes):
-            yield name, future.result()
-        pool.shutdown()
+        with _pool(processes) as pool:
+            for name, future in handed_out(pool, work, jobs, AHEAD * processes):
+                yield name, future.result()
+            pool.shutdown()
     except BrokenProcessPool as error:
         raise TwinError("a process of this command was killed; is there enough memory?") from error
-    finally:
-        # Whatever ended this early, nobody wants the rest any more.
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
+
+
+class SecondProcess:
+    """A process that works beside this one; whatever it is at, leaving the context ends it.
+
+    What cannot be done there, because there is none or it was killed, is done here instead when
+    its result is asked for.
+
+    Args:
+        wanted: Whether to have one.
+
+    Attributes:
+        there: Whether there is one.
+    """
+
+    def __init__(self, *, wanted: bool) -> None:
+        self.there = wanted
+        self._ends = ExitStack()
+
+    def __enter__(self) -> SecondProcess:
+        """Have the process; it starts with its first work."""
+        self._pool = self._ends.enter_context(_pool(1)) if self.there else None
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self._ends.close()
+
+    def begin(self, work: Callable[..., Result], *given: Any) -> Callable[[], Result]:
+        """Begin some work after what was begun before; what is returned waits for its result.
+
+        Args:
+            work: A function of a module.
+            given: Its arguments.
+        """
+        here = partial(work, *given)
+        if self._pool is None:
+            return here
+        try:
+            future = self._pool.submit(work, *given)
+        except (BrokenProcessPool, OSError):
+            return here
+
+        def result() -> Result:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                return here()
+
+        return result
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def handed_out(
@@ -81,6 +134,43 @@ def handed_out(
         yield from finished()
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C reaches every process of the terminal: let the first one end the others."""
+class _Pool(ProcessPoolExecutor):
+    """Processes that Ctrl-C, which reaches all of a terminal, leaves to the one that began them."""
+
+    def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Hand out some work; starts a process if all are busy."""
+        if sys.platform == "win32":
+            return super().submit(work, *args, **kwargs)
+        # a process keeps the mask it is started with: it is safe even before it runs a line
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(work, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[_Pool]:
+    """Processes that end, whatever they are at, when this context is left."""
+    before = set(multiprocessing.active_children())
+    pool = _Pool(processes, multiprocessing.get_context("spawn"), initializer=_settle)
+    try:
+        yield pool
+    finally:
+        # whatever ended this early, nobody wants the rest any more
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+
+
+def _settle() -> None:
+    """Leave Ctrl-C to the process that began this one, and end when it has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

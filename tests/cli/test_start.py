@@ -9,13 +9,16 @@ import pytest
 
 from twin.cli import COMMANDS, HELP, ballplate
 
-UNUSED = {"control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot"}
+UNUSED = {
+    "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
+    "scipy.stats",
+}  # fmt: skip
 """What no run with a nonlinear law needs, whatever it writes."""
-LATE = {"matplotlib", "pyarrow", "PIL", "scipy.signal", "scipy.stats", "scipy.interpolate"}
-"""What a run needs for its observer, its cams and its files, but not to be imported."""
-HEAVY = UNUSED | LATE | {"numpy", "scipy", "mujoco", "pydantic"}
+LATE = {"matplotlib", "mujoco", "pyarrow", "PIL", "scipy.interpolate"}
+"""What a run needs for its plant, its cams and its files, but not to be imported."""
+HEAVY = UNUSED | LATE | {"numpy", "scipy", "pydantic"}
 """What help, lists and mistakes never need."""
-RUN = ("run", "sine", "--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
+SHORT = ("--set", "duration=0.2", "--set", "metrics.start=0")
 
 COMMAND = """
 from twin.cli import main
@@ -58,11 +61,18 @@ def test_help_lists_and_mistakes_need_no_numerical_library(tmp_path, arguments, 
     assert not imported & HEAVY
 
 
-def test_a_run_imports_only_what_it_uses(tmp_path):
-    code, imported = modules(tmp_path, COMMAND, *RUN)
+@pytest.mark.parametrize(
+    ("run", "unused"),
+    [
+        (("sine", "--plant", "lagrange"), UNUSED | {"mujoco"}),
+        (("circle",), UNUSED),
+    ],
+)
+def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
+    code, imported = modules(tmp_path, COMMAND, "run", *run, *SHORT)
     assert code == 0
-    assert (tmp_path / "runs" / "sine" / "picture.png").is_file()
-    assert not imported & UNUSED
+    assert (tmp_path / "runs" / run[0] / "picture.png").is_file()
+    assert not imported & unused
 
 
 @pytest.mark.parametrize("module", ["twin.run.execute", "twin.run.batch", "controllers.analysis"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from twin.shipped import shipped
 
 if TYPE_CHECKING:
     from twin.hal.rig import Rig
+    from twin.jobs import SecondProcess
     from twin.run.execute import Run
     from twin.run.metrics import Motion
     from twin.run.record import Recorder
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
 """What the plants are called in tables, pictures and progress."""
 CLEAN = "clean model"
+WORTH_PROCESS = 5.0
+"""Simulated seconds from which a process of its own for the clean model saves time."""
 
 
 @click.command("list")
@@ -68,20 +72,25 @@ def run(
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     changed = _with_plant(overrides, plant)
     chosen = titled(load_scenario(scenario, changed), changed)
+    from twin.jobs import SecondProcess, cores
     from twin.run.execute import save
-    from twin.scenario.clean import clean
 
     folder = out or Path("runs") / Path(scenario).stem
     check_writable(folder)
     label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
-    with on_rig(rig, chosen, changed, reset=reset) as real, viewing.of(chosen, folder) as watch:
-        done = _run(chosen, label, watch, quiet=viewing.watch, rig=real)
-    if real is not None:
-        print_timing(real)
-    runs: dict[str, Run] = {label: done}
-    if chosen.baseline and chosen.plant.kind == "mujoco" and not done.outcome.interrupted:
-        runs[CLEAN] = _run(clean(chosen), CLEAN)
-    save(done, folder, {label: each.motion for label, each in runs.items()})
+    compared = chosen.baseline and chosen.plant.kind == "mujoco"
+    parallel = compared and rig is None and chosen.duration >= WORTH_PROCESS and cores() > 1
+    with SecondProcess(wanted=parallel) as beside:
+        baseline = _clean(chosen, beside) if compared else None
+        with on_rig(rig, chosen, changed, reset=reset) as real, viewing.of(chosen, folder) as watch:
+            done = _run(chosen, label, watch, quiet=viewing.watch, rig=real)
+        if real is not None:
+            print_timing(real)
+        runs: dict[str, Run] = {label: done}
+        if baseline is not None and not done.outcome.interrupted:
+            with suppress(KeyboardInterrupt):
+                runs[CLEAN] = baseline()
+        save(done, folder, {label: each.motion for label, each in runs.items()}, beside)
     if as_json:
         print_json(done.summary())
     else:
@@ -169,9 +178,18 @@ def _run(
     quiet: bool = False,
     rig: Rig | None = None,
 ) -> Run:
+    from twin.run.execute import run as run_scenario
+
+    _warn_of_dangers(scenario)
+    if quiet:
+        return run_scenario(scenario, watch=watch, rig=rig)
+    with progress(label, scenario.duration) as advance:
+        return run_scenario(scenario, advance, watch, rig)
+
+
+def _warn_of_dangers(scenario: Scenario) -> None:
     from controllers.analysis import instability, slow_observer
     from twin.run.control import build_controller
-    from twin.run.execute import run as run_scenario
 
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
@@ -181,10 +199,25 @@ def _run(
     ):
         if danger:
             warn(danger)
-    if quiet:
-        return run_scenario(scenario, watch=watch, rig=rig)
-    with progress(label, scenario.duration) as advance:
-        return run_scenario(scenario, advance, watch, rig)
+
+
+def _clean(scenario: Scenario, beside: SecondProcess) -> Callable[[], Run]:
+    """Begin the run of the clean model in the second process, if there is one; what ends it."""
+    from twin.run import execute
+    from twin.scenario.clean import clean
+
+    model = clean(scenario)
+    if not beside.there:
+        return lambda: _run(model, CLEAN)
+    result = beside.begin(execute.run, model)
+    beside.begin(execute.load_drawing)
+
+    def finished() -> Run:
+        _warn_of_dangers(model)
+        with progress(CLEAN, model.duration):
+            return result()
+
+    return finished
 
 
 def _with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:

@@ -6,12 +6,14 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from controllers.interfaces import Reference
 from twin.hal.rig import Entry, Rig
+from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
@@ -102,19 +104,22 @@ def run(
     )
 
 
-def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
+def save(
+    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
+) -> None:
     """Write a run folder: run.parquet, metrics.json, picture.png.
 
     Args:
         run: The run.
         folder: Where; made if missing.
         shown: Motions for the picture, by label.
+        beside: A process that draws the picture while the rest is written.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    from twin.run.overview_plot import draw  # noqa: PLC0415  heavy: loaded when needed
-
+    picture = (folder / "picture.png", shown, run.scenario.title, run.scenario.rig.limits.area)
+    draw = beside.begin(_draw, *picture) if beside else partial(_draw, *picture)
     metadata = {
         "scenario": run.scenario.model_dump(mode="json"),
         "metrics": run.metrics.as_dict(),
@@ -127,7 +132,18 @@ def save(run: Run, folder: Path, shown: dict[str, Motion]) -> None:
     }
     write_run(folder, run.record, metadata)
     write_json(folder / "metrics.json", run.summary())
-    draw(folder / "picture.png", shown, run.scenario.title, run.scenario.rig.limits.area)
+    draw()
+
+
+def _draw(path: Path, shown: dict[str, Motion], title: str, area: tuple[float, float]) -> None:
+    from twin.run.overview_plot import draw  # noqa: PLC0415  heavy: loaded when needed
+
+    draw(path, shown, title, area)
+
+
+def load_drawing() -> None:
+    """Import what ``save`` draws with, ahead of time."""
+    import twin.run.overview_plot  # noqa: F401, PLC0415  heavy: loaded when needed
 
 
 def versions() -> dict[str, str]:

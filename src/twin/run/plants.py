@@ -12,7 +12,6 @@ from twin.settings import changed, filled, per_rig, settings_of
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Plant
-from twin.sim.plant.mechanism import Mechanism
 from twin.sim.plant.parts import Parts
 from twin.sim.plant.surface import SurfaceMap, SurfaceModel
 from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
@@ -42,6 +41,8 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 
 def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
+    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
+
     plant = Mechanism(
         rigs=len(scenarios),
         step=scenarios[0].plant.step,

@@ -1,0 +1,104 @@
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from twin.jobs import SecondProcess, cores, results
+
+ORPHAN = """
+import os, sys, time
+from twin.jobs import SecondProcess
+if __name__ == "__main__":
+    with SecondProcess(wanted=True) as beside:
+        print(beside.begin(os.getpid)(), flush=True)
+        time.sleep(600)
+"""
+
+
+def gone(process):
+    """Whether a process ends within the time that a busy machine may need."""
+    for _ in range(600):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def suicide(value):
+    if os.getpid() != value:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+def test_work_is_done_in_the_second_process():
+    with SecondProcess(wanted=True) as beside:
+        assert beside.begin(os.getpid)() != os.getpid()
+
+
+def test_without_a_second_process_work_is_done_here_and_only_when_it_is_asked_for():
+    done = []
+    with SecondProcess(wanted=False) as beside:
+        result = beside.begin(done.append, 1)
+        assert not done
+        result()
+        assert done == [1]
+
+
+def test_work_of_a_second_process_that_is_killed_is_done_here():
+    with SecondProcess(wanted=True) as beside:
+        first = beside.begin(suicide, os.getpid())
+        assert first() == os.getpid()
+        assert beside.begin(os.getpid)() == os.getpid()
+
+
+def test_an_error_in_the_second_process_is_raised_here():
+    with SecondProcess(wanted=True) as beside, pytest.raises(ZeroDivisionError):
+        beside.begin(divmod, 1, 0)()
+
+
+def test_leaving_ends_the_second_process_at_once():
+    with SecondProcess(wanted=True) as beside:
+        process = beside.begin(os.getpid)()
+        beside.begin(time.sleep, 600)
+    assert gone(process)
+
+
+def test_a_second_process_leaves_ctrl_c_to_the_first_even_while_it_starts():
+    with SecondProcess(wanted=True) as beside:
+        before = set(multiprocessing.active_children())
+        result = beside.begin(os.getpid)
+        (process,) = set(multiprocessing.active_children()) - before
+        os.kill(process.pid, signal.SIGINT)
+        assert result() == process.pid
+
+
+def test_a_second_process_does_not_outlive_the_first():
+    first = subprocess.Popen([sys.executable, "-c", ORPHAN], stdout=subprocess.PIPE, text=True)
+    second = int(first.stdout.readline())
+    first.kill()
+    first.communicate()
+    assert gone(second)
+
+
+def test_results_are_the_same_on_any_number_of_processes():
+    jobs = [(number, number) for number in range(7)]
+    expected = {number: abs(number) for number in range(7)}
+    for processes in (1, 2):
+        assert dict(results(abs, jobs, processes)) == expected
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processors are given to processes on Linux")
+def test_only_the_processors_given_to_this_process_count():
+    given = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(given)})
+        assert cores() == 1
+    finally:
+        os.sched_setaffinity(0, given)
+    assert cores() == len(given)
