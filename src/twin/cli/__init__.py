@@ -16,7 +16,7 @@ COMMANDS = {
     "describe": "twin.cli.describe:describe",
     "new": "twin.cli.new:new",
     "run": "twin.cli.scenarios:run",
-    "compare": "twin.cli.scenarios:compare",
+    "compare": "twin.cli.compare:compare",
     "view": "twin.cli.view:view",
     "report": "twin.cli.report:report",
     "export": "twin.cli.export:export",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
-from twin.cli.options import JSON, LAW, SETTING, check_writable, titled
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING, check_writable, titled
 from twin.cli.output import console, print_json, progress
 from twin.explain.attribution import EffectCase, Explanation, plan, summary
 from twin.explain.attribution import explain as explain_scenario
@@ -17,8 +16,6 @@ from twin.explain.effects import EFFECTS, present, with_typical
 from twin.explain.plot import draw
 from twin.run.record import write_json
 from twin.scenario import load
-
-PROCESSES = min(2, os.cpu_count() or 1)
 
 
 @click.command()
@@ -31,9 +28,16 @@ PROCESSES = min(2, os.cpu_count() or 1)
     help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/explain-SCENARIO].")
+@PROCESSES
 @JSON
 def explain(
-    scenario: str, overrides: tuple[str, ...], out: Path | None, *, typical: bool, as_json: bool
+    scenario: str,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    processes: int | None,
+    *,
+    typical: bool,
+    as_json: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
     chosen = titled(load(scenario, overrides), overrides)
@@ -43,7 +47,7 @@ def explain(
     check_writable(folder)
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
     with progress(f"{runs} runs of {chosen.title}", runs) as advance:
-        found = explain_scenario(chosen, advance, PROCESSES)
+        found = explain_scenario(chosen, advance, processes)
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
     draw(folder / "picture.png", found)

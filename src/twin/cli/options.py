@@ -22,6 +22,9 @@ PLANT = click.option(
     type=click.Choice(["mujoco", "lagrange"]),
     help="Simulate the mechanism, or the exact equations.",
 )
+PROCESSES = click.option(
+    "--processes", "-j", type=click.IntRange(min=1), help="Processors to use [all]."
+)
 
 
 def _add_laws(_: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli import experiments as measured
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON, PROCESSES, check_writable
 from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
 from twin.thesis.experiments.tables import tables as measured_tables
@@ -27,7 +27,7 @@ from twin.thesis.reproduce.tables import tables as simulated_tables
 )
 @click.option("--fit", is_flag=True, help="Chapter 9 only: refit the friction to Table 9.3.")
 @click.option("--keep", is_flag=True, help="With --fit: predict with the result from now on.")
-@click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
+@PROCESSES
 @JSON
 def reproduce(
     tables: tuple[str, ...],

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON, PROCESSES, check_writable
 from twin.cli.output import console, print_json, progress
+from twin.jobs import cores
 from twin.safety.cases import CASES
 from twin.safety.doc import write_doc
 from twin.safety.matrix import FaultRow, run_all
@@ -20,14 +21,14 @@ from twin.safety.matrix import FaultRow, run_all
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write the safety case as Markdown.",
 )
-@click.option("--processes", type=click.IntRange(min=1), default=2, help="Processors to use [2].")
+@PROCESSES
 @JSON
-def safety(doc: Path | None, processes: int, *, as_json: bool) -> int:
+def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     if doc is not None:
         check_writable(doc.parent, "--doc")
     with progress("fault matrix", len(CASES)) as advance:
-        rows = run_all(processes, advance)
+        rows = run_all(processes or cores(), advance)
     if doc is not None:
         write_doc(doc, rows)
     if as_json:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
@@ -11,9 +10,10 @@ from time import perf_counter
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, LAW, check_writable
+from twin.cli.options import JSON, LAW, PROCESSES, check_writable
 from twin.cli.output import console, duration, errors, print_json, progress
 from twin.errors import ScenarioError
+from twin.jobs import cores
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, remaining
 from twin.study.cluster import Cluster
@@ -34,7 +34,7 @@ PILOT = (0.1, 0.5)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
-@click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
+@PROCESSES
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
 @click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
@@ -71,7 +71,7 @@ def study(
         check_writable(doc, "--doc")
     store = Store(folder)
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
-        processes = processes or (cluster.workers if cluster else os.cpu_count() or 1)
+        processes = processes or (cluster.workers if cluster else cores())
         if plan:
             return _plan(work, store, processes)
         with progress(about.title, work.different, "runs") as advance:

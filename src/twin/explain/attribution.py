@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.explain.effects import Effect, exact, present, without
-from twin.jobs import results
+from twin.jobs import cores, results
 from twin.run.execute import run
 from twin.run.loop import Ending
 from twin.scenario.schema import Scenario
@@ -96,14 +96,14 @@ def plan(scenario: Scenario) -> dict[str, Scenario]:
 def explain(
     scenario: Scenario,
     progress: Callable[[float], None] = lambda _: None,
-    processes: int = 2,
+    processes: int | None = None,
 ) -> Explanation:
     """Explain a scenario's error.
 
     Args:
         scenario: The scenario.
         progress: Called with the number of runs done.
-        processes: How many run side by side.
+        processes: How many run side by side; None for one a processor.
 
     Raises:
         TwinError: If a run cannot be assembled.
@@ -111,7 +111,8 @@ def explain(
     wanted = plan(scenario)
     different = {variant.model_dump_json(): variant for variant in wanted.values()}
     found: dict[str, EffectCase] = {}
-    for name, case in results(attempt, different.items(), processes):
+    count = min(processes or cores(), len(different))
+    for name, case in results(attempt, different.items(), count):
         found[name] = case
         progress(len(found))
     cases = {name: found[variant.model_dump_json()] for name, variant in wanted.items()}

@@ -18,7 +18,7 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.record import Recorder, write_json, write_run
+from twin.run.record import Recorder, write_json, write_run, write_whole
 from twin.scenario.schema import Scenario
 
 
@@ -113,13 +113,13 @@ def save(
         run: The run.
         folder: Where; made if missing.
         shown: Motions for the picture, by label.
-        beside: A process that draws the picture while the rest is written.
+        beside: A process that draws while the rest is written.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    picture = (folder / "picture.png", shown, run.scenario.title, run.scenario.rig.limits.area)
-    draw = beside.begin(_draw, *picture) if beside else partial(_draw, *picture)
+    begin = beside.begin if beside else partial
+    picture = begin(_picture, shown, run.scenario.title, run.scenario.rig.limits.area)
     metadata = {
         "scenario": run.scenario.model_dump(mode="json"),
         "metrics": run.metrics.as_dict(),
@@ -132,13 +132,13 @@ def save(
     }
     write_run(folder, run.record, metadata)
     write_json(folder / "metrics.json", run.summary())
-    draw()
+    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
 
 
-def _draw(path: Path, shown: dict[str, Motion], title: str, area: tuple[float, float]) -> None:
-    from twin.run.overview_plot import draw  # noqa: PLC0415  heavy: loaded when needed
+def _picture(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+    from twin.run.overview_plot import png  # noqa: PLC0415  heavy: loaded when needed
 
-    draw(path, shown, title, area)
+    return png(shown, title, area)
 
 
 def load_drawing() -> None:

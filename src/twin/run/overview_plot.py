@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +54,16 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
     Raises:
         RecordError: If the file cannot be written.
     """
+    content = png(runs, title, area)
+    write_whole(path, lambda target: target.write_bytes(content))
+
+
+def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+    """What ``draw`` writes; arguments as for it."""
+    content = BytesIO()
     with mpl.rc_context(LOOK):
-        drawn = _arranged(runs, title, area)
-        write_whole(path, lambda target: drawn.savefig(target, dpi=DPI, format="png"))
+        _arranged(runs, title, area).savefig(content, dpi=DPI, format="png")
+    return content.getvalue()
 
 
 def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
 
 import pyarrow as pa
 
 from twin.errors import TwinError
-from twin.jobs import AHEAD, handed_out, results
+from twin.jobs import AHEAD, cores, handed_out, results
 from twin.study.store import Store
 from twin.study.work import Job, Row, Task, Work, carry_out
 
@@ -73,7 +72,7 @@ def carry(
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
-    count = processes or os.cpu_count() or 1
+    count = processes or cores()
     known, chunks = remaining(work.tasks, store, count)
     finished = known.num_rows
     failed = finished - known["outcome"].to_pylist().count("finished")

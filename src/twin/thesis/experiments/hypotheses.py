@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import tau
@@ -10,7 +9,7 @@ from math import tau
 import numpy as np
 
 from controllers.arrays import Array
-from twin.jobs import results
+from twin.jobs import cores, results
 from twin.thesis.experiments.batch import RigKeys, noise, rolling, simulate
 from twin.thesis.experiments.fit import identified
 from twin.thesis.experiments.judge import ExperimentTrace, e_tt
@@ -165,7 +164,7 @@ def evaluated(advance: Callable[[float], None] = lambda _: None) -> list[Hypothe
         TwinError: If a simulation cannot be built, or a process is killed.
     """
     found: dict[int, HypothesisResult] = {}
-    processes = min(os.cpu_count() or 1, MOST_PROCESSES)
+    processes = min(cores(), MOST_PROCESSES)
     for index, result in results(evaluate, enumerate(HYPOTHESES), processes):
         found[index] = result
         advance(len(found) / len(HYPOTHESES))

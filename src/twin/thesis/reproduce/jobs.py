@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from twin.errors import TwinError
-from twin.jobs import results
+from twin.jobs import cores, results
 from twin.thesis.reproduce.cases import SimulationCase
 from twin.thesis.reproduce.continuous import exact
 from twin.thesis.reproduce.measures import SimulationTrace, judge
@@ -99,7 +98,7 @@ def row_results(
     total = sum(job.cost for job in jobs)
     if processes is None:
         few = total < WORTH_PROCESSES
-        processes = 1 if few else min(os.cpu_count() or 1, MOST_PROCESSES, len(jobs))
+        processes = 1 if few else min(cores(), MOST_PROCESSES, len(jobs))
     done = 0.0
     for index, found in results(_tried, enumerate(jobs), processes):
         done += jobs[index].cost
