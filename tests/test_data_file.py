@@ -2,7 +2,7 @@ import json
 import time
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.cli import main
@@ -142,6 +142,7 @@ def test_what_is_within_the_limits_is_read_as_it_stands(tmp_path):
     assert node["a"] == high
 
 
+@settings(max_examples=40)
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists, max_leaves=20))
 def test_any_json_within_the_limits_is_what_the_library_reads(value):
     text = json.dumps(value)

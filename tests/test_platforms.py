@@ -19,11 +19,13 @@ for name in [name for name in vars(os) if name.startswith("sched_")]:
 
 from twin.cli import COMMANDS, main
 
-for command in COMMANDS if sys.argv[1:] == ["all"] else [sys.argv[1:]]:
-    try:
-        main([command, "--help"] if isinstance(command, str) else command)
-    except SystemExit as ended:
-        assert not ended.code, command
+for number, line in enumerate(sys.argv[1:]):
+    for command in COMMANDS if line == "all" else [line]:
+        try:
+            main([command, "--help"] if line == "all" else command.split())
+        except SystemExit as ended:
+            assert not ended.code, command
+    print("\\f", flush=True)
 """
 STUDY = """
 title = "short"
@@ -35,45 +37,52 @@ metrics = ["rms_error"]
 [parameters."plant.friction.rolling_mm"]
 values = [0.1, 0.2]
 """
-SHORT = ("run", "hold", "--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
+CALLS = {
+    "list": "list",
+    "run": "run hold --plant lagrange --set duration=0.2 --set metrics.start=0",
+    "report": "report runs/hold",
+    "plan": "study short.toml --plan",
+    "help": "all",
+}
 
 
-@pytest.fixture
-def call(tmp_path):
-    """Runs a command where the modules of POSIX are missing; what it printed."""
-
-    def run(*arguments):
-        done = subprocess.run(
-            [sys.executable, "-c", HIDDEN, *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    return run
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("platform")
+    (path / "short.toml").write_text(STUDY)
+    return path
 
 
-def test_the_scenarios_are_listed_without_posix(call):
-    assert "circle" in call("list")
+@pytest.fixture(scope="module")
+def printed(folder):
+    """What each command prints where the modules of POSIX are missing; one process for all."""
+    done = subprocess.run(
+        [sys.executable, "-c", HIDDEN, *CALLS.values()],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return dict(zip(CALLS, done.stdout.split("\f"), strict=False))
 
 
-def test_a_run_and_its_report_are_made_without_posix(call, tmp_path):
-    call(*SHORT)
-    assert (tmp_path / "runs" / "hold" / "run.parquet").is_file()
-    call("report", "runs/hold")
-    assert (tmp_path / "runs" / "hold" / "report.html").is_file()
+def test_the_scenarios_are_listed_without_posix(printed):
+    assert "circle" in printed["list"]
 
 
-def test_a_study_is_planned_without_posix(call, tmp_path):
-    (tmp_path / "short.toml").write_text(STUDY)
-    assert "2 runs" in call("study", "short.toml", "--plan")
+@pytest.mark.usefixtures("printed")
+def test_a_run_and_its_report_are_made_without_posix(folder):
+    assert (folder / "runs" / "hold" / "run.parquet").is_file()
+    assert (folder / "runs" / "hold" / "report.html").is_file()
 
 
-def test_every_command_explains_itself_without_posix(call):
-    assert call("all").count("Usage: ") == len(COMMANDS)
+def test_a_study_is_planned_without_posix(printed):
+    assert "2 runs" in printed["plan"]
 
 
-def test_the_hidden_modules_are_missed_where_they_are_used(tmp_path):
+def test_every_command_explains_itself_without_posix(printed):
+    assert printed["help"].count("Usage: ") == len(COMMANDS)
+
+
+def test_the_hidden_modules_are_missed_where_they_are_used():
     code = HIDDEN.partition("from twin")[0] + "import fcntl"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "ModuleNotFoundError" in done.stderr

@@ -128,8 +128,12 @@ def test_covariance_starts_in_that_of_the_kalman_filter():
     np.testing.assert_array_equal(observer.P, np.broadcast_to(Kalman().S, (3, 8, 8)))
 
 
-def long_run(ticks, **settings):
-    """Least eigenvalue and largest asymmetry of P, relative, while plate and ball swing."""
+PERIODIC = 20 * np.pi
+"""Period in s of the motion of ``swung``."""
+
+
+def swung(ticks, **settings):
+    """Least eigenvalue and largest asymmetry of P, relative, while plate and ball swing; P."""
     observer = ExtendedKalman(**settings)
     amplitude, rate = np.array([0.15, 0.13, 0.12, 0.13]), np.array([1.0, 2.0, 1.3, 1.7])
     noise = np.sqrt(np.array(observer.R) / T)
@@ -145,21 +149,36 @@ def long_run(ticks, **settings):
             least = min(least, np.linalg.eigvalsh(P)[0])
             asymmetry = max(asymmetry, np.abs(P - P.T).max())
         observer.predict(-(rate[1::2] ** 2) * truth[1::2])
-    return least, asymmetry
+    return least, asymmetry, observer.P
 
 
 @pytest.mark.parametrize("spread", [None, (1.0,) * 8])
 def test_covariance_stays_symmetric_positive_definite(spread):
-    least, asymmetry = long_run(5000, spread=spread)
+    least, asymmetry, _ = swung(5000, spread=spread)
     assert least > 1e-6
     assert asymmetry < 1e-12
+
+
+def test_an_asymmetry_of_the_covariance_is_gone_after_a_period():
+    observer = ExtendedKalman()
+    observer.start(np.zeros(8))
+    observer.P = observer.P + 0.1 * np.triu(np.sqrt(np.outer(*2 * [np.diag(observer.P)])), 1)
+    observer.correct(measured(np.zeros(4)))
+    observer.predict(np.zeros(2))
+    scale = 1 / np.sqrt(np.diag(observer.P))
+    assert (np.abs(observer.P - observer.P.T) * np.outer(scale, scale)).max() < 1e-15
 
 
 @pytest.mark.long
-def test_covariance_stays_symmetric_positive_definite_for_an_hour():
-    least, asymmetry = long_run(int(3600 / T))
-    assert least > 1e-6
-    assert asymmetry < 1e-12
+def test_covariance_stays_symmetric_positive_definite_and_forgets_its_past():
+    # What it forgets within two periods of the motion cannot add up in hours.
+    found = [swung(int(2 * PERIODIC / T), spread=spread) for spread in (None, (1.0,) * 8)]
+    for least, asymmetry, _ in found:
+        assert least > 1e-6
+        assert asymmetry < 1e-12
+    one, other = (P for *_, P in found)
+    scale = 1 / np.sqrt(np.diag(one))
+    assert (np.abs(one - other) * np.outer(scale, scale)).max() < 1e-6
 
 
 def runge_kutta(x, u, steps=2):

@@ -116,18 +116,42 @@ def test_the_first_wait_starts_a_clock_that_was_not_started():
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux's scheduling")
 
 
+REAL_TIME = """
+import gc, os, sys
+from pathlib import Path
+from twin.devices.scheduling import real_time
+
+def locked():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmLck"))
+
+before = (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval(), locked())
+with real_time() as obtained:
+    assert not gc.isenabled()
+    inside = os.sched_getscheduler(0)
+    assert obtained.locked == (locked() > 0)
+assert obtained.fifo == (inside == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+assert (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval(), locked()) == before
+assert gc.get_freeze_count() == 0
+"""
+
+
 @linux
 def test_leaving_real_time_leaves_everything_as_it_was():
-    before = (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval())
-    with real_time() as obtained:
-        assert not gc.isenabled()
-        inside = os.sched_getscheduler(0)
-    assert obtained.fifo == (inside == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
-    assert (os.sched_getscheduler(0), gc.isenabled(), sys.getswitchinterval()) == before
-    assert gc.get_freeze_count() == 0
+    # in a small process: to lock memory is to fetch it, gigabytes after some hundred tests
+    done = subprocess.run(
+        [sys.executable, "-c", REAL_TIME], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def unlocked(monkeypatch):
+    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
 
 
 @linux
+@pytest.mark.usefixtures("unlocked")
 def test_a_thread_started_in_real_time_is_an_ordinary_one():
     policies = []
     with real_time():

@@ -8,7 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.doctor import doctor
+from twin.devices import scheduling
 from twin.devices.akd.config import AkdConfig
+from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.cams import measure
 from twin.doctor.check import CheckStatus, warned
@@ -124,6 +126,17 @@ def test_a_known_delay_is_found_from_a_made_up_way():
     assert rest < 2e-5
 
 
+@pytest.fixture
+def brief(monkeypatch):
+    """The computer's checks without the memory of all tests locked, and the timer only glanced at.
+
+    To lock it is to fetch all of it, gigabytes after some hundred tests.
+    """
+    monkeypatch.setattr(scheduling, "_lock", lambda _: False)
+    monkeypatch.setattr(computer_checks, "TIMED", 0.1)
+
+
+@pytest.mark.usefixtures("brief")
 def test_what_nobody_has_confirmed_is_said(scenario):
     found = by_name(computer(scenario(), RIG))
     assert "plate_counts" in found["settings of the drives"].seen
@@ -176,6 +189,7 @@ def test_the_cams_of_a_rig_are_measured_to_a_count_of_its_encoders():
     assert np.degrees(np.abs(off).max()) < 360 / 16384
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_measured_table_is_read_back_from_its_file(tmp_path):
     true = CamTable.from_file(model_path("cams.json"))
     file = tmp_path / "measured.json"

@@ -1,6 +1,7 @@
 import os
 import re
 import time
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import given, settings
@@ -38,13 +39,18 @@ def config(port, **changes):
     return BusConfig(**{**settings, **changes})
 
 
+@contextmanager
 def servos_on(port):
     # Patient, because the machine that runs the tests may be busy.
-    return AkdServos(
+    servos = AkdServos(
         AkdConfig(
             bus=config(port), silence=0.5, answer=5.0, watch=MonitorConfig(stale=50, unsteady=51)
         )
     )
+    try:
+        yield servos
+    finally:
+        servos.stop()
 
 
 def run(servos, seconds, found=None):
@@ -110,42 +116,46 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
     assert re.fullmatch(rb"(t[0-7][0-9A-F]{2}[0-8]([0-9A-F]{2})*\r)*", adapter.heard())
 
 
+def play(port, host, data):
+    """Write to the host, and wait until all of it is there: it is handed over in pieces."""
+    os.write(port.handle, data)
+    end = time.monotonic() + 10.0
+    while host.serialPortOrig.in_waiting < len(data):
+        assert time.monotonic() < end, f"of {data!r} not all arrived"
+        time.sleep(1e-4)
+
+
 @given(st.lists(st.binary(max_size=40), max_size=6))
 @settings(max_examples=40)
 def test_the_host_takes_any_bytes_of_an_adapter(chunks):
-    with SlcanPort(EmulatedBus([])) as port:
-        host = open_bus(config(port))
+    with SlcanPort(EmulatedBus([])) as port, open_bus(config(port)) as host:
         for chunk in chunks:
-            os.write(port.handle, chunk)
+            play(port, host, chunk)
             while (message := host.recv(0)) is not None:
                 assert len(message.data) <= 8
-        host.shutdown()
 
 
 @pytest.mark.parametrize(
     "line", [b"t1811G0", b"t18", b"t18132B", b"x", b"t1812ABCDEF", b"F1", b"t1819" + b"00" * 9]
 )
 def test_a_line_that_is_no_frame_is_counted_not_believed(port, line):
-    host = open_bus(config(port))
-    os.write(port.handle, line + b"\r" + b"t18222B3C\r")
-    message = host.recv(0.5)
-    assert (message.arbitration_id, bytes(message.data)) == (0x182, b"\x2b\x3c")
-    assert host.unreadable_lines == 1
-    host.shutdown()
+    with open_bus(config(port)) as host:
+        play(port, host, line + b"\r" + b"t18222B3C\r")
+        message = host.recv(0)
+        assert (message.arbitration_id, bytes(message.data)) == (0x182, b"\x2b\x3c")
+        assert host.unreadable_lines == 1
 
 
 def test_frames_behind_acknowledgements_are_all_drained(port):
-    host = open_bus(config(port))
-    os.write(port.handle, b"z\rt1810\rz\r\rt1820\rz\r")
-    found = [host.recv(0.5), host.recv(0), host.recv(0)]
-    assert [each and each.arbitration_id for each in found] == [0x181, 0x182, None]
-    host.shutdown()
+    with open_bus(config(port)) as host:
+        play(port, host, b"z\rt1810\rz\r\rt1820\rz\r")
+        found = [host.recv(0) for _ in range(3)]
+        assert [each and each.arbitration_id for each in found] == [0x181, 0x182, None]
 
 
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
-    with BusServer(bus, port) as server:
-        servos = servos_on(port)
+    with BusServer(bus, port) as server, servos_on(port) as servos:
         servos.start()
         servos.enable()
         run(servos, 0.3)
@@ -172,22 +182,19 @@ def test_the_servos_run_over_a_real_pty(bus, port):
     ids=["bus off", "error passive", "unplugged", "garbled", "stalled"],
 )
 def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
-    with BusServer(bus, port) as server:
-        servos = servos_on(port)
+    with BusServer(bus, port) as server, servos_on(port) as servos:
         servos.start()
         servos.enable()
         run(servos, 0.1)
         with server.lock:
             cause(port, bus)
         seen = run(servos, 2.0, condition)
-        servos.stop()
         assert condition in seen, [each.name for each in seen]
 
 
 @pytest.mark.real_time
 def test_after_replugging_a_new_start_goes_on(bus, port):
-    with BusServer(bus, port) as server:
-        servos = servos_on(port)
+    with BusServer(bus, port) as server, servos_on(port) as servos:
         servos.start()
         with server.lock:
             port.unplug()
@@ -204,15 +211,14 @@ def test_after_replugging_a_new_start_goes_on(bus, port):
         servos.enable()
         run(servos, 0.1)
         assert servos.enabled
-        servos.stop()
 
 
 @pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
-    with BusServer(bus, port):
+    with BusServer(bus, port), servos_on(port) as servos:
         with pytest.raises(DriveError) as caught:
-            servos_on(port).start()
+            servos.start()
         assert caught.value.fault.condition == c.BIT_RATE
 
 

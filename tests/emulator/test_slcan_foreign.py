@@ -5,6 +5,7 @@ the lines that the maker's CAN232 manual (version 3) prints, and any line that t
 """
 
 import os
+import select
 import time
 
 import can
@@ -67,8 +68,7 @@ def as_frame(message):
 @settings(max_examples=40)
 def test_what_python_can_writes_the_adapter_reads(frames):
     bus = Recorder()
-    with SlcanPort(bus) as port:
-        host = stock(port.channel)
+    with SlcanPort(bus) as port, stock(port.channel) as host:
         for frame in frames:
             host.send(
                 can.Message(
@@ -79,7 +79,6 @@ def test_what_python_can_writes_the_adapter_reads(frames):
                 )
             )
         pump_until(port, lambda: len(bus.sent) == len(frames))
-        host.shutdown()
     assert bus.sent == frames
 
 
@@ -87,42 +86,35 @@ def test_what_python_can_writes_the_adapter_reads(frames):
 @settings(max_examples=40)
 def test_what_the_adapter_writes_python_can_reads(frames):
     bus = Recorder()
-    with SlcanPort(bus) as port:
-        host = stock(port.channel)
+    with SlcanPort(bus) as port, stock(port.channel) as host:
         pump_until(port, lambda: port.adapter.open)
         bus.queue = list(frames)
         port.pump()
         heard = []
         # The stock bus hands out None for every acknowledgement on its way.
-        for _ in range(len(frames) + 20):
+        end = time.monotonic() + 10.0
+        while len(heard) < len(frames) and time.monotonic() < end:
             message = host.recv(0.01)
             heard += [] if message is None else [as_frame(message)]
-            if len(heard) == len(frames):
-                break
-        host.shutdown()
     assert heard == frames
 
 
 def test_python_can_opens_asks_and_closes_the_adapter():
     bus = Recorder()
-    with SlcanPort(bus) as port, BusServer(bus, port):
-        host = stock(port.channel)
-        assert host.get_version(2.0) == (10, 13)
-        assert host.get_serial_number(2.0) == "EMUL"
+    with SlcanPort(bus) as port, BusServer(bus, port), stock(port.channel) as host:
+        assert host.get_version(10.0) == (10, 13)
+        assert host.get_serial_number(10.0) == "EMUL"
         assert port.adapter.open
         assert port.adapter.bitrate == 1_000_000
-        host.shutdown()
 
 
 @pytest.mark.real_time
 def test_python_can_s_own_bus_has_a_conversation_with_a_drive():
     bus = EmulatedBus([EmulatedDrive(DriveSettings(node=5))])
-    with SlcanPort(bus) as port, BusServer(bus, port):
-        host = stock(port.channel)
+    with SlcanPort(bus) as port, BusServer(bus, port), stock(port.channel) as host:
         request = bytes.fromhex("4000100000000000")
         host.send(can.Message(arbitration_id=0x605, data=request, is_extended_id=False))
         heard = [host.recv(0.2) for _ in range(10)]
-        host.shutdown()
     frames = [as_frame(each) for each in heard if each is not None]
     assert Frame(0x585, bytes.fromhex("4300100092010200")) in frames
 
@@ -134,19 +126,28 @@ class Adapter:
         self.terminal = PseudoTerminal("adapter")
         self.terminal.plug()
         self.bus = PromptSlcanBus(str(self.terminal.path), 1_000_000, sleep_after_open=0.0)
+        self.commands = self.said(b"O\r")
 
     def play(self, lines):
         """Every message that the bus makes of some bytes."""
         os.write(self.terminal.handle, lines)
-        heard, message = [], self.bus.recv(0.5)
+        end = time.monotonic() + 10.0
+        while self.bus.serialPortOrig.in_waiting < len(lines):  # it is handed over in pieces
+            assert time.monotonic() < end, f"of {lines!r} not all arrived"
+            time.sleep(1e-4)
+        heard, message = [], self.bus.recv(0)
         while message is not None:
             heard.append(message)
             message = self.bus.recv(0)
         return heard
 
-    def said(self):
-        """What the bus has written since the last call."""
-        return os.read(self.terminal.handle, 4096)
+    def said(self, last):
+        """What the bus has written since the last call, up to these bytes."""
+        data = b""
+        while not data.endswith(last):
+            assert select.select([self.terminal.handle], [], [], 10.0)[0], f"only {data!r}"
+            data += os.read(self.terminal.handle, 4096)
+        return data
 
     def __enter__(self):
         return self
@@ -158,7 +159,7 @@ class Adapter:
 
 def test_our_host_opens_an_adapter_with_the_commands_of_the_manual():
     with Adapter() as adapter:
-        commands = adapter.said().split(b"\r")
+        commands = adapter.commands.split(b"\r")
     # Closed before it is set up, then open; more C, O and empty lines do no harm.
     assert commands.index(b"C") < commands.index(b"S8") < commands.index(b"O")
     assert set(commands) <= {b"C", b"S8", b"O", b""}
@@ -166,12 +167,11 @@ def test_our_host_opens_an_adapter_with_the_commands_of_the_manual():
 
 def test_our_host_transmits_as_the_manual_says():
     with Adapter() as adapter:
-        adapter.said()
         adapter.bus.send(can.Message(arbitration_id=0x100, data=b"\x11\x33", is_extended_id=False))
         adapter.bus.send(can.Message(arbitration_id=0x20, is_extended_id=False))
         adapter.bus.recv(0)
         # The examples of the command t in the manual, and the question for the status flags.
-        assert adapter.said() == b"t10021133\rt0200\rF\r"
+        assert adapter.said(b"F\r") == b"t10021133\rt0200\rF\r"
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from twin.explain.attribution import (
     summary,
 )
 from twin.explain.effects import EFFECTS, changed, exact, present, with_typical, without
-from twin.scenario import load
+from twin.scenario import Scenario, load
 
 CLEAN = (
     "duration=2",
@@ -51,6 +52,12 @@ def full():
     return with_typical(load("circle"))
 
 
+@cache
+def tried(scenario):
+    """A run of a scenario given as JSON; many are compared with the one without effects."""
+    return attempt(Scenario.model_validate_json(scenario))
+
+
 def test_a_scenario_with_every_effect_has_them_all(full):
     assert {effect.name for effect in present(full)} == {effect.name for effect in EFFECTS}
 
@@ -77,7 +84,7 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
     if effect.name == "spread":
         none = changed(none, [{"sensors.touch.dead_time": 0.042}])
         alone = changed(none, [effect.typical])
-    one, other = (attempt(changed(s, SHORT)) for s in (alone, none))
+    one, other = (tried(changed(s, SHORT).model_dump_json()) for s in (alone, none))
     assert np.abs(one.error - other.error).max() > 1e-9
 
 
@@ -95,7 +102,7 @@ def test_a_limit_acts_where_it_is_reached(effect, limit):
     free = changed(without(load("step"), EFFECTS), SHORT)
     limited = changed(free, [limit])
     assert [e.name for e in present(limited)] == [effect]
-    one, other = attempt(limited), attempt(free)
+    one, other = (tried(s.model_dump_json()) for s in (limited, free))
     assert np.abs(one.distance[-1] - other.distance[-1]) > 1e-6
 
 

@@ -139,14 +139,14 @@ def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(s
 
 
 def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simulated):
-    drift, gain, added = 0.03, 8.0, 0.0
+    drift, gain, added = 0.06, 8.0, 0.0
     simulated.devices._drift = np.full((2, 2), drift * simulated.devices.plant.ratio)
     simulated.devices._disturbance.silent = False
     simulated.devices._disturbance.draw = lambda: 0.0
     with simulated:
         simulated.start()
         measured = simulated.read().y
-        for _ in range(3500):
+        for _ in range(1750):
             applied = simulated.write(-gain * measured[:, 1::2])
             added = added + simulated.period * applied
             simulated.wait()

@@ -142,12 +142,16 @@ class Links(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page():
-    return html([made(reference)])
+def runs():
+    return [made(reference), made(lambda t: 0.5 * reference(t))]
 
 
-def test_a_page_is_whole_and_needs_nothing_else():
-    page = html([made(reference), made(lambda t: 0.5 * reference(t))])
+@pytest.fixture(scope="module")
+def page(runs):
+    return html(runs)
+
+
+def test_a_page_is_whole_and_needs_nothing_else(page):
     links = Links()
     links.feed(page)
     assert links.open == []
@@ -167,8 +171,8 @@ def test_a_page_names_settings_and_versions(page):
     assert "python 3" in page
 
 
-def test_the_same_run_gives_the_same_page(page):
-    assert html([made(reference)]) == page
+def test_the_same_runs_give_the_same_page(page, runs):
+    assert html(runs) == page
 
 
 def test_the_csv_reads_back():

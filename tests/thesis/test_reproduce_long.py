@@ -1,8 +1,3 @@
-import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -112,29 +107,3 @@ def test_a_job_that_fails_in_another_process_ends_in_one_line():
     broken = ReproductionJob("exact", (("8.1", 99),), 1.0)
     with pytest.raises(TwinError, match=r"^table 8\.1, exact: IndexError: [^\n]*$"):
         list(row_results([broken] * 2, 2, lambda _: None))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
-def test_ctrl_c_ends_the_command_and_its_processes_with_one_line():
-    code = "from twin.cli import main; main()"
-    command = [sys.executable, "-c", code, "reproduce", "8.14", "--processes", "2"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    assert process.stderr.readline().startswith("reproducing")
-    time.sleep(3)
-    process.send_signal(signal.SIGINT)
-    _, rest = process.communicate(timeout=30)
-    assert process.returncode == 1
-    assert rest.splitlines()[-1:] == ["ballplate: interrupted"]
-    assert "Traceback" not in rest
-    assert ended(process.pid)
-
-
-def ended(group):
-    """Whether the process group is gone within 10 s."""
-    for _ in range(100):
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.1)
-    return False

@@ -85,7 +85,9 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
 def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, tap, blow):
+    end = time.monotonic() + 120
     while not tap._ring.opened:
+        assert time.monotonic() < end, "the observing process never began"
         time.sleep(0.01)
     os.kill(tap._process.pid, blow)
     chosen = scenario("duration=1")

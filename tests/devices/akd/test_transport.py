@@ -4,7 +4,7 @@ import select
 import time
 import warnings
 from collections import deque
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import can
 import pytest
@@ -159,48 +159,48 @@ def written(line, end):
     return data
 
 
+@contextmanager
 def slcan(kind, line, **options):
-    bus = kind(line[1], bitrate=1_000_000, sleep_after_open=0.0, **options)
-    written(line, b"O\r")
-    return bus
+    with kind(line[1], bitrate=1_000_000, sleep_after_open=0.0, **options) as bus:
+        written(line, b"O\r")
+        yield bus
 
 
 def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line):
-    bus = slcan(PromptSlcanBus, serial_line)
-    assert isinstance(bus, QueuedBus)
-    transport, _ = transport_on(bus)
-    transport.send(0x201, b"\x0f\x00")
-    transport.send(0x080, b"")
-    with pytest.raises(BlockingIOError):
-        os.read(serial_line[0], 100)
-    transport.send_queued()
-    assert written(serial_line, b"t0800\r") == b"t20120F00\rt0800\r"
-    bus.shutdown()
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        assert isinstance(bus, QueuedBus)
+        transport, _ = transport_on(bus)
+        transport.send(0x201, b"\x0f\x00")
+        transport.send(0x080, b"")
+        with pytest.raises(BlockingIOError):
+            os.read(serial_line[0], 100)
+        transport.send_queued()
+        assert written(serial_line, b"t0800\r") == b"t20120F00\rt0800\r"
 
 
 @pytest.mark.parametrize("kind", ["is_extended_id", "is_remote_frame", "is_fd"])
 def test_a_frame_of_a_kind_that_the_prompt_bus_does_not_know_is_refused(serial_line, kind):
-    bus = slcan(PromptSlcanBus, serial_line)
-    with pytest.raises(can.CanOperationError):
-        bus.send(can.Message(arbitration_id=1, **{"is_extended_id": False, kind: True}))
-    bus.send_queued()
-    with pytest.raises(BlockingIOError):
-        os.read(serial_line[0], 100)
-    bus.shutdown()
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        with pytest.raises(can.CanOperationError):
+            bus.send(can.Message(arbitration_id=1, **{"is_extended_id": False, kind: True}))
+        bus.send_queued()
+        with pytest.raises(BlockingIOError):
+            os.read(serial_line[0], 100)
 
 
 def test_flush_means_of_the_prompt_bus_what_it_means_of_the_library_s(serial_line):
-    bus = slcan(PromptSlcanBus, serial_line)
-    os.write(serial_line[0], b"t1811")
-    assert bus.recv(0.5) is None
-    os.write(serial_line[0], b"AA\rt1821BB\r")
-    while bus.serialPortOrig.in_waiting < len(b"AA\rt1821BB\r"):
-        time.sleep(0.001)
-    bus.flush()
-    os.write(serial_line[0], b"t1831CC\r")
-    assert bus.recv(0.5).arbitration_id == 0x183
-    assert bus.unreadable_lines == 0
-    bus.shutdown()
+    with slcan(PromptSlcanBus, serial_line) as bus:
+        os.write(serial_line[0], b"t1811")
+        assert bus.recv(0.5) is None
+        os.write(serial_line[0], b"AA\rt1821BB\r")
+        end = time.monotonic() + 10.0
+        while bus.serialPortOrig.in_waiting < len(b"AA\rt1821BB\r"):
+            assert time.monotonic() < end, "what was written never arrived"
+            time.sleep(0.001)
+        bus.flush()
+        os.write(serial_line[0], b"t1831CC\r")
+        assert bus.recv(10.0).arbitration_id == 0x183
+        assert bus.unreadable_lines == 0
 
 
 @pytest.mark.parametrize(("platform", "kind"), [("linux", PromptSlcanBus), ("win32", slcanBus)])
@@ -209,22 +209,20 @@ def test_slcan_is_the_library_s_own_where_ports_have_no_descriptor(
 ):
     monkeypatch.setattr("twin.devices.akd.bus.sys.platform", platform)
     options = {"sleep_after_open": 0.0}
-    bus = open_bus(BusConfig(interface="slcan", channel=serial_line[1], options=options))
-    assert type(bus) is kind
-    assert b"S8\r" in written(serial_line, b"O\r")
-    bus.shutdown()
+    with open_bus(BusConfig(interface="slcan", channel=serial_line[1], options=options)) as bus:
+        assert type(bus) is kind
+        assert b"S8\r" in written(serial_line, b"O\r")
 
 
 def test_frames_pass_over_the_library_s_own_slcan_bus(serial_line):
-    bus = slcan(slcanBus, serial_line)
-    transport, _ = transport_on(bus)
-    for period in range(5):
-        os.write(serial_line[0], b"t1811%02X\rt1821%02X\r" % (period, period))
-        transport.send(0x080, b"")
-        transport.send_queued()
-        data = bytes((period,))
-        received = list(transport.receive(0.5))
-        received += [] if len(received) > 1 else transport.receive(0.5)
-        assert received == [(0x181, data), (0x182, data)]
-    assert written(serial_line, b"t0800\r" * 5) == b"t0800\r" * 5
-    bus.shutdown()
+    with slcan(slcanBus, serial_line) as bus:
+        transport, _ = transport_on(bus)
+        for period in range(5):
+            os.write(serial_line[0], b"t1811%02X\rt1821%02X\r" % (period, period))
+            transport.send(0x080, b"")
+            transport.send_queued()
+            data = bytes((period,))
+            received = list(transport.receive(10.0))
+            received += [] if len(received) > 1 else transport.receive(10.0)
+            assert received == [(0x181, data), (0x182, data)]
+        assert written(serial_line, b"t0800\r" * 5) == b"t0800\r" * 5

@@ -1,12 +1,13 @@
 """The tests with deadlines by the clock have the machine for themselves."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+PLUGINS = Path(__file__).parent / "plugins"
+WITHOUT = ("-p", "no:cacheprovider", "-p", "no:hypothesispytest")
 TESTS = """
 import os, time
 from pathlib import Path
@@ -40,17 +41,18 @@ def test_last():
 
 @pytest.fixture
 def call(tmp_path):
-    """Runs a folder of tests with this conftest: exit code, and what ran in which process when."""
-    shutil.copy(Path(__file__).parent / "conftest.py", tmp_path)
+    """Runs a folder of tests with the plugin: exit code, and what ran in which process when."""
+    (tmp_path / "conftest.py").write_text('pytest_plugins = ["real_time_session"]')
     markers = "markers =\n  long: long\n  real_time: alone"
-    (tmp_path / "pytest.ini").write_text(f"[pytest]\naddopts = -m 'not long'\n{markers}")
+    settings = f"addopts = -m 'not long'\npythonpath = {PLUGINS}\n{markers}"
+    (tmp_path / "pytest.ini").write_text(f"[pytest]\n{settings}")
 
     def run(*arguments, failing=(), files=2):
         for number in range(files):
             text = TESTS.replace("ANY", str("any" in failing))
             text = text.replace("ALONE", str("alone" in failing))
             (tmp_path / f"test_{number}.py").write_text(text)
-        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *arguments]
+        command = [sys.executable, "-m", "pytest", *WITHOUT, "-q", *arguments]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         ran = [line.split() for line in (tmp_path / "log").read_text().splitlines()]
         (tmp_path / "log").unlink()
@@ -76,6 +78,27 @@ def test_a_failure_on_either_side_fails_the_command(call, failing):
     code, ran, _ = call("-n", "2", failing=[failing], files=1)
     assert code == 1
     assert len(ran) == 6
+
+
+def test_files_without_tests_by_the_clock_are_not_collected_again(call, tmp_path):
+    (tmp_path / "test_ordinary.py").write_text(
+        "open('imported', 'a').write('.')\ndef test_ordinary(): pass"
+    )
+    code, ran, out = call("-n", "2", files=1)
+    assert code == 0, out
+    assert [name for name, *_ in ran].count("alone") == 2
+    assert (tmp_path / "imported").read_text() == ".."  # once by each of the two processes
+
+
+def test_without_tests_by_the_clock_there_is_no_second_session(call):
+    code, ran, out = call("-n", "2", "-k", "any", files=1)
+    assert code == 0, out
+    assert "alone" not in [name for name, *_ in ran]
+    assert out.count("passed") == 1
+
+
+def test_this_suite_is_run_so(pytestconfig):
+    assert pytestconfig.pluginmanager.hasplugin("real_time_session")
 
 
 def test_in_one_process_and_by_a_mark_the_same_tests_run(call):
