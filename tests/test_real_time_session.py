@@ -62,8 +62,11 @@ def call(tmp_path):
     return run
 
 
-def test_tests_by_the_clock_run_once_each_alone_after_all_others(call):
-    code, ran, out = call("-n", "2", "--dist", "loadfile")
+def test_tests_by_the_clock_run_once_each_alone_after_all_others(call, tmp_path):
+    (tmp_path / "test_ordinary.py").write_text(
+        "open('imported', 'a').write('.')\ndef test_ordinary(): pass"
+    )
+    code, ran, out = call("-n", "2", "--dist", "worksteal")
     assert code == 0, out
     assert sorted(name for name, *_ in ran) == ["alone"] * 4 + ["any"] * 8
     others = [each for each in ran if each[0] == "any"]
@@ -71,6 +74,8 @@ def test_tests_by_the_clock_run_once_each_alone_after_all_others(call):
     assert len({pid for _, pid, *_ in others}) == 2
     assert len({pid for _, pid, *_ in alone}) == 1
     assert min(begin for *_, begin, _ in alone) > max(end for *_, end in others)
+    imported = (tmp_path / "imported").read_text()
+    assert imported == "..", "a file without such tests is collected once by each process"
 
 
 @pytest.mark.parametrize("failing", ["any", "alone"])
@@ -78,16 +83,6 @@ def test_a_failure_on_either_side_fails_the_command(call, failing):
     code, ran, _ = call("-n", "2", failing=[failing], files=1)
     assert code == 1
     assert len(ran) == 6
-
-
-def test_files_without_tests_by_the_clock_are_not_collected_again(call, tmp_path):
-    (tmp_path / "test_ordinary.py").write_text(
-        "open('imported', 'a').write('.')\ndef test_ordinary(): pass"
-    )
-    code, ran, out = call("-n", "2", files=1)
-    assert code == 0, out
-    assert [name for name, *_ in ran].count("alone") == 2
-    assert (tmp_path / "imported").read_text() == ".."  # once by each of the two processes
 
 
 def test_without_tests_by_the_clock_there_is_no_second_session(call):

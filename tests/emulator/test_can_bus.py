@@ -56,15 +56,17 @@ def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
             bus=channel, silence=0.5, answer=5.0, watch=MonitorConfig(stale=50, unsteady=51)
         )
         servos = AkdServos(config)
-        servos.start()
-        servos.enable()
-        for _ in range(200):
-            servos.exchange()
-            servos.settle(0.002)
-            if servos.enabled:
-                break
-        assert servos.enabled
-        servos.stop()
+        try:
+            servos.start()
+            servos.enable()
+            for _ in range(200):
+                servos.exchange()
+                servos.settle(0.002)
+                if servos.enabled:
+                    break
+            assert servos.enabled
+        finally:
+            servos.stop()
         with server.lock:
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
             assert [drive.fault_numbers for drive in bus.drives] == [(), ()]

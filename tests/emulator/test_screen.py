@@ -22,11 +22,13 @@ def listen(screen, seconds, handle=None):
     """Bytes and arrival times read from a screen's port."""
     port = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY) if handle is None else handle
     parts, end = [], time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
-        if select.select([port], [], [], left)[0]:
-            parts.append((time.monotonic(), os.read(port, 4096)))
-    if handle is None:
-        os.close(port)
+    try:
+        while (left := end - time.monotonic()) > 0:
+            if select.select([port], [], [], left)[0]:
+                parts.append((time.monotonic(), os.read(port, 4096)))
+    finally:
+        if handle is None:
+            os.close(port)
     return parts
 
 

@@ -279,8 +279,10 @@ def test_a_stopped_screen_can_be_started_and_stopped_again():
     with emulate(lambda: [PLACE]) as emulated:
         screen = LumioScreen(config(emulated))
         for _ in range(2):
-            screen.start()
-            assert sees(screen)
-            screen.stop()
-            screen.stop()
+            try:
+                screen.start()
+                assert sees(screen)
+            finally:
+                screen.stop()
+                screen.stop()
             assert not screen.connected
