@@ -53,11 +53,11 @@ def servos_on(port):
         servos.stop()
 
 
-def run(servos, seconds, found=None):
-    """Exchange in real time; the faults, ended early by a condition."""
+def run(servos, seconds, found=None, until=lambda: False):
+    """Exchange in real time; the faults, ended early by a condition or when something is true."""
     seen = []
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while time.monotonic() < end and not until():
         servos.exchange()
         servos.settle(0.002)
         seen += servos.faults()
@@ -158,11 +158,12 @@ def test_the_servos_run_over_a_real_pty(bus, port):
     with BusServer(bus, port) as server, servos_on(port) as servos:
         servos.start()
         servos.enable()
-        run(servos, 0.3)
+        run(servos, 5.0, until=lambda: servos.enabled)
         assert servos.enabled
         servos.command([[1.0, -1.0]])
-        run(servos, 0.3)
-        assert servos.rate()[0, 0] == pytest.approx(1.0, rel=1e-3)
+        goal = pytest.approx(1.0, rel=1e-3)
+        run(servos, 5.0, until=lambda: servos.rate()[0, 0] == goal)
+        assert servos.rate()[0, 0] == goal
         servos.stop()
         with server.lock:
             assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
@@ -209,7 +210,7 @@ def test_after_replugging_a_new_start_goes_on(bus, port):
         servos.reset_faults()
         run(servos, 0.1)
         servos.enable()
-        run(servos, 0.1)
+        run(servos, 5.0, until=lambda: servos.enabled)
         assert servos.enabled
 
 
