@@ -316,14 +316,8 @@ def test_the_command_writes_its_files_and_prints_one_json_object(folder, tmp_pat
     table = pq.read_table(folder / "run.parquet")
     pq.write_table(table.slice(0, 7000), tmp_path / "log.parquet")
     out = tmp_path / "out"
-    arguments = [
-        str(tmp_path / "log.parquet"),
-        "--parameters",
-        "rolling,wheels",
-        "--out",
-        str(out),
-        "--json",
-    ]
+    arguments = [str(tmp_path / "log.parquet"), "--parameters", "rolling,wheels"]
+    arguments += ["--out", str(out), "--json"]
     result = CliRunner().invoke(command, arguments, standalone_mode=False)
     assert result.exception is None
     assert result.return_value == 0
