@@ -62,7 +62,7 @@ HELP = {
         "Analyse the system and its control loops and compare with the thesis, chapters "
         "5 and 6.2.1."
     ),
-    "calibrate": "Calibrate the cam table and the level of a rig.",
+    "calibrate": "Calibrate the cam table, the level and the touch screen of a rig.",
 }
 """Command name to the first sentence of its help: `ballplate --help` imports no command."""
 

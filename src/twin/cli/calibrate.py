@@ -1,4 +1,4 @@
-"""The command calibrate: the cam table and the level of a rig."""
+"""The command calibrate: the cam table, the level and the touch screen of a rig."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
@@ -30,7 +31,10 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 
 @click.group()
 def calibrate() -> None:
-    """Calibrate the cam table and the level of a rig."""
+    """Calibrate the cam table, the level and the touch screen of a rig."""
+
+
+calibrate.add_command(touch)
 
 
 @calibrate.command()
@@ -160,7 +164,7 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
 
 def _show(found: dict[str, StaticError]) -> None:
     table = Table(
-        "static plate-angle error", "max [deg]", "RMS [deg]", "poses", header_style="bold"
+        "static plate-angle error", r"max \[deg]", r"RMS \[deg]", "poses", header_style="bold"
     )
     for name, left in found.items():
         table.add_row(name, f"{left.max_deg:.4f}", f"{left.rms_deg:.4f}", str(left.poses))

@@ -11,6 +11,7 @@ import click
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json
 from twin.cli.rigs import EMULATED
+from twin.devices.lumio.panels import UDEV_RULES
 from twin.doctor.check import Ask, CheckResult, CheckStatus
 from twin.doctor.examine import examine
 from twin.emulator.serve import emulated
@@ -30,6 +31,7 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
 @click.option("--scenario", default="circle", help="Scenario that the rig is to run [circle].")
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
+@click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
 @SETTING
 @JSON
 def doctor(
@@ -39,9 +41,13 @@ def doctor(
     *,
     move: bool,
     reset: bool,
+    udev: bool,
     as_json: bool,
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
+    if udev:
+        click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
+        return 0
     chosen = load(scenario, overrides)
     found: list[CheckResult] = []
     with rig_file(rig, chosen) as (file, ask):
@@ -75,8 +81,17 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> None:
-    words = {"put": "put the ball on the plate", "lift": "lift the ball off"}
-    click.echo(f"please {words[word]} now", err=True)
+    click.echo(f"please {request(word)} now", err=True)
+
+
+def request(word: str) -> str:
+    """What a person is asked to do, in words."""
+    match word.split():
+        case ["touch", x, y]:
+            return f"touch the plate at x {float(x):+g}, y {float(y):+g} mm and hold"
+        case ["put"]:
+            return "put the ball on the plate"
+    return "lift the ball or the finger off"
 
 
 def _tell(_: str) -> None:

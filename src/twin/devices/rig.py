@@ -101,7 +101,8 @@ class HardwareRig(Rig):
             self.servos.home(self._home, self._transmission.motor(self._home))
             self._idle(lambda: bool(self._screen.read().touched.all()), self._patience)
             if not self._screen.read().touched.all():
-                raise RigError(f"touch screen: no ball within {self._patience:g} s of switching on")
+                late = f"touch screen: no ball within {self._patience:g} s of switching on"
+                raise RigError(f"{late}; {self.screen.hint}" if self.screen.hint else late)
             self._on = on.pop_all()
 
     def _hold(self) -> None:

@@ -41,7 +41,7 @@ class CheckResult(NamedTuple):
 
 
 Ask = Callable[[str], None]
-"""Asks a person, or an emulated rig, to do something: ``lift`` or ``put`` the ball."""
+"""Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
 
 
 def passed(what: str, seen: str) -> CheckResult:

@@ -11,6 +11,7 @@ from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, CheckStatus, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time
+from twin.doctor.panels import calibrated, plugged_in
 from twin.doctor.touch import touch
 from twin.run.connect import cams_of, connect
 from twin.scenario.rig import RigFile
@@ -31,6 +32,7 @@ def examine(
     """
     yield from computer(scenario, rig)
     screen = LumioScreen(rig.screen())
+    yield from plugged_in(screen.config)
     touched = []
     try:
         for result in touch(screen, ask, rig.patience):
@@ -38,6 +40,7 @@ def examine(
             yield result
     finally:
         screen.stop()
+    yield calibrated(rig, screen.extent)
     servos = AkdServos(rig.servos(scenario.rig.period))
     found: list[CheckResult] = []
     try:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
 
 from twin.devices.akd.servos import AkdServos
+
+LOOK = 0.005
+"""Seconds between two looks at a screen, which reports every 17 ms."""
 
 
 def turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:
@@ -49,3 +53,13 @@ def exchange(servos: AkdServos, seconds: float) -> None:
         servos.send()
         servos.settle(period / 2)
         servos.sleep(max(0.0, begin + period - servos.now()))
+
+
+def wait_until(done: Callable[[], bool], limit: float) -> bool:
+    """Look again and again, without drives, whether something is done, at most for a time in s."""
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        if done():
+            return True
+        time.sleep(LOOK)
+    return done()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from twin.devices.lumio.presence import TouchState
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import Ask, CheckResult, failed, passed, warned
+from twin.doctor.steps import wait_until
 from twin.errors import TwinError
 from twin.hal.supervisor import LOST_AFTER
 
@@ -22,16 +23,23 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     try:
         screen.start()
     except TwinError as error:
-        yield failed(what, str(error), "plug it in; see the README for permissions")
+        yield failed(
+            what, str(error), "plug it in; `ballplate doctor --udev` prints rules for access"
+        )
         return
     yield passed(what, f"{config.transport}, opened")
     ask("put")
-    if not _until(lambda: screen.state is TouchState.TOUCHING and screen.report_rate > 0, patience):
+    if not wait_until(
+        lambda: screen.state is TouchState.TOUCHING and screen.report_rate > 0, patience
+    ):
         heard = screen.counters.bytes
-        advice = "put the ball on the plate; check baud rate, transport and protocol"
+        advice = screen.hint or "put the ball on the plate"
         yield failed("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
         return
     time.sleep(0.5)
+    if screen.looks_like:
+        yield failed("touch protocol", f"set to {config.protocol}", screen.hint)
+        return
     yield passed("touch protocol", screen.protocol)
     rate = screen.report_rate
     seen = f"{rate:.1f} reports per second"
@@ -48,21 +56,12 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
 
 def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResult]:
     ask("lift")
-    if not _until(lambda: screen.state is TouchState.LOST, patience):
+    if not wait_until(lambda: screen.state is TouchState.LOST, patience):
         yield warned("lift-off", f"not seen within {patience:g} s", "lift the ball when asked to")
         return
     seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
     yield passed("lift-off", seen)
     ask("put")
-    back = _until(lambda: screen.state is TouchState.TOUCHING, patience)
+    back = wait_until(lambda: screen.state is TouchState.TOUCHING, patience)
     if not back:
         yield failed("touch again", f"not within {patience:g} s", "put the ball back")
-
-
-def _until(done: Callable[[], bool], limit: float) -> bool:
-    end = time.monotonic() + limit
-    while time.monotonic() < end:
-        if done():
-            return True
-        time.sleep(0.01)
-    return done()

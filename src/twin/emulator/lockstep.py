@@ -138,6 +138,9 @@ class LockstepScreenPort:
         """
         self.read(0.0)
 
+    def decoder(self) -> None:
+        """It says nothing of itself."""
+
     def read(self, timeout: float) -> bytes:
         """What has arrived; never waits.
 

@@ -52,6 +52,7 @@ class VirtualRig:
                 self._ball, protocol=protocol, dead_time=self.plant.dead_time, seed=scenario.seed
             )
         )
+        self._finger: tuple[float, float] | None = None
         self.plant.attach(self.drives)
         self.bus.moved = self.plant.advance
         self._open = ExitStack()
@@ -92,7 +93,7 @@ class VirtualRig:
         """Do something to it while it runs: press its STO button, take the ball away, ...
 
         Args:
-            word: sto, release, lift, put, unplug or plug.
+            word: sto, release, lift, put, unplug, plug, or touch and where, in mm.
 
         Returns:
             What was done, or for an unknown word what can be.
@@ -100,17 +101,24 @@ class VirtualRig:
         known: dict[str, tuple[str, Callable[[], None]]] = {
             "sto": ("STO open: both drives without torque", self._open_sto),
             "release": ("STO closed; reset the faults to go on", self._close_sto),
-            "lift": ("ball lifted", partial(self._put, present=False)),
-            "put": ("ball put back", partial(self._put, present=True)),
+            "lift": ("ball lifted", partial(self._put, False)),
+            "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
             "plug": ("touch screen plugged in", self.screen.replug),
         }
-        if word not in known:
-            return f"known: {', '.join(known)}"
-        text, act = known[word]
+        text, act = known.get(word) or self._touch(word)
         with self.server.lock:
             act()
-        return text
+        return text or f"known: {', '.join(known)}, touch X Y"
+
+    def _touch(self, word: str) -> tuple[str, Callable[[], None]]:
+        """What ``touch X Y`` does; nothing if it says something else."""
+        match word.split():
+            case ["touch", x, y]:
+                with suppress(ValueError):
+                    place = float(x) / 1e3, float(y) / 1e3
+                    return f"touched at x {x}, y {y} mm", partial(self._put, False, place)
+        return "", lambda: None
 
     def _open_sto(self) -> None:
         for drive in self.drives:
@@ -120,12 +128,13 @@ class VirtualRig:
         for drive in self.drives:
             drive.close_sto()
 
-    def _put(self, *, present: bool) -> None:
+    def _put(self, present: bool, finger: tuple[float, float] | None = None) -> None:
         self.plant.present = present
+        self._finger = finger
 
     def _ball(self) -> tuple[tuple[float, float], ...]:
         with self.server.lock:
-            return self.plant.ball()
+            return self.plant.ball() if self._finger is None else (self._finger,)
 
 
 @contextmanager

@@ -10,11 +10,12 @@ from pydantic import BaseModel, Field
 
 from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.lumio.calibration import CalibrationError, read_calibration
 from twin.devices.lumio.config import LumioConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
 from twin.scenario.schema import LimitsTable
-from twin.scenario.tables import Section, model_of
+from twin.scenario.tables import Section, dataclass_of, model_of
 
 Settings = TypeVar("Settings")
 
@@ -22,17 +23,26 @@ Settings = TypeVar("Settings")
 def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
     """The dataclass that a checked model stands for; what is not given keeps its default."""
     hints = typing.get_type_hints(cls)
-    given = {name: getattr(model, name) for name in model.model_fields_set}
+    given = {name: getattr(model, name) for name in model.model_fields_set & hints.keys()}
     for name, value in given.items():
-        if isinstance(value, BaseModel):
-            given[name] = built(hints[name], value)
-    return cls(**given, **more)
+        kind = dataclass_of(hints[name])
+        if kind is not None and isinstance(value, BaseModel):
+            given[name] = built(kind, value)
+    return cls(**{**given, **more})
 
 
 BusTable = model_of(BusConfig)
 DrivesTable = model_of(AkdConfig, {"bus", "axes", "period"})
 AxisTable = model_of(AxisConfig, {"name"})
-TouchScreenTable = model_of(LumioConfig)
+
+
+class TouchScreenTable(model_of(LumioConfig)):  # type: ignore[misc]
+    """The touch screen.
+
+    ``calibration_file``: what `ballplate calibrate touch` wrote, instead of ``calibration``.
+    """
+
+    calibration_file: str | None = None
 
 
 class RigFile(Section):
@@ -55,7 +65,7 @@ class RigFile(Section):
     drives: DrivesTable = DrivesTable()  # type: ignore[valid-type]
     phi: AxisTable = AxisTable(node=1)  # type: ignore[valid-type]
     theta: AxisTable = AxisTable(node=2)  # type: ignore[valid-type]
-    touch: TouchScreenTable  # type: ignore[valid-type]
+    touch: TouchScreenTable
 
     def servos(self, period: float) -> AkdConfig:
         """The drives' settings, for a control period in s.
@@ -77,7 +87,15 @@ class RigFile(Section):
         Raises:
             TwinError: If they do not go together.
         """
-        return built(LumioConfig, self.touch)
+        if self.touch.calibration_file is None:
+            return built(LumioConfig, self.touch)
+        if self.touch.calibration is not None:
+            raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
+        try:
+            calibration, _ = read_calibration(Path(self.touch.calibration_file))
+        except CalibrationError as error:
+            raise ScenarioError(f"touch.calibration_file: {error}") from error
+        return built(LumioConfig, self.touch, calibration=calibration)
 
 
 def read_rig(file: Path) -> RigFile:

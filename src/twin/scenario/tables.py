@@ -78,8 +78,9 @@ def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
         if item.name in without or not item.init:
             continue
         hint = hints[item.name]
-        if dataclasses.is_dataclass(hint):
-            inner = model_of(typing.cast("type", hint))
+        kind = dataclass_of(hint)
+        if kind is not None:
+            inner = model_of(kind)
             fields[item.name] = (inner | None, None)
         elif item.default is not dataclasses.MISSING:
             fields[item.name] = (hint, item.default)
@@ -88,3 +89,11 @@ def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
         else:
             fields[item.name] = (hint, ...)
     return create_model(cls.__name__, __config__=STRICT, **fields)
+
+
+def dataclass_of(hint: Any) -> type | None:
+    """The dataclass that a field holds, also one that may be None; None for any other field."""
+    for each in (hint, *typing.get_args(hint)):
+        if isinstance(each, type) and dataclasses.is_dataclass(each):
+            return each
+    return None

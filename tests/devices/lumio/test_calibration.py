@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError, fit
+from twin.devices.lumio.calibration import Calibration, CalibrationError
+from twin.devices.lumio.calibration_fit import fit
 
 SHARE = st.floats(0, 1)
 
@@ -37,18 +38,19 @@ def test_points_on_a_turned_and_scaled_screen_give_back_how_it_is_mounted():
     matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) * scale
     origin = np.array([-0.33, 0.21])
     seen = np.random.default_rng(1).random((9, 2))
-    calibration, left = fit(seen, seen @ matrix.T + origin)
-    assert np.allclose(calibration.matrix, matrix, atol=1e-12)
-    assert np.allclose(calibration.origin, origin, atol=1e-12)
-    assert left < 1e-12
+    found = fit(seen, seen @ matrix.T + origin)
+    assert np.allclose(found.calibration.matrix, matrix, atol=1e-12)
+    assert np.allclose(found.calibration.origin, origin, atol=1e-12)
+    assert found.rms < 1e-12
 
 
 def test_the_distance_left_is_that_of_the_noise():
     # Four corners pushed by 1 mm in turn along x: no affine map can follow any of it.
     seen = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     plate = seen + np.array([[1e-3, 0.0], [-1e-3, 0.0], [1e-3, 0.0], [-1e-3, 0.0]])
-    _, left = fit(seen, plate)
-    assert left == pytest.approx(1e-3)
+    found = fit(seen, plate)
+    assert found.rms == pytest.approx(1e-3)
+    assert found.distances == pytest.approx([1e-3] * 4)
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,17 @@
 """Bytes as the manuals and the recordings of real panels lay them out, and random bytes."""
 
-import struct
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.presence import TouchState, touch_state
+from twin.devices.lumio.detector import Detector
 from twin.devices.lumio.protocols import (
     DECODERS,
     EloDecoder,
-    EvdevDecoder,
     Hid0006Decoder,
     Hid0007Decoder,
     MicroTouchDecoder,
 )
-from twin.devices.lumio.stream import Detector, TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 
 PROTOCOLS = list(Protocol)
@@ -28,16 +22,6 @@ LIFTED_0006 = "30 01 b0 5b 28 5c" + " 00" * 18 + " 01"
 FINGERS_0006 = "31 01 c8 1e 08 27 31 02 e0 67 70 10" + " 00" * 12 + " 02"
 FINGER_0007 = "31 00 d8 07 a0 0a 01 00"
 LIFTED_0007 = "30 00 48 70 58 69 01 00"
-# Codes of linux/input-event-codes.h.
-SYN, ABS = 0, 3
-SLOT, X, Y, TRACKING = 0x2F, 0x35, 0x36, 0x39
-
-
-def input_events(*triples):
-    return b"".join(struct.pack("@llHHi", 12, 340_000, *triple) for triple in triples)
-
-
-TOUCH = input_events((ABS, TRACKING, 7), (ABS, X, 16384), (ABS, Y, 8192), (SYN, 0, 0))
 
 
 def decode(decoder, text):
@@ -137,52 +121,6 @@ def test_an_identity_packet_of_smartset_is_no_touch():
 def test_a_position_beyond_the_range_is_counted_and_refused(decoder, text):
     assert decode(decoder, text) == []
     assert (decoder.stats.outside, decoder.stats.skipped) == (1, 0)
-
-
-def test_an_input_event_touch_is_reported_when_its_frame_ends():
-    ((contact,),) = EvdevDecoder().feed(TOUCH)
-    assert (contact.x, contact.y, contact.down) == (16384 / 32767, 8192 / 32767, True)
-
-
-def test_an_input_event_value_that_is_not_sent_again_has_not_changed():
-    decoder = EvdevDecoder()
-    decoder.feed(TOUCH)
-    ((contact,),) = decoder.feed(input_events((ABS, X, 0), (SYN, 0, 0)))
-    assert (contact.x, contact.y) == (0.0, 8192 / 32767)
-
-
-def test_a_tracking_id_of_minus_one_is_a_lift_off():
-    decoder = EvdevDecoder()
-    decoder.feed(TOUCH)
-    ((contact,),) = decoder.feed(input_events((ABS, TRACKING, -1), (SYN, 0, 0)))
-    assert not contact.down
-
-
-def test_two_slots_of_input_events_are_two_contacts():
-    decoder = EvdevDecoder()
-    second = ((ABS, SLOT, 1), (ABS, TRACKING, 8), (ABS, X, 1), (ABS, Y, 2), (SYN, 0, 0))
-    decoder.feed(TOUCH)
-    ((contact,),) = decoder.feed(input_events(*second))
-    assert contact.id == 2
-
-
-def test_an_input_event_value_beyond_the_range_is_counted_and_refused():
-    decoder = EvdevDecoder()
-    outside = ((ABS, TRACKING, 7), (ABS, X, -5), (ABS, Y, 0), (SYN, 0, 0))
-    assert decoder.feed(input_events(*outside)) == []
-    assert decoder.stats.outside == 1
-
-
-@pytest.mark.parametrize(("lift", "then"), [(False, "touching"), (True, "lost")])
-def test_a_ball_at_rest_that_sends_nothing_still_touches_until_it_is_lifted_off(lift, then):
-    limits = PlausibilityLimits()
-    stream = TouchStream("evdev", 1e5, Calibration.nominal(), limits)
-    for frame in range(5):
-        move = input_events((ABS, X, 16384 + 8 * frame), (SYN, 0, 0))
-        stream.take(0.017 * frame, TOUCH + move)
-    if lift:
-        stream.take(0.09, input_events((ABS, TRACKING, -1), (SYN, 0, 0)))
-    assert touch_state(limits, stream.sample, 5.0, silent=True) == TouchState(then)
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

@@ -3,13 +3,8 @@ import sys
 
 import pytest
 
-from twin.devices.lumio.transports import (
-    TRANSPORTS,
-    ScreenError,
-    UsbIdentity,
-    identify,
-    panels,
-)
+from twin.devices.lumio.panels import UsbIdentity, identify, panels
+from twin.devices.lumio.transports import TRANSPORTS, ScreenError
 
 NAME = "LUMIO Inc LUMIO CrystalTouch ver 02.03.24.00."
 
@@ -44,7 +39,7 @@ def test_a_device_that_is_not_described_is_none(root, port):
 
 
 def test_of_all_devices_only_panels_are_found(root):
-    assert list(panels(root)) == ["/dev/hidraw0"]
+    assert [each.port for each in panels(root)] == ["/dev/hidraw0"]
 
 
 def test_the_package_is_imported_where_there_are_no_posix_modules():

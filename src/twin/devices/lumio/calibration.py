@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from twin.data_file import parse_json
 from twin.errors import TwinError
 from twin.hal.interface import SCREEN
+
+_REMEDY = "run `ballplate calibrate touch`"
 
 
 class CalibrationError(TwinError, ValueError):
@@ -70,30 +75,33 @@ class Calibration:
         area = a * d - b * c
         return (d * x - b * y) / area, (a * y - c * x) / area
 
+    def save(self, path: Path, provenance: Mapping[str, Any]) -> None:
+        """Write it and how it was made as JSON.
 
-def fit(screen: ArrayLike, plate: ArrayLike) -> tuple[Calibration, float]:
-    """The calibration that suits known points best, by least squares.
+        Args:
+            path: The file.
+            provenance: How it was made.
+        """
+        data = {"provenance": dict(provenance), "matrix_m": self.matrix, "origin_m": self.origin}
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
 
-    Args:
-        screen: What the screen said, screen units, shape (K, 2), K at least 3.
-        plate: Where the points are, m in plate axes, shape (K, 2).
 
-    Returns:
-        The calibration and the root mean square distance in m that it leaves.
+def read_calibration(path: Path) -> tuple[Calibration, dict[str, Any]]:
+    """A calibration that `save` wrote, and how it was made.
 
     Raises:
-        CalibrationError: Fewer than three points, or all on one line.
+        CalibrationError: If the file is missing, or is not such a calibration.
     """
-    seen, true = np.asarray(screen, float), np.asarray(plate, float)
-    if seen.ndim != 2 or seen.shape != true.shape or seen.shape[1] != 2 or len(seen) < 3:
-        raise CalibrationError(
-            f"calibration: needs 3 or more pairs of points, got {seen.shape} and {true.shape}"
-        )
-    system = np.column_stack([seen, np.ones(len(seen))])
-    solution, _, rank, _ = np.linalg.lstsq(system, true, rcond=1e-6)
-    if rank < 3:
-        raise CalibrationError("calibration: the points must not lie on one line")
-    (a, c), (b, d), origin = solution.tolist()
-    left = system @ solution - true
-    calibration = Calibration(((a, b), (c, d)), (origin[0], origin[1]))
-    return calibration, float(np.sqrt((left**2).sum(axis=1).mean()))
+    try:
+        data = parse_json(path.read_text(encoding="utf-8"))
+        (a, b), (c, d) = data["matrix_m"]
+        x, y = data["origin_m"]
+        numbers = [a, b, c, d, x, y]
+        if not all(type(each) in {int, float} for each in numbers):
+            raise TypeError("matrix_m and origin_m must be numbers")
+        a, b, c, d, x, y = map(float, numbers)
+        return Calibration(((a, b), (c, d)), (x, y)), dict(data["provenance"])
+    except OSError as error:
+        raise CalibrationError(f"{path}: {error.strerror}; {_REMEDY}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise CalibrationError(f"{path}: not a calibration ({error}); {_REMEDY}") from error

@@ -40,16 +40,25 @@ class PlausibilityLimits:
     rest: float = 0.3
 
 
+_WITHDRAWN = (
+    "evdev is not read any more: input events are sent for changes only, so a ball at rest cannot "
+    'be told from a screen that has died; set transport = "hidraw" and port = "/dev/hidraw..." '
+    "(`ballplate doctor` lists the panels, `doctor --udev` prints the rules that give access)"
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class LumioConfig:
     """Settings of one touch screen.
 
     Attributes:
-        port: Device path: ``/dev/ttyUSB0``, ``/dev/hidraw0``, ``/dev/input/event3``.
-        transport: ``serial``, ``hidraw`` or ``evdev``.
-        protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006``, ``hid-0007`` or ``evdev``.
+        port: Device path: ``/dev/ttyUSB0``, ``/dev/hidraw0``.
+        transport: ``serial`` or ``hidraw``.
+        protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006`` or ``hid-0007``. A raw HID device
+            is read by its own report descriptor, whatever is given here.
         baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
-        calibration: Screen units to plate axes.
+        calibration: Screen units to plate axes; None for a screen mounted square and centred, of
+            the size that it says, else of the size of the model's.
         gate: What is plausible.
 
     Raises:
@@ -60,11 +69,13 @@ class LumioConfig:
     transport: str = "serial"
     protocol: str = "auto"
     baud: int = 9600
-    calibration: Calibration = field(default_factory=Calibration.nominal)
+    calibration: Calibration | None = None
     gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
+        if "evdev" in {self.transport, self.protocol}:
+            raise ScreenError(f"touch.transport: {_WITHDRAWN}")
         for key, allowed in (
             ("transport", tuple(TRANSPORTS)),
             ("protocol", ("auto", *DECODERS)),
@@ -74,8 +85,6 @@ class LumioConfig:
                 raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
         if self.baud <= 0:
             raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
-        if (self.transport == "evdev") != (self.protocol == "evdev"):
-            raise ScreenError("touch.protocol: evdev goes with touch.transport evdev, and only so")
 
     @property
     def capacity(self) -> float:

@@ -64,23 +64,42 @@ INCOMPLETE = Packet(0)
 
 
 class Decoder(ABC):
-    """Reports out of a stream of bytes; never raises, whatever the bytes.
+    """Reports out of bytes; never raises, whatever the bytes."""
+
+    name: ClassVar[str]
+    """What a rig file calls the protocol."""
+    patience: ClassVar[float] = 0.05
+    """Seconds of silence after which half a packet will not be completed any more."""
+
+    def __init__(self) -> None:
+        self.stats = DecoderStats()
+
+    @property
+    def extent(self) -> tuple[float, float] | None:
+        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
+        return None
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[Report]:
+        """The reports that these bytes complete, oldest first."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Give up on what has begun and has not been completed."""
+
+
+class StreamDecoder(Decoder):
+    """Reports out of a stream of bytes in any portions.
 
     A subclass says what a packet looks like. Bytes that start none are skipped one by one, so the
     stream is understood again at the next whole packet.
     """
 
-    name: ClassVar[str]
-    """What a rig file calls the protocol."""
     size: ClassVar[int]
     """Bytes of a packet with contacts."""
-    patience: ClassVar[float] = 0.05
-    """Seconds of silence after which half a packet will not be completed any more."""
-    silent_at_rest: ClassVar[bool] = False
-    """Whether a contact that does not move sends nothing."""
 
     def __init__(self) -> None:
-        self.stats = DecoderStats()
+        super().__init__()
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Report]:

@@ -22,22 +22,17 @@ class TouchState(StrEnum):
     LOST = "lost"
 
 
-def touch_state(
-    limits: PlausibilityLimits, sample: Sample | None, time: float, silent: bool = False
-) -> TouchState:
+def touch_state(limits: PlausibilityLimits, sample: Sample | None, time: float) -> TouchState:
     """What is known of the ball at a time.
 
     Args:
         limits: What is plausible.
         sample: The newest position.
         time: Now, on the clock of the sample, s.
-        silent: Whether a ball at rest sends nothing, so that silence says nothing.
     """
     if sample is None:
         return TouchState.LOST
     age = time - sample.time
-    if silent and not sample.lifted:
-        return TouchState.TOUCHING
     if age > limits.lost:
         return TouchState.LOST
     if sample.lifted:
@@ -64,9 +59,9 @@ class Presence:
         self._tilted: float | None = None
         self._frozen = False
 
-    def update(self, sample: Sample | None, time: float, silent: bool = False) -> None:
+    def update(self, sample: Sample | None, time: float) -> None:
         """Compare with the last update."""
-        before, self._state = self._state, touch_state(self._limits, sample, time, silent)
+        before, self._state = self._state, touch_state(self._limits, sample, time)
         if sample is None or self._state == before:
             return
         end = "after a lift-off" if sample.lifted else "without a lift-off"

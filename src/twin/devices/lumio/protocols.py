@@ -1,17 +1,17 @@
-"""The protocols a Lumio screen may speak: two serial ones, two USB reports, Linux input events."""
+"""The protocols a Lumio screen may speak: two serial ones, two USB reports."""
 
 from __future__ import annotations
 
 import struct
 
-from twin.devices.lumio.decoder import INCOMPLETE, Contact, Decoder, Packet, Report
+from twin.devices.lumio.decoder import INCOMPLETE, Contact, Packet, Report, StreamDecoder
 
 _TABLET_TOP = 16383
 _REPLY_START, _REPLY_END = 0x01, 0x0D
 _LONGEST_REPLY = 34
 
 
-class MicroTouchDecoder(Decoder):
+class MicroTouchDecoder(StreamDecoder):
     """Decoder of Format Tablet (MicroTouch EX Serial Reference Guide, p. 27).
 
     Five bytes, the first marked by its highest bit. The origin is at the bottom left; y is turned
@@ -55,7 +55,7 @@ _LEAD, _TOUCH = ord("U"), ord("T")
 _TOUCHING, _LIFTED = 0x03, 0x04
 
 
-class EloDecoder(Decoder):
+class EloDecoder(StreamDecoder):
     """Decoder of the 10-byte SmartSet packets (Elo SmartSet guide, p. A-53).
 
     A packet is ``U``, a letter, status, x, y, z (each little-endian) and the sum of all bytes
@@ -100,7 +100,7 @@ _MOST_CONTACTS = 8
 _SINGLE = struct.Struct("<BBHHH")
 
 
-class Hid0006Decoder(Decoder):
+class Hid0006Decoder(StreamDecoder):
     """Decoder of product 202E:0006: four blocks of a contact each, then the number of contacts.
 
     With more than four, the rest follow in a second report whose number is 0.
@@ -139,7 +139,7 @@ class Hid0006Decoder(Decoder):
         return Packet(self.size, tuple(contacts))
 
 
-class Hid0007Decoder(Decoder):
+class Hid0007Decoder(StreamDecoder):
     """Decoder of product 202E:0007: one contact per report, several contacts taking turns."""
 
     name = "hid-0007"
@@ -161,83 +161,8 @@ class Hid0007Decoder(Decoder):
         return Packet(self.size, (Contact(x / _USB_TOP, y / _USB_TOP, status == _DOWN, name),))
 
 
-_EVENT = struct.Struct("@llHHi")
-_EVENT_TYPES = frozenset(range(0x20))
-_SYN, _ABS = 0x00, 0x03
-_REPORT, _DROPPED = 0x00, 0x03
-_SLOT, _X, _Y, _TRACKING = 0x2F, 0x35, 0x36, 0x39
-_SLOTS = 16
-
-
-class EvdevDecoder(Decoder):
-    """Decoder of ``struct input_event``, multi-touch protocol B.
-
-    The fallback where the kernel does not hand out the raw HID reports. It passes on only what
-    changes: a ball at rest sends nothing, so silence says nothing. The range is the digitizer's,
-    0..32767. Decoded here and not by a library, so that it is fed bytes like the others.
-    """
-
-    name = "evdev"
-    size = _EVENT.size
-    silent_at_rest = True
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._slot = 0
-        self._contacts: dict[int, list[int]] = {}
-        self._changed: set[int] = set()
-
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        if len(buffer) - at < self.size:
-            return INCOMPLETE
-        _, micro, kind, code, value = _EVENT.unpack_from(buffer, at)
-        if not (0 <= micro < 1_000_000 and kind in _EVENT_TYPES):
-            return None
-        if kind == _ABS:
-            self._set(code, value)
-        elif kind == _SYN and code == _DROPPED:
-            self._changed.clear()
-        elif kind == _SYN and code == _REPORT:
-            return Packet(self.size, self._report())
-        return Packet(self.size)
-
-    def _set(self, code: int, value: int) -> None:
-        """Take in one absolute axis of the current slot: [x, y, down]."""
-        if code == _SLOT:
-            self._slot = value if 0 <= value < _SLOTS else 0
-            return
-        if code not in {_X, _Y, _TRACKING}:
-            return
-        contact = self._contacts.setdefault(self._slot, [0, 0, 1])
-        if code == _TRACKING:
-            contact[2] = int(value >= 0)
-        else:
-            contact[code - _X] = value
-        self._changed.add(self._slot)
-
-    def _report(self) -> Report | None:
-        contacts = []
-        for slot in sorted(self._changed):
-            x, y, down = self._contacts[slot]
-            if 0 <= x <= _USB_TOP and 0 <= y <= _USB_TOP:
-                contacts.append(Contact(x / _USB_TOP, y / _USB_TOP, bool(down), slot + 1))
-            else:
-                self.stats.outside += 1
-            if not down:
-                del self._contacts[slot]
-        self._changed.clear()
-        return tuple(contacts) or None
-
-
-BYTE_DECODERS: tuple[type[Decoder], ...] = (
-    MicroTouchDecoder,
-    EloDecoder,
-    Hid0006Decoder,
-    Hid0007Decoder,
-)
-"""Those of protocols that can be told apart by listening; input events are known by their path."""
-DECODERS: dict[str, type[Decoder]] = {
-    **{decoder.name: decoder for decoder in BYTE_DECODERS},
-    EvdevDecoder.name: EvdevDecoder,
+DECODERS: dict[str, type[StreamDecoder]] = {
+    decoder.name: decoder
+    for decoder in (MicroTouchDecoder, EloDecoder, Hid0006Decoder, Hid0007Decoder)
 }
-"""Every protocol by the name a rig file gives it."""
+"""Every protocol by the name a rig file gives it; they can be told apart by listening."""

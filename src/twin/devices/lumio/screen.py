@@ -13,9 +13,10 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.decoder import DecoderStats
+from twin.devices.lumio.decoder import Decoder, DecoderStats
 from twin.devices.lumio.presence import Presence, TouchState, touch_state
 from twin.devices.lumio.stream import TouchStream
+from twin.devices.lumio.tracking import Sample
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError
 from twin.hal.faults import Fault
 from twin.hal.interface import Touch
@@ -26,6 +27,9 @@ class ByteSource(Protocol):
 
     def open(self) -> None:
         """Open it, or raise a ScreenError."""
+
+    def decoder(self) -> Decoder | None:
+        """What it says of its bytes, if it does; a ScreenError if it is no touch screen."""
 
     def read(self, timeout: float) -> bytes:
         """What has arrived, or nothing after a timeout in s; a ScreenError if the port has gone."""
@@ -94,7 +98,16 @@ class LumioScreen:
         """Open the port, and know nothing of what was before."""
         self._stream.forget()
         self._presence.forget()
+        self._open()
+
+    def _open(self) -> None:
+        """Open the port, and take over what it says of itself."""
         self._port.open()
+        try:
+            self._stream.begin(self._port.decoder())
+        except ScreenError:
+            self._port.close()
+            raise
         self.connected = True
 
     def stop(self) -> None:
@@ -122,8 +135,7 @@ class LumioScreen:
         if sample is None:
             return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
         age = max(0.0, now - sample.time)
-        resting = self._silent and not sample.lifted
-        touched = age <= self.config.gate.stale or resting
+        touched = age <= self.config.gate.stale
         return Touch(np.array([sample.position]), np.array([age]), np.array([touched]))
 
     def note_plate(self, plate: Array) -> None:
@@ -136,18 +148,46 @@ class LumioScreen:
 
     def faults(self) -> tuple[Fault, ...]:
         """What has been detected since the last call, oldest first; ask once per period."""
-        self._presence.update(self._stream.sample, self._now(), self._silent)
+        self._presence.update(self._stream.sample, self._now())
         return tuple(self._stream.faults())
 
     @property
     def state(self) -> TouchState:
         """What is known of the ball now."""
-        return touch_state(self.config.gate, self._stream.sample, self._now(), self._silent)
+        return touch_state(self.config.gate, self._stream.sample, self._now())
 
     @property
     def protocol(self) -> str:
         """The protocol spoken; empty until it has been recognised."""
         return self._stream.decoder.name if self._stream.decoder else ""
+
+    @property
+    def looks_like(self) -> str:
+        """The protocol that the bytes look like, if that is not the one set; else empty."""
+        return self._stream.looks_like
+
+    @property
+    def hint(self) -> str:
+        """What to change if there is no position; empty if nothing is known."""
+        if self.looks_like:
+            return f"the bytes look like {self.looks_like}: set touch.protocol to that"
+        heard = self.counters.bytes
+        if not heard:
+            return "nothing heard: put the ball on, check the cable and the port"
+        if self.counters.reports:
+            return ""
+        wanted = "known" if self.config.protocol == "auto" else f"{self.config.protocol} nor other"
+        return f"{heard} bytes heard, of no {wanted} protocol: check the baud rate"
+
+    @property
+    def extent(self) -> tuple[float, float] | None:
+        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
+        return self._stream.extent
+
+    @property
+    def sample(self) -> Sample | None:
+        """The newest plausible position and when it arrived; None before the first."""
+        return self._stream.sample
 
     @property
     def counters(self) -> DecoderStats:
@@ -168,11 +208,6 @@ class LumioScreen:
     def dropped(self) -> int:
         """Bytes dropped unread in floods."""
         return self._stream.dropped
-
-    @property
-    def _silent(self) -> bool:
-        decoder = self._stream.decoder
-        return decoder is not None and decoder.silent_at_rest
 
     def _listen(self) -> None:
         """Read until stopped; a port that goes is waited for until someone asks to recover."""
@@ -205,11 +240,9 @@ class LumioScreen:
         if self.connected:
             return
         try:
-            self._port.open()
+            self._open()
         except ScreenError as error:
             self._gone(error)
-        else:
-            self.connected = True
 
     def _gone(self, error: ScreenError) -> None:
         self.connected = False

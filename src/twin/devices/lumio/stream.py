@@ -10,7 +10,8 @@ from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.conditions import BAD_BYTES, CHECKSUM, FLOOD, OUT_OF_RANGE, UNKNOWN_PROTOCOL
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.lumio.decoder import Decoder, DecoderStats, Report
-from twin.devices.lumio.protocols import BYTE_DECODERS, DECODERS
+from twin.devices.lumio.detector import Detector, Doubt
+from twin.devices.lumio.protocols import DECODERS
 from twin.devices.lumio.tracking import Sample, Tracker
 from twin.hal.faults import Condition, Fault
 
@@ -23,60 +24,13 @@ REFUSED = (
 """Which count of a decoder shows which condition."""
 
 
-class Detector:
-    """Feeds the decoders of all byte protocols until one of them understands the stream.
-
-    A protocol is taken when it has given several reports and these account for nearly all bytes of
-    a stream long enough: a few packets of one can look like several of another.
-    Input events are no candidate: their device is known by its path.
-    After ``WINDOW`` bytes without a decision it starts afresh.
-    """
-
-    REPORTS = 3
-    """Reports that a protocol must have given."""
-    SHARE = 0.8
-    """Share of the bytes that they must account for."""
-    LEAST = 60
-    """Bytes that must have been heard."""
-    WINDOW = 1024
-
-    def __init__(self) -> None:
-        self._listened = 0
-        self._start()
-
-    @property
-    def listened(self) -> int:
-        """Bytes heard in vain."""
-        return self._listened + self._decoders[0].stats.bytes
-
-    def feed(self, data: bytes) -> tuple[Decoder, list[Report]] | None:
-        """The decoder of the protocol and what it makes of these bytes, once it is known."""
-        found = []
-        for decoder in self._decoders:
-            reports = decoder.feed(data)
-            heard, given = decoder.stats.bytes, decoder.stats.reports
-            understood = decoder.size * given / max(1, heard)
-            if heard >= self.LEAST and given >= self.REPORTS and understood >= self.SHARE:
-                found.append((understood, decoder, reports))
-        if found:
-            _, decoder, reports = max(found, key=lambda entry: entry[0])
-            return decoder, reports
-        if self._decoders[0].stats.bytes > self.WINDOW:
-            self._listened += self._decoders[0].stats.bytes
-            self._start()
-        return None
-
-    def _start(self) -> None:
-        self._decoders = [decoder() for decoder in BYTE_DECODERS]
-
-
 class TouchStream:
     """Turns what a port delivers into ball positions and faults; knows no port and no clock.
 
     Args:
         protocol: Name of the protocol, or ``auto``.
         capacity: Bytes per second from which the line counts as flooded.
-        calibration: Screen units to plate axes.
+        calibration: Screen units to plate axes; None for a screen mounted square and centred.
         limits: What is plausible.
     """
 
@@ -90,17 +44,26 @@ class TouchStream:
     """Bytes of one reading that are decoded; older ones are dropped, to bound the time it takes."""
 
     def __init__(
-        self, protocol: str, capacity: float, calibration: Calibration, limits: PlausibilityLimits
+        self,
+        protocol: str,
+        capacity: float,
+        calibration: Calibration | None,
+        limits: PlausibilityLimits,
     ) -> None:
         self.decoder: Decoder | None = None if protocol == "auto" else DECODERS[protocol]()
         self.dropped = 0
         """Bytes dropped undecoded."""
         self.reports = 0
         """Reports taken in."""
+        self.extent: tuple[float, float] | None = None
+        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
+        self._protocol = protocol
         self._detector = Detector()
+        self._doubt = self._new_doubt()
+        self._calibration = calibration
         self._capacity = capacity
         self._limits = limits
-        self._tracker = Tracker(limits, calibration, self.report_fault)
+        self._tracker = Tracker(limits, calibration or Calibration.nominal(), self.report_fault)
         self._faults: deque[Fault] = deque(maxlen=1000)
         self._seen = DecoderStats()
         self._reported: dict[Condition, float] = {}
@@ -108,6 +71,14 @@ class TouchStream:
         self._deaf: float | None = None
         self._window = (0.0, 0)
         self._times: deque[float] = deque(maxlen=60)
+
+    def _new_doubt(self) -> Doubt | None:
+        return Doubt(self._protocol) if self._protocol in DECODERS else None
+
+    @property
+    def looks_like(self) -> str:
+        """The protocol that the bytes look like, if that is not the one set; else empty."""
+        return self._doubt.looks_like if self._doubt else ""
 
     @property
     def sample(self) -> Sample | None:
@@ -134,10 +105,21 @@ class TouchStream:
         """What has been detected since the last call, oldest first; any thread may ask."""
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
+    def begin(self, decoder: Decoder | None) -> None:
+        """Read with the decoder that an opened port asks for, if it does."""
+        if decoder is None:
+            return
+        self.decoder, self._doubt = decoder, None
+        self._seen = replace(decoder.stats)
+        self.extent = decoder.extent
+        if self._calibration is None and self.extent is not None:
+            self._tracker.calibration = Calibration.nominal(size=self.extent)
+
     def forget(self) -> None:
         """Forget the ball and half a packet, as after the port was reopened."""
         self._tracker.forget()
         self._deaf = None
+        self._doubt = self._new_doubt()
         if self.decoder:
             self.decoder.reset()
             self._seen = replace(self.decoder.stats)
@@ -158,18 +140,27 @@ class TouchStream:
         self._compare(time)
 
     def _decode(self, time: float, data: bytes) -> list[Report]:
+        reports: list[Report] = []
         if self.decoder:
-            return self.decoder.feed(data)
-        found = self._detector.feed(data)
-        if found:
+            reports = self.decoder.feed(data)
+        elif found := self._detector.feed(data):
             self.decoder, reports = found
             self._seen = replace(self.decoder.stats)
-            return reports
+        if self._doubt:
+            self._doubt.feed(data)
+        self._recognise(time)
+        return reports
+
+    def _recognise(self, time: float) -> None:
+        """Report bytes that are of another protocol than the one set, or of none that is known."""
         self._deaf = time if self._deaf is None else self._deaf
-        if time - self._deaf > self.DEAF:
-            heard = f"{self._detector.listened} bytes are of no known protocol"
+        if self.looks_like:
+            heard = f"the bytes are of {self.looks_like}, not of {self._protocol}"
             self._report_rate_limited(time, UNKNOWN_PROTOCOL, heard)
-        return []
+        elif not self.stats.reports and time - self._deaf > self.DEAF:
+            wanted = "no known protocol" if self._protocol == "auto" else f"no {self._protocol}"
+            heard = f"{self.stats.bytes} bytes are of {wanted}"
+            self._report_rate_limited(time, UNKNOWN_PROTOCOL, heard)
 
     def _measure(self, time: float, count: int) -> None:
         """Notice a line that is full, on which samples queue up and arrive late."""

@@ -58,7 +58,8 @@ class Tracker:
         self, limits: PlausibilityLimits, calibration: Calibration, report_fault: ReportFault
     ) -> None:
         self._limits = limits
-        self._calibration = calibration
+        self.calibration = calibration
+        """Screen units to plate axes."""
         self._report_fault = report_fault
         self.forget()
 
@@ -111,7 +112,7 @@ class Tracker:
         contact = self._nearest(last, down)
         if contact is None:
             return
-        point = self._calibration.plate(contact.x, contact.y)
+        point = self.calibration.plate(contact.x, contact.y)
         if last is not None and self._continues(time, point, last):
             self._accept(time, contact.id, point, last)
         elif self._wait(time, point, last) and not self._leaves(time, contact, last):
@@ -124,7 +125,7 @@ class Tracker:
         here = last.position
         if self._id in self._live and all(contact.id != self._id for contact in down):
             return None
-        return min(down, key=lambda one: math.dist(self._calibration.plate(one.x, one.y), here))
+        return min(down, key=lambda one: math.dist(self.calibration.plate(one.x, one.y), here))
 
     def _continues(self, time: float, point: tuple[float, float], last: Sample) -> bool:
         """Whether a position goes on from the last one, not from the refused ones since."""
@@ -150,8 +151,8 @@ class Tracker:
         """Report a confirmed jump; return whether its positions are to be refused."""
         if last is None:
             return False
-        point = self._calibration.plate(contact.x, contact.y)
-        turned = self._calibration.plate(contact.y, contact.x)
+        point = self.calibration.plate(contact.x, contact.y)
+        turned = self.calibration.plate(contact.y, contact.x)
         words = f"from {_place(last.position)} to {_place(point)}"
         way, turned_way = math.dist(point, last.position), math.dist(turned, last.position)
         if turned_way > way / 2 or not self._reaches(time - last.time, last.position, turned):

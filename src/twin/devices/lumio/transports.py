@@ -1,6 +1,6 @@
-"""The ports a touch screen is plugged into: serial line, raw HID device, input event device.
+"""The ports a touch screen is plugged into: serial line, raw HID device.
 
-Opening one needs a POSIX system, raw HID and input event devices Linux; importing does not.
+Opening one needs a POSIX system, a raw HID device Linux; importing does not.
 """
 
 from __future__ import annotations
@@ -8,22 +8,22 @@ from __future__ import annotations
 import errno
 import os
 import select
+import sys
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from twin.devices.lumio.protocols import Hid0006Decoder, Hid0007Decoder
+from twin.devices.lumio.decoder import Decoder
+from twin.devices.lumio.hid_descriptor import LONGEST, DescriptorError, parse
+from twin.devices.lumio.hid_touch import HidDecoder, TouchLayout
+from twin.devices.lumio.panels import described, touch_screens
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
     import serial
 
-VENDOR = 0x202E
-PRODUCTS = {0x0006: Hid0006Decoder.name, 0x0007: Hid0007Decoder.name}
-"""Protocols of the products whose reports are known."""
-HIDRAW_CLASS = Path("/sys/class/hidraw")
-"""Where Linux describes raw HID devices."""
+HIDIOCGRDESCSIZE, HIDIOCGRDESC = 0x8004_4801, 0x9004_4802
+"""Requests to a raw HID device for its report descriptor (linux/hidraw.h)."""
 
 
 class ScreenError(TwinError, OSError):
@@ -95,6 +95,14 @@ class Transport(ABC):
             raise self._in_words(OSError(errno.EIO, "end of file"))
         return data
 
+    def decoder(self) -> Decoder | None:
+        """The decoder that the open port itself asks for; None if it does not say.
+
+        Raises:
+            ScreenError: It says that it is no touch screen.
+        """
+        return None
+
     @abstractmethod
     def close(self) -> None:
         """Close the port; never raises."""
@@ -147,8 +155,45 @@ class SerialPort(Transport):
             self._line = None
 
 
-class DeviceFile(Transport):
-    """A device file that is read as it is."""
+class HidrawDevice(Transport):
+    """A raw HID device: one report per read, laid out as the device itself says."""
+
+    PERMISSION = "a udev rule must give it to the user; `ballplate doctor --udev` prints one"
+
+    def decoder(self) -> Decoder | None:
+        """A decoder by the report descriptor; None for a port that has none, as on a virtual rig.
+
+        Raises:
+            ScreenError: The device is not a touch screen.
+        """
+        data = self._descriptor()
+        if data is None:
+            return None
+        try:
+            descriptor = parse(data)
+        except DescriptorError as error:
+            reason = f"its report descriptor cannot be read: {error}"
+            raise ScreenError(f"touch screen {self.port}: {reason}") from error
+        layout = TouchLayout.of(descriptor)
+        if layout is None:
+            others = ", ".join(each.port for each in touch_screens())
+            hint = f"; the touch screen is {others}" if others else ""
+            what = described(descriptor)
+            raise ScreenError(f"touch screen {self.port}: no touch screen but {what}{hint}")
+        return HidDecoder(layout)
+
+    def _descriptor(self) -> bytes | None:
+        """The report descriptor, or None from what is no raw HID device."""
+        import fcntl  # noqa: PLC0415  POSIX only
+
+        size, whole = bytearray(4), bytearray(4 + LONGEST)
+        try:
+            fcntl.ioctl(self._handle, HIDIOCGRDESCSIZE, size)
+            whole[:4] = size
+            fcntl.ioctl(self._handle, HIDIOCGRDESC, whole)
+        except OSError:
+            return None
+        return bytes(whole[4 : 4 + int.from_bytes(size, sys.byteorder)])
 
     def _open(self) -> int:
         import fcntl  # noqa: PLC0415  POSIX only
@@ -169,58 +214,8 @@ class DeviceFile(Transport):
             self._handle = -1
 
 
-class HidrawDevice(DeviceFile):
-    """A raw HID device: one report per read."""
-
-    PERMISSION = "a udev rule must give /dev/hidraw* of vendor 202e to the user"
-
-
-class EvdevDevice(DeviceFile):
-    """An input event device."""
-
-    PERMISSION = "add the user to the group that owns it (input)"
-
-
 TRANSPORTS: dict[str, type[Transport]] = {
     "serial": SerialPort,
     "hidraw": HidrawDevice,
-    "evdev": EvdevDevice,
 }
 """Every kind of port by the name a rig file gives it."""
-
-
-class UsbIdentity(NamedTuple):
-    """A USB device: numbers, the name it gives itself, and the protocol if it is a known panel."""
-
-    vendor: int
-    product: int
-    name: str
-    protocol: str
-
-
-def identify(port: str, root: Path = HIDRAW_CLASS) -> UsbIdentity | None:
-    """What a ``/dev/hidraw*`` device is; None if that cannot be found out.
-
-    Args:
-        port: Path of the device.
-        root: Where the kernel describes raw HID devices.
-    """
-    try:
-        text = (root / Path(port).name / "device" / "uevent").read_text(encoding="utf-8")
-        entries = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-        _, vendor, product = (int(part, 16) for part in entries["HID_ID"].split(":"))
-    except (OSError, KeyError, ValueError):
-        return None
-    protocol = PRODUCTS.get(product, "") if vendor == VENDOR else ""
-    return UsbIdentity(vendor, product, entries.get("HID_NAME", ""), protocol)
-
-
-def panels(root: Path = HIDRAW_CLASS) -> dict[str, UsbIdentity]:
-    """The Lumio panels plugged in, by the path of their raw HID device."""
-    found = {}
-    for device in sorted(root.glob("hidraw*")):
-        port = f"/dev/{device.name}"
-        known = identify(port, root)
-        if known is not None and known.vendor == VENDOR:
-            found[port] = known
-    return found
