@@ -85,11 +85,6 @@ class PoweredServos(Servos, FaultSource, Protocol):
 class ListeningScreen(TouchScreen, FaultSource, Protocol):
     """A touch screen that is read in a thread of its own."""
 
-    @property
-    def hint(self) -> str:
-        """What to change if it gives no position; empty if nothing is known."""
-        return ""
-
     def start(self) -> None:
         """Open the port and begin to read it."""
 

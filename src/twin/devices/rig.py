@@ -101,8 +101,7 @@ class HardwareRig(Rig):
             self.servos.home(self._home, self._transmission.motor(self._home))
             self._idle(lambda: bool(self._screen.read().touched.all()), self._patience)
             if not self._screen.read().touched.all():
-                late = f"touch screen: no ball within {self._patience:g} s of switching on"
-                raise RigError(f"{late}; {self.screen.hint}" if self.screen.hint else late)
+                raise RigError(f"touch screen: no ball within {self._patience:g} s of switching on")
             self._on = on.pop_all()
 
     def _hold(self) -> None:

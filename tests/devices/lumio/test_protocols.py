@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.detector import Detector
+from twin.devices.lumio.detector import Detector, Doubt
 from twin.devices.lumio.protocols import (
     DECODERS,
     EloDecoder,
@@ -198,3 +198,14 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
     if found is not None:
         decoder, _ = found
         assert decoder.size * decoder.stats.reports >= 0.8 * len(data)
+
+
+@pytest.mark.parametrize("spoken", PROTOCOLS)
+@pytest.mark.parametrize("set_to", PROTOCOLS)
+@given(places=st.lists(st.tuples(SHARE, SHARE), min_size=16, max_size=20), lost=st.integers(0, 9))
+def test_bytes_of_another_protocol_than_the_one_set_are_recognised(set_to, spoken, places, lost):
+    stream = b"".join(ENCODERS[spoken]([Spot(x, y)])[0] for x, y in places)[lost:]
+    doubt = Doubt(set_to)
+    for at in range(0, len(stream), 7):
+        doubt.feed(stream[at : at + 7])
+    assert doubt.looks_like == ("" if set_to is spoken else spoken)

@@ -313,8 +313,9 @@ def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
     assert screen.stream.dropped == 100 * (1000 - TouchStream.MOST)
 
 
-def test_bytes_of_no_protocol_are_told_within_the_stated_time():
-    stream = TouchStream("auto", 1e9, CALIBRATION, PlausibilityLimits())
+@pytest.mark.parametrize("protocol", ["auto", "elo", "hid-0006"])
+def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
+    stream = TouchStream(protocol, 1e9, CALIBRATION, PlausibilityLimits())
     noise = np.random.default_rng(4)
     times = [0.02 * n for n in range(100)]
     told = None
@@ -325,6 +326,38 @@ def test_bytes_of_no_protocol_are_told_within_the_stated_time():
         ):
             told = time
     assert told <= within("protocol not recognised")
+
+
+@pytest.mark.parametrize("spoken", PROTOCOLS)
+@pytest.mark.parametrize("set_to", PROTOCOLS)
+def test_a_protocol_set_wrongly_is_told_with_the_one_that_is_spoken(set_to, spoken):
+    screen = FedScreen(spoken)
+    screen.stream = TouchStream(set_to.value, 1e9, CALIBRATION, screen.limits)
+    told = []
+    for number in range(30):
+        time = FRAME * number
+        screen.stream.take(time, screen.packet((0.003 * number, 0.05)))
+        told += [
+            (time, fault.detail)
+            for fault in screen.stream.faults()
+            if fault.condition.name == "protocol not recognised"
+        ]
+    if set_to is spoken:
+        assert told == []
+    else:
+        assert told[0][0] <= within("protocol not recognised")
+        assert told[0][1] == f"the bytes are of {spoken}, not of {set_to}"
+
+
+def test_someone_who_asks_to_go_on_is_told_again_only_if_it_is_still_so():
+    screen = FedScreen(Protocol.ELO)
+    screen.stream = TouchStream("microtouch", 1e9, CALIBRATION, screen.limits)
+    screen.roll(10, (0.0, 0.0))
+    assert screen.stream.looks_like == "elo"
+    screen.stream.forget()
+    screen.protocol = Protocol.MICROTOUCH
+    screen.roll(30, (0.0, 0.0))
+    assert screen.stream.looks_like == ""
 
 
 def test_a_fault_that_lasts_is_told_twice_a_second_not_every_packet():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from controllers.arrays import Array
 from twin.devices.lumio.calibration import Calibration, CalibrationError
@@ -88,8 +89,6 @@ def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
         screen: What the screen said, screen units, shape (K, 2).
         plate: Where the points are, m, shape (K, 2).
     """
-    from scipy.stats import f  # noqa: PLC0415  loaded by commands that calibrate only
-
     count = len(plate)
     freedom = 2 * (count - 1) - UNKNOWNS
     if freedom < 1:
@@ -108,7 +107,7 @@ def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
         distances[index] = float(np.hypot(*off))
         ratios[index] = float(off @ off) / 2 / max(scatter * reach, 1e-30)
     worst = int(np.argmax(ratios))
-    chance = count * float(f.sf(ratios[worst], 2, freedom))
+    chance = count * float(special.fdtrc(2, freedom, ratios[worst]))
     return (worst, float(distances[worst])) if chance < DOUBT else None
 
 

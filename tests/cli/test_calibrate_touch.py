@@ -1,0 +1,81 @@
+"""The commands about the touch screen, as a person types them."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from twin.cli import main
+from twin.cli.calibrate import calibrate
+from twin.cli.doctor import request
+from twin.devices.lumio.panels import UDEV_RULES
+from twin.scenario.rig import read_rig
+
+
+@pytest.fixture
+def call(capsys, tmp_path, monkeypatch):
+    """Calls the command line in an empty folder; its code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(list(arguments))
+        return caught.value.code, *capsys.readouterr()
+
+    return called
+
+
+@pytest.fixture
+def rig(tmp_path):
+    file = tmp_path / "rig.toml"
+    file.write_text('patience = 0.3\n[touch]\nport = "/dev/null"\n')
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--at", "1,2", "--at", "30,40"), "2 points; 4 or more are needed"),
+        (("--at", "0,0", "--at", "10,10", "--at", "20,20", "--at", "90,90"), "not lie on one line"),
+        (("--at", "middle"), "--at middle: must be X,Y in mm"),
+        (("--at", "1,2,3"), "must be X,Y in mm"),
+        (("--at", "1000,0"), "from the plate's middle"),
+        (("--at", "nan,0"), "must be X,Y in mm"),
+        ((), "/dev/null: not a serial port"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_one_line_and_no_file(call, rig, tmp_path, options, words):
+    code, out, err = call("calibrate", "touch", "--rig", rig, *options)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert words in err
+    assert not (tmp_path / "touch-of-rig.json").exists()
+
+
+def test_the_udev_rules_are_printed_and_nothing_else_is_done(call, tmp_path):
+    assert call("doctor", "--udev") == (0, UDEV_RULES.read_text(encoding="utf-8"), "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_person_is_asked_in_words():
+    assert request("touch -280 157.5") == "touch the plate at x -280, y +157.5 mm and hold"
+    assert request("put") == "put the ball on the plate"
+    assert request("lift").startswith("lift the ball")
+
+
+@pytest.mark.real_time
+def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path):
+    file = tmp_path / "touch.json"
+    points = [
+        part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)
+    ]
+    arguments = ["touch", "--json", "--out", str(file), *points]
+    done = CliRunner().invoke(calibrate, arguments, standalone_mode=False, catch_exceptions=False)
+    found = json.loads(done.stdout)
+    # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts
+    assert found["size_m"] == pytest.approx([0.7, 0.395], rel=2 / 4096)
+    assert (found["swapped"], found["mirrored_x"], found["mirrored_y"]) == (False, False, True)
+    assert found["rms_mm"] < 0.2
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'[touch]\nport = "x"\ncalibration_file = "{file}"\n')
+    assert read_rig(rig).screen().calibration.plate(0.5, 0.5) == pytest.approx((0, 0), abs=2e-4)

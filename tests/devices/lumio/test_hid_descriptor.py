@@ -1,0 +1,172 @@
+"""Report descriptors: of real panels, made up from fields, damaged, and of random bytes."""
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices.lumio.hid_descriptor import LARGEST, MOST, DescriptorError, parse
+from twin.devices.lumio.hid_touch import HidDecoder, TouchLayout
+
+TIP, IN_RANGE, SURE, NAME, COUNT = 0xD0042, 0xD0032, 0xD0047, 0xD0051, 0xD0054
+X, Y = 0x10030, 0x10031
+
+
+def item(head, value, size):
+    """A short item of a type and tag, with a value of 1, 2 or 4 bytes."""
+    code = {0: 0, 1: 1, 2: 2, 4: 3}[size]
+    return bytes([head | code]) + (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+
+
+def places(descriptor):
+    return [(field.usage, field.offset, field.bits) for field in descriptor.fields]
+
+
+def test_the_fields_of_product_0007_are_where_its_recorded_reports_have_them(descriptors):
+    found = parse(descriptors["hid-0007"])
+    assert places(found) == [
+        (TIP, 0, 1), (IN_RANGE, 4, 1), (SURE, 5, 1), (X, 16, 16), (Y, 32, 16), (NAME, 48, 16)
+    ]  # fmt: skip
+    assert (found.bits, found.numbered, found.applications) == ({0: 64}, False, (0xD0004,))
+
+
+def test_product_0006_has_four_places_of_six_bytes_and_a_count(descriptors):
+    found = parse(descriptors["hid-0006"])
+    block = [
+        (TIP, 0, 1),
+        (IN_RANGE, 4, 1),
+        (SURE, 5, 1),
+        (NAME, 8, 8),
+        (X, 16, 16),
+        (Y, 32, 16),
+    ]
+    blocks = [(usage, 48 * k + offset, bits) for k in range(4) for usage, offset, bits in block]
+    assert places(found) == [*blocks, (COUNT, 192, 8)]
+    layout = TouchLayout.of(found)
+    assert (layout.size, len(layout.contacts), layout.count.offset) == (25, 4, 192)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("hid-0006", (0.376, 0.301)), ("hid-0007", (0.377, 0.305))]
+)
+def test_a_panel_says_its_size(descriptors, name, size):
+    assert TouchLayout.of(parse(descriptors[name])).extent == pytest.approx(size)
+
+
+def test_an_inch_is_2_54_cm(descriptors):
+    inches = descriptors["hid-0007"].replace(b"\x65\x11", b"\x65\x13")
+    assert TouchLayout.of(parse(inches)).extent == pytest.approx((0.377 * 2.54, 0.305 * 2.54))
+
+
+def test_a_mouse_is_no_touch_screen(descriptors):
+    found = parse(descriptors["mouse"])
+    assert TouchLayout.of(found) is None
+    assert found.applications == (0x10002,)
+    assert [field.logical for field in found.fields[-2:]] == [(-127, 127)] * 2
+
+
+SIGNED = st.integers(-(1 << 31), (1 << 31) - 1)
+FIELDS = st.lists(
+    st.tuples(
+        st.integers(1, 32),  # bits
+        st.integers(0, 1 << 16),  # padding before it
+        st.integers(1, 0xFFFF),  # usage
+        SIGNED,
+        st.integers(0, 1 << 31),
+        st.booleans(),  # with its own page, in four bytes
+    ),
+    max_size=12,
+)
+
+
+@given(fields=FIELDS, report=st.none() | st.integers(1, 255), page=st.integers(1, 0xFFFF))
+def test_any_fields_written_as_items_are_read_as_they_were_meant(fields, report, page):
+    data = item(0x04, page, 2) + item(0x08, 1, 1) + item(0xA0, 1, 1)
+    data += b"" if report is None else item(0x84, report, 1)
+    offset, meant = 0, []
+    for bits, padding, usage, low, span, own in fields:
+        high = min(low + span, (1 << 31) - 1)
+        if offset + padding + bits > LARGEST:
+            break
+        data += item(0x74, 1, 1) + item(0x94, padding, 4) + item(0x80, 0x03, 1)
+        data += item(0x14, low, 4) + item(0x24, high, 4)
+        data += item(0x74, bits, 1) + item(0x94, 1, 1)
+        data += item(0x08, 7 << 16 | usage, 4) if own else item(0x08, usage, 2)
+        data += item(0x80, 0x02, 1)
+        meant.append(
+            (report or 0, offset + padding, bits, (7 if own else page) << 16 | usage, (low, high))
+        )
+        offset += padding + bits
+    found = parse(data + b"\xc0")
+    assert [tuple(field[:5]) for field in found.fields] == meant
+    assert found.numbered == (report is not None)
+
+
+@given(
+    value=st.integers(-(1 << 31), (1 << 31) - 1), before=st.integers(0, 40), noise=st.integers(0)
+)
+def test_a_signed_value_is_read_from_any_bits_of_a_report(value, before, noise):
+    data = item(0x14, -(1 << 31), 4) + item(0x24, (1 << 31) - 1, 4)
+    data += item(0x74, before, 1) + item(0x94, 1, 1) + item(0x80, 0x03, 1)
+    data += item(0x74, 32, 1) + item(0x08, 1, 1) + item(0x80, 0x02, 1)
+    (field,) = parse(data).fields
+    report = noise << before + 32 | (value & 0xFFFF_FFFF) << before | noise & (1 << before) - 1
+    assert field.value(report) == value
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x26\xff", "byte 0: cut short"),
+        (b"\xa1\x01", "within a collection"),
+        (b"\xc0", "has not begun"),
+        (b"\xb4", "not put by"),
+        (b"\x85\x00", "report number 0"),
+        (b"\xa1\x01" * 65, "levels of collections"),
+        (bytes(5000), "at most 4096"),
+        (item(0x74, 65, 1) + item(0x94, 1, 1) + b"\x81\x02", "a field of 65 bits"),
+        (item(0x74, 8, 1) + item(0x94, 1 << 31, 4) + b"\x81\x03", "a report of more"),
+        (item(0x18, 0, 4) + item(0x28, 0xFFFF_FFFF, 4) + b"\x81\x02", "usages of one field"),
+        (
+            b"\x09\x01" + (item(0x74, 1, 1) + item(0x94, MOST, 2) + b"\x09\x01\x81\x02") * 2,
+            "fields",
+        ),
+    ],
+)
+def test_what_no_device_can_mean_is_refused_in_words_and_at_once(data, words):
+    begin = time.process_time()
+    with pytest.raises(DescriptorError, match=words):
+        parse(data)
+    assert time.process_time() - begin < 1
+
+
+def decoded(descriptor, reports):
+    """What the decoder of a descriptor, if it is a touch screen's, makes of bytes."""
+    try:
+        layout = TouchLayout.of(parse(descriptor))
+    except DescriptorError:
+        return []
+    if layout is None:
+        return []
+    decoder = HidDecoder(layout)
+    return [contact for data in reports for report in decoder.feed(data) for contact in report]
+
+
+@given(data=st.binary(max_size=400))
+def test_any_bytes_are_a_descriptor_or_are_refused(data):
+    assert decoded(data, [data]) is not None
+
+
+@given(
+    name=st.sampled_from(["hid-0006", "hid-0007", "mouse"]),
+    hits=st.lists(st.tuples(st.integers(0, 296), st.integers(0, 255)), min_size=1, max_size=6),
+    reports=st.lists(st.binary(max_size=60), max_size=6),
+)
+def test_a_damaged_descriptor_is_refused_or_gives_positions_on_the_screen(
+    descriptors, name, hits, reports
+):
+    data = bytearray(descriptors[name])
+    for at, byte in hits:
+        data[at % len(data)] = byte
+    assert all(0 <= c.x <= 1 and 0 <= c.y <= 1 for c in decoded(bytes(data), reports))

@@ -1,0 +1,168 @@
+"""Touch reports by the panel's own word, on the decoder and through a raw HID device."""
+
+import errno
+import os
+import sys
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices.lumio import transports
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.hid_descriptor import parse
+from twin.devices.lumio.hid_touch import HidDecoder, TouchLayout
+from twin.devices.lumio.protocols import DECODERS
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.lumio.transports import HIDIOCGRDESC, HIDIOCGRDESCSIZE, ScreenError
+from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
+
+PANELS = [Protocol.HID_0006, Protocol.HID_0007]
+SHARE = st.floats(0, 1)
+AT = "80 13 68 19"
+REST = " 00" * 18
+ODD = {
+    "no confidence": ("hid-0006", f"11 01 {AT}{REST} 01"),
+    "not in range": ("hid-0006", f"21 01 {AT}{REST} 01"),
+    "padding": ("hid-0006", f"ff 01 {AT}{REST} 01"),
+    "a stale place beyond the count": ("hid-0006", f"31 01 {AT} 31 02 e0 67 70 10{' 00' * 12} 01"),
+    "a number of 0": ("hid-0006", f"31 00 {AT}{REST} 01"),
+    "no confidence, one contact": ("hid-0007", f"11 00 {AT} 01 00"),
+    "padding, one contact": ("hid-0007", f"f1 ff {AT} 01 00"),
+}
+
+
+@pytest.fixture
+def decoder(descriptors):
+    return lambda name: HidDecoder(TouchLayout.of(parse(descriptors[name])))
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_padding_and_flags_that_are_no_tip_do_not_hide_a_contact(decoder, case):
+    name, text = ODD[case]
+    ((contact,),) = decoder(name).feed(bytes.fromhex(text))
+    assert (contact.x, contact.y, contact.down) == (0x1380 / 32767, 0x1968 / 32767, True)
+
+
+def test_a_tip_that_is_off_is_a_lift_off_whatever_else_is_set(decoder):
+    ((contact,),) = decoder("hid-0007").feed(bytes.fromhex(f"fe 00 {AT} 01 00"))
+    assert not contact.down
+
+
+@pytest.mark.parametrize("protocol", PANELS)
+@given(
+    spots=st.lists(st.tuples(SHARE, SHARE, st.booleans()), min_size=1, max_size=8),
+    cuts=st.booleans(),
+)
+def test_both_ways_of_reading_a_panel_agree(descriptors, protocol, spots, cuts):
+    packets = ENCODERS[protocol]([Spot(x, y, k, d) for k, (x, y, d) in enumerate(spots, start=1)])
+    decoder = HidDecoder(TouchLayout.of(parse(descriptors[protocol])))
+    parts = packets if cuts else [b"".join(packets)]
+    found = [report for part in parts for report in decoder.feed(part)]
+    assert found == DECODERS[protocol]().feed(b"".join(packets))
+    assert decoder.stats.skipped == 0
+
+
+def test_half_a_report_is_skipped_and_a_position_beyond_the_range_refused(decoder):
+    one = decoder("hid-0007")
+    assert one.feed(bytes.fromhex("31 00 80")) == []
+    assert one.feed(bytes.fromhex("31 00 f8 ff 00 20 01 00")) == []
+    assert (one.stats.skipped, one.stats.outside, one.stats.reports) == (3, 1, 0)
+
+
+def test_numbered_reports_of_other_parts_of_an_interface_are_left_alone(descriptors):
+    data = descriptors["mouse"].replace(b"\xa1\x01", b"\xa1\x01\x85\x01", 1)
+    data += descriptors["hid-0007"].replace(b"\xa1\x01", b"\xa1\x01\x85\x07", 1)
+    decoder = HidDecoder(TouchLayout.of(parse(data)))
+    assert decoder.feed(bytes.fromhex("01 00 05 05")) == []
+    ((contact,),) = decoder.feed(bytes.fromhex(f"07 31 00 {AT} 01 00"))
+    assert contact.x == 0x1380 / 32767
+    assert decoder.stats.skipped == 0
+
+
+def test_without_a_count_places_that_touch_or_touched_a_moment_ago_hold_contacts(descriptors):
+    places = descriptors["hid-0006"].replace(bytes.fromhex("09 54"), bytes.fromhex("09 56"))
+    decoder = HidDecoder(TouchLayout.of(parse(places)))
+    touch = bytes.fromhex(f"31 01 {AT}{REST} 00")
+    ((first,),) = decoder.feed(touch)
+    ((second,),) = decoder.feed(bytes([0x30]) + touch[1:])
+    assert (first.down, second.down) == (True, False)
+    assert decoder.feed(bytes([0x30]) + touch[1:]) == []
+
+
+@pytest.fixture
+def hidraw(descriptors, monkeypatch, tmp_path):
+    """Makes a raw HID device of a pipe: a port, and what writes a report to it."""
+    ends = []
+
+    def make(name):
+        fcntl = pytest.importorskip("fcntl")
+        data = descriptors[name]
+
+        def ioctl(handle, request, buffer):
+            del handle
+            if request == HIDIOCGRDESCSIZE:
+                buffer[:] = len(data).to_bytes(4, sys.byteorder)
+            elif request == HIDIOCGRDESC:
+                assert int.from_bytes(buffer[:4], sys.byteorder) == len(data)
+                buffer[4 : 4 + len(data)] = data
+            else:
+                raise OSError(errno.ENOTTY, "no such request")
+            return 0
+
+        monkeypatch.setattr(fcntl, "ioctl", ioctl)
+        port = tmp_path / "hidraw0"
+        os.mkfifo(port)
+        ends.append(os.open(port, os.O_RDWR | os.O_NONBLOCK))
+        return port, lambda text: os.write(ends[0], bytes.fromhex(text))
+
+    yield make
+    for end in ends:
+        os.close(end)
+
+
+def sees(screen, send, text):
+    """Whether a screen feels a ball while a report is repeated."""
+    end = time.monotonic() + 5
+    while time.monotonic() < end:
+        send(text)
+        if screen.read().touched[0]:
+            return True
+        time.sleep(0.005)
+    return False
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("protocol", ["auto", "hid-0007", "hid-0006"])
+def test_a_raw_hid_device_is_read_by_its_descriptor_whatever_was_set(hidraw, protocol):
+    port, send = hidraw("hid-0006")
+    config = LumioConfig(port=str(port), transport="hidraw", protocol=protocol)
+    with LumioScreen(config) as screen:
+        assert sees(screen, send, ODD["no confidence"][1])
+        assert screen.protocol == "hid"
+
+
+@pytest.mark.real_time
+def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
+    port, send = hidraw("hid-0007")
+    with LumioScreen(LumioConfig(port=str(port), transport="hidraw")) as screen:
+        assert sees(screen, send, "31 00 ff 7f 00 00 01 00")
+        assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
+
+
+def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
+    port, _ = hidraw("mouse")
+    other = transports.touch_screens()
+    assert other == []
+    right = type("Interface", (), {"port": "/dev/hidraw3"})
+    monkeypatch.setattr(transports, "touch_screens", lambda: [right])
+    with pytest.raises(ScreenError, match=r"no touch screen but mouse; .* is /dev/hidraw3$"):
+        LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
+
+
+def test_a_damaged_descriptor_is_one_line(hidraw, monkeypatch):
+    port, _ = hidraw("mouse")
+    monkeypatch.setattr(transports.HidrawDevice, "_descriptor", lambda _: b"\x26\xff")
+    with pytest.raises(ScreenError, match=r"cannot be read: byte 0: cut short$"):
+        LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()

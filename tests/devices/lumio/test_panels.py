@@ -1,0 +1,83 @@
+"""The USB interfaces of a panel as Linux describes them, and the rules that give access."""
+
+import re
+
+import pytest
+
+from twin.devices.lumio.panels import UDEV_RULES, UsbIdentity, identify, panels, touch_screens
+
+NAME = "LUMIO Inc LUMIO CrystalTouch ver 02.03.24.00."
+PANEL = f"DRIVER=hid-multitouch\nHID_ID=0003:0000202E:00000006\nHID_NAME={NAME}\nHID_PHYS=x\n"
+SETTING = re.compile(r'^(\w+(?:\{\w+\})?)(==|!=|=|\+=)"([^"]*)"$')
+
+
+@pytest.fixture
+def root(tmp_path, descriptors):
+    """A panel of four interfaces beside another maker's mouse and a device that says nothing."""
+    keyboard = descriptors["mouse"].replace(b"\x09\x02", b"\x09\x06", 1)
+    for number, (text, descriptor) in enumerate(
+        (
+            (PANEL, descriptors["mouse"]),
+            (PANEL, keyboard),
+            (PANEL, b"\x26\xff"),
+            (PANEL, descriptors["hid-0006"]),
+            ("HID_ID=0003:0000046D:0000C077\nHID_NAME=Mouse\n", descriptors["mouse"]),
+            ("nothing", b""),
+        )
+    ):
+        folder = tmp_path / f"hidraw{number}" / "device"
+        folder.mkdir(parents=True)
+        (folder / "uevent").write_text(text)
+        (folder / "report_descriptor").write_bytes(descriptor)
+    return tmp_path
+
+
+def test_a_panel_is_known_by_its_numbers(root):
+    assert identify("/dev/hidraw0", root) == UsbIdentity(0x202E, 0x0006, NAME, "hid-0006")
+
+
+def test_a_link_to_a_panel_is_the_panel(root, tmp_path):
+    link = tmp_path / "touch"
+    link.symlink_to("/dev/hidraw0")
+    assert identify(str(link), root) == identify("/dev/hidraw0", root)
+
+
+def test_another_makers_device_has_no_protocol(root):
+    assert identify("/dev/hidraw4", root).protocol == ""
+
+
+@pytest.mark.parametrize("port", ["/dev/hidraw5", "/dev/hidraw7"])
+def test_a_device_that_is_not_described_is_none(root, port):
+    assert identify(port, root) is None
+
+
+def test_of_all_devices_every_interface_of_a_panel_is_found_with_what_it_is(root):
+    assert [(each.port, each.what) for each in panels(root)] == [
+        ("/dev/hidraw0", "mouse"),
+        ("/dev/hidraw1", "keyboard"),
+        ("/dev/hidraw2", "without a readable report descriptor"),
+        ("/dev/hidraw3", "touch screen"),
+    ]
+
+
+def test_one_of_them_is_the_touch_screen(root):
+    assert [each.port for each in touch_screens(root)] == ["/dev/hidraw3"]
+
+
+def rules():
+    text = UDEV_RULES.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    return [[SETTING.match(part.strip()).groups() for part in line.split(",")] for line in lines]
+
+
+def test_the_udev_rules_are_for_panels_only_and_come_before_systemd_gives_access():
+    assert int(UDEV_RULES.name.partition("-")[0]) < 73
+    assert len(rules()) == 2
+    for rule in rules():
+        assert ("ATTRS{idVendor}", "==", "202e") in rule
+
+
+def test_one_rule_gives_access_to_raw_devices_and_one_keeps_the_ball_off_the_desktop():
+    access, desktop = rules()
+    assert {("SUBSYSTEM", "==", "hidraw"), ("TAG", "+=", "uaccess")} <= set(access)
+    assert {("SUBSYSTEM", "==", "input"), ("ENV{LIBINPUT_IGNORE_DEVICE}", "=", "1")} <= set(desktop)

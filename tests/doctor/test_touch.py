@@ -1,0 +1,259 @@
+"""The doctor on the touch screen: port, panels, protocol, calibration."""
+
+import time
+
+import numpy as np
+import pytest
+
+from twin.devices.lumio.calibration import Calibration, CalibrationError
+from twin.devices.lumio.config import LumioConfig
+from twin.devices.lumio.mounting import Mounting
+from twin.devices.lumio.screen import LumioScreen
+from twin.doctor.check import CheckStatus
+from twin.doctor.panels import calibrated, plugged_in
+from twin.doctor.touch import touch
+from twin.doctor.touch_calibration import LEAST, MeasuredTouch, judged, measure, usual_points
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.screen_bytes import Protocol
+from twin.emulator.virtual import EmulatedPlant
+from twin.errors import RigError, TwinError
+from twin.run.assemble import build_limits
+from twin.scenario.rig import check_rig
+
+SERIAL = (Protocol.MICROTOUCH, Protocol.ELO)
+
+
+def config(emulated, **options):
+    transport = "serial" if emulated.protocol in SERIAL else "hidraw"
+    return LumioConfig(port=str(emulated.path), transport=transport, **options)
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("spoken", "set_to"),
+    [
+        (Protocol.MICROTOUCH, "elo"),
+        (Protocol.ELO, "microtouch"),
+        (Protocol.HID_0006, "hid-0007"),
+    ],
+)
+def test_a_protocol_set_wrongly_is_answered_with_the_one_that_the_bytes_look_like(spoken, set_to):
+    with EmulatedScreen(ScreenLine(lambda: [(0.1, 0.05)], protocol=spoken)) as emulated:
+        screen = LumioScreen(config(emulated, protocol=set_to))
+        try:
+            found = list(touch(screen, lambda _: None, 2.0))
+        finally:
+            screen.stop()
+    assert found[-1].status is CheckStatus.FAIL
+    assert found[-1].advice == f"the bytes look like {spoken}: set touch.protocol to that"
+
+
+@pytest.mark.real_time
+def test_a_screen_that_sends_nothing_is_told_apart_from_one_that_is_not_understood():
+    with EmulatedScreen(ScreenLine(list)) as emulated:
+        screen = LumioScreen(config(emulated, protocol="microtouch"))
+        try:
+            found = list(touch(screen, lambda _: None, 0.3))
+        finally:
+            screen.stop()
+    assert found[-1].advice == "nothing heard: put the ball on, check the cable and the port"
+
+
+def test_a_rig_switched_on_with_a_wrong_protocol_says_which_one_is_spoken(scenario):
+    plant = EmulatedPlant(scenario())
+    limits = build_limits(scenario().rig.limits)
+    wrong = LumioConfig(port="emulated", protocol="elo")
+    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits, touch=wrong)
+    with pytest.raises(RigError, match="the bytes are of microtouch, not of elo"):
+        rig.__enter__()
+
+
+@pytest.fixture
+def root(tmp_path, descriptors):
+    for number, name in enumerate(("mouse", "hid-0006")):
+        folder = tmp_path / f"hidraw{number}" / "device"
+        folder.mkdir(parents=True)
+        (folder / "uevent").write_text("HID_ID=0003:0000202E:00000006\nHID_NAME=LUMIO\n")
+        (folder / "report_descriptor").write_bytes(descriptors[name])
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("port", "protocol", "status", "words"),
+    [
+        ("/dev/hidraw1", "auto", "pass", "this one is read, by its own descriptor"),
+        ("/dev/hidraw1", "hid-0006", "pass", "this one is read"),
+        ("/dev/hidraw1", "hid-0007", "warn", "4 contacts per report"),
+        ("/dev/ttyUSB0", "auto", "pass", "37.6 x 30.1 cm"),
+    ],
+)
+def test_panels_are_listed_with_which_node_is_the_touch_screen(root, port, protocol, status, words):
+    transport = "hidraw" if "hidraw" in port else "serial"
+    chosen = LumioConfig(port=port, transport=transport, protocol=protocol)
+    mouse, screen = plugged_in(chosen, root)
+    assert (mouse.what, mouse.seen) == ("touch panel /dev/hidraw0", "202e:0006 LUMIO: mouse")
+    assert (screen.what, screen.status) == ("touch panel /dev/hidraw1", status)
+    assert screen.seen.startswith("202e:0006 LUMIO: touch screen, 37.6 x 30.1 cm, 4 contacts")
+    assert words in screen.seen
+
+
+def rig_with(**keys):
+    return check_rig({"touch": {"port": "/dev/null", **keys}}, "test")
+
+
+INLINE = {"matrix": [[0.0, 0.301], [0.376, 0.0]], "origin": [0.0, 0.0]}
+
+
+def test_a_screen_never_calibrated_is_a_warning_that_says_what_is_assumed():
+    found = calibrated(rig_with(), None)
+    assert (found.status, "70.0 x 39.5 cm: assumed" in found.seen) == ("warn", True)
+    assert "37.6 x 30.1 cm that the panel says" in calibrated(rig_with(), (0.376, 0.301)).seen
+
+
+@pytest.mark.parametrize(
+    ("extent", "status"),
+    [(None, "pass"), ((0.376, 0.301), "pass"), ((0.301, 0.376), "warn"), ((0.7, 0.4), "warn")],
+)
+def test_a_calibration_that_does_not_fit_the_panels_own_size_is_a_warning(extent, status):
+    found = calibrated(rig_with(calibration=INLINE), extent)
+    assert found.status == status
+    assert "37.6 x 30.1 cm" in found.seen
+
+
+def test_a_calibration_in_both_places_or_in_a_file_that_is_none_is_one_line(tmp_path):
+    file = tmp_path / "touch.json"
+    for keys, words in (
+        ({"calibration_file": str(file)}, "touch.calibration_file: .*No such file"),
+        ({"calibration_file": str(file), "calibration": INLINE}, "both cannot hold"),
+    ):
+        with pytest.raises(TwinError, match=words):
+            rig_with(**keys)
+
+
+class Hand:
+    """Touches an emulated screen where it is asked to, with an unsteady finger."""
+
+    def __init__(self, jitter=0.0):
+        self.dice = np.random.default_rng(3)
+        self.jitter, self.at = jitter, None
+
+    def __call__(self):
+        if self.at is None:
+            return []
+        return [tuple((self.at + self.dice.normal(0, self.jitter, 2)).tolist())]
+
+    def ask(self, word):
+        self.at = None
+        match word.split():
+            case ["touch", x, y]:
+                self.at = np.array([float(x), float(y)]) / 1e3
+
+
+def turned(turn, *, mirrored=1.0, size=(0.68, 0.41), at=(0.012, -0.007)):
+    """A screen turned by an angle, its first axis mirrored or not, off the middle."""
+    c, s = np.cos(turn), np.sin(turn)
+    matrix = np.array([[c, -s], [s, c]]) @ np.diag([mirrored * size[0], -size[1]])
+    origin = np.array(at) - matrix @ [0.5, 0.5]
+    return Calibration(tuple(map(tuple, matrix.tolist())), tuple(origin.tolist()))
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("true", "protocol"),
+    [
+        (turned(np.radians(1.7)), Protocol.MICROTOUCH),
+        (turned(np.radians(-3.0), mirrored=-1.0), Protocol.HID_0007),
+        (turned(np.radians(90.0), size=(0.42, 0.72)), Protocol.HID_0006),
+    ],
+)
+def test_a_screen_mounted_in_any_way_is_found_again_within_the_noise(true, protocol):
+    jitter = 3e-4
+    hand = Hand(jitter)
+    line = ScreenLine(hand, protocol=protocol, calibration=true)
+    points = usual_points()[::2]
+    with EmulatedScreen(line) as emulated:
+        found = measure(config(emulated), points, hand.ask, 20.0)
+    # a point is the mean of 20 reports, each with the jitter and half a native count
+    error = np.hypot(jitter, 0.7 / 4096 / np.sqrt(12)) / np.sqrt(20)
+    system = np.column_stack([points, np.ones(len(points))])
+    spread = np.linalg.inv(system.T @ system)
+    for share in ((0, 0), (0, 1), (1, 0), (1, 1), (0.5, 0.5)):
+        place = np.array([*true.plate(*share), 1.0])
+        off = np.subtract(found.fit.calibration.plate(*share), place[:2])
+        assert np.abs(off).max() < 5 * error * np.sqrt(place @ spread @ place)
+    assert found.fit.rms < 3 * error
+    mounting, meant = found.mounting, Mounting.of(true)
+    assert (mounting.swapped, mounting.mirrored_x, mounting.mirrored_y) == (
+        meant.swapped, meant.mirrored_x, meant.mirrored_y,
+    )  # fmt: skip
+
+
+@pytest.mark.real_time
+def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_protocol():
+    hand = Hand()
+    with EmulatedScreen(ScreenLine(hand)) as emulated:
+        with pytest.raises(RigError, match=r"x -280, y -158 mm was not touched within 0.3 s"):
+            measure(config(emulated), usual_points(), lambda _: None, 0.3)
+        wrong = config(emulated, protocol="elo")
+        with pytest.raises(RigError, match=r"not touched within 2 s; the bytes look like micro"):
+            measure(wrong, usual_points(), hand.ask, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([], "0 points; 4 or more"),
+        (usual_points()[:3], "3 points; 4 or more"),
+        ([(x, 0.1) for x in (-0.2, -0.1, 0.1, 0.2)], "must not lie on one line"),
+        ([(0.1, 0.1)] * 5, "must not lie on one line"),
+    ],
+)
+def test_points_that_cannot_give_a_calibration_are_refused_before_anything_is_touched(
+    points, words
+):
+    begin = time.monotonic()
+    with pytest.raises(CalibrationError, match=words):
+        measure(LumioConfig(port="/dev/null"), points, lambda _: None, 30.0)
+    assert time.monotonic() - begin < 5
+
+
+def seen(points, noise=5e-4):
+    dice = np.random.default_rng(0)
+    screen = Calibration.nominal()
+    return np.array([screen.screen(*(point + dice.normal(0, noise, 2))) for point in points])
+
+
+def test_a_point_touched_elsewhere_is_named_in_one_line():
+    points = np.array(usual_points())
+    said = seen(points)
+    said[5] = seen(points + np.array([0.0, 0.03]))[5]
+    with pytest.raises(CalibrationError, match=r"point 6, x \+280, y \+0 mm, .* (29|30|31)\.\d mm"):
+        judged(said, points)
+
+
+def test_points_touched_in_another_order_do_not_fit_together():
+    points = np.array(usual_points())
+    with pytest.raises(CalibrationError, match=r"do not fit together .* in the order"):
+        judged(seen(points)[[3, 7, 1, 0, 8, 2, 6, 4, 5]], points)
+
+
+def test_the_fewest_points_that_are_taken_leave_something_to_judge_by():
+    points = np.array(usual_points())[[0, 2, 6, 8]]
+    assert len(points) == LEAST
+    said = seen(points)
+    assert judged(said, points).rms < 1e-3
+    said[0] += 0.05
+    with pytest.raises(CalibrationError, match="do not fit together"):
+        judged(said, points)
+
+
+def test_a_measured_calibration_is_what_a_rig_file_that_names_it_has(tmp_path):
+    points = np.array(usual_points())
+    found = MeasuredTouch(judged(seen(points), points), points)
+    file = tmp_path / "touch.json"
+    found.save(file)
+    rig = rig_with(calibration_file=str(file))
+    assert rig.screen().calibration == found.fit.calibration
+    check = calibrated(rig, None)
+    assert (check.status, "9 points" in check.seen) == ("pass", True)

@@ -1,0 +1,115 @@
+"""Rig files with anything in them: a rig, or one line."""
+
+import datetime
+import typing
+from contextlib import suppress
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from twin.errors import TwinError
+from twin.scenario.rig import RigFile, check_rig, read_rig
+
+
+def keys(model, path=()):
+    """The dotted keys of a model of tables, those of its tables too."""
+    for name, field in model.model_fields.items():
+        kinds = [field.annotation, *typing.get_args(field.annotation)]
+        tables = [each for each in kinds if isinstance(each, type) and issubclass(each, BaseModel)]
+        yield (*path, name)
+        for table in tables:
+            yield from keys(table, (*path, name))
+
+
+KEYS = sorted(keys(RigFile))
+NUMBERS = st.one_of(
+    st.integers(-(2**63), 2**63 - 1),
+    st.sampled_from([0, -1, 1, 2, 127, 2**31, 2**32, 1e-300, 1e300, -0.0]),
+    st.floats(),
+)
+WORDS = st.sampled_from(
+    ["auto", "elo", "serial", "hidraw", "evdev", "slcan", "/dev/null", "", "a\0b", "x" * 300]
+)
+PLAIN = st.one_of(
+    NUMBERS, WORDS, st.booleans(), st.text(max_size=8), st.just(datetime.date(2026, 1, 1))
+)
+VALUES = st.recursive(
+    PLAIN,
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["node", "port", "x", "gate"]), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+PAIR = st.lists(NUMBERS, min_size=2, max_size=2)
+MATRIX = st.lists(PAIR, min_size=2, max_size=2)
+CHANGES = st.lists(st.tuples(st.sampled_from(KEYS), VALUES | PAIR | MATRIX), max_size=6)
+PORT = (("touch", "port"), "/dev/null")
+
+
+def put(changes):
+    """The tables in which keys have values; a key that leads through a value is left out."""
+    tables = {}
+    for path, value in changes:
+        table = tables
+        for name in path[:-1]:
+            table = table.setdefault(name, {}) if isinstance(table, dict) else None
+        if isinstance(table, dict):
+            table[path[-1]] = value
+    return tables
+
+
+def usable(rig):
+    """Whether what a rig file says can be worked with."""
+    for axis in rig.servos(0.002).axes:
+        for scale in (axis.position, axis.plate, axis.velocity):
+            assert scale.counts32(0.1) is not None
+    calibration = rig.screen().calibration
+    if calibration is not None:
+        calibration.screen(0.1, 0.1)
+    return True
+
+
+@given(changes=CHANGES)
+@example(changes=[(("touch", "calibration", "matrix"), [[1e300, 0], [0, 1e300]])])
+@example(changes=[(("phi", "gear"), 1e-320)])
+def test_whatever_a_rig_file_sets_it_is_a_rig_or_is_refused_in_one_line(changes):
+    try:
+        rig = check_rig(put([PORT, *changes]), "rig.toml")
+    except TwinError as error:
+        words = str(error)
+    else:
+        words = ""
+        assert usable(rig)
+    assert len(words) < 1000
+
+
+@pytest.mark.parametrize("path", KEYS)
+@settings(max_examples=25)
+@given(value=VALUES | PAIR | MATRIX)
+def test_whatever_one_key_is_set_to_it_is_taken_or_refused(path, value):
+    with suppress(TwinError):
+        assert usable(check_rig(put([PORT, (path, value)]), "rig.toml"))
+
+
+FRAGMENTS = st.lists(
+    st.one_of(
+        st.sampled_from([f"[{'.'.join(path[:-1])}]\n" for path in KEYS if len(path) > 1]),
+        st.sampled_from([f"{path[-1]} = " for path in KEYS]),
+        st.sampled_from(
+            ["1\n", "nan\n", "'x'\n", "[0, 0]\n", "{}\n", "true\n", "1e999\n", "0x1\n"]
+        ),
+        st.text(max_size=6),
+    ),
+    max_size=12,
+)
+
+
+@given(fragments=FRAGMENTS)
+def test_any_text_is_a_rig_file_or_is_refused(tmp_path_factory, fragments):
+    file = tmp_path_factory.getbasetemp() / "any.toml"
+    file.write_text('[touch]\nport = "x"\n' + "".join(fragments), encoding="utf-8")
+    with suppress(TwinError):
+        assert usable(read_rig(file))
