@@ -12,6 +12,7 @@ from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.slcan_bus import PromptSlcanBus
 from twin.emulator.can_bus import BusServer, EmulatedBus
 from twin.emulator.can_slcan import SlcanAdapter, SlcanPort
 from twin.emulator.drive import EmulatedDrive
@@ -134,10 +135,13 @@ def test_the_host_takes_any_bytes_of_an_adapter(chunks):
             while (message := host.recv(0)) is not None:
                 assert len(message.data) <= 8
 
+                assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
 
-@pytest.mark.parametrize(
-    "line", [b"t1811G0", b"t18", b"t18132B", b"x", b"t1812ABCDEF", b"F1", b"t1819" + b"00" * 9]
-)
+
+NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
+
+
+@pytest.mark.parametrize("line", [*NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9])
 def test_a_line_that_is_no_frame_is_counted_not_believed(port, line):
     with open_bus(config(port)) as host:
         play(port, host, line + b"\r" + b"t18222B3C\r")
@@ -256,3 +260,17 @@ def test_nothing_is_left_open_when_no_drive_answers(port):
     with pytest.raises(DriveError), BusServer(EmulatedBus([]), port):
         AkdServos(AkdConfig(bus=config(port)), opener=opener).start()
     assert not opened[0].serialPortOrig.is_open
+
+
+NEARLY = st.from_regex("[0-9A-F+_ -]{3}[0-9]([0-9A-F]{2}){0,9}", fullmatch=True)
+
+
+@given(line=NEARLY | st.text(alphabet="0123456789ABCDEFabcdef+-_ xtFrzZ", max_size=12))
+@settings(max_examples=300)
+def test_only_what_an_adapter_writes_is_a_frame(line):
+    host = PromptSlcanBus.__new__(PromptSlcanBus)
+    host.unreadable_lines, host._is_shutdown = 0, True
+    message = host._decode(f"t{line}".encode())
+    written = re.fullmatch("([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)", line)
+    stamped = written and len(written[3]) in {2 * int(written[2]), 2 * int(written[2]) + 4}
+    assert (message is not None) == bool(stamped)

@@ -23,6 +23,7 @@ BUS_OFF_FRAME = (0x040, bytes(8))
 """Error frames, identifier and data, as SocketCAN writes them."""
 
 _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
+_LAST_IDENTIFIER = 0x7FF
 
 
 @runtime_checkable
@@ -146,7 +147,9 @@ class PromptSlcanBus(slcanBus):
             if kind == b"F" and len(line) == 3:
                 return self._flags(int(line[1:], 16))
             identifier, length, data = int(line[1:4], 16), int(line[4:5]), line[5:]
-            if kind == b"t" and length <= 8 and len(data) in {2 * length, 2 * length + 4}:
+            # Python also reads 1_2 and -12 as numbers; no adapter writes them
+            plain = line.isalnum() and identifier <= _LAST_IDENTIFIER and length <= 8
+            if kind == b"t" and plain and len(data) in {2 * length, 2 * length + 4}:
                 return Message(
                     timestamp=time.time(),
                     arbitration_id=identifier,
