@@ -38,6 +38,7 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
         "scenarios/circle.toml",
         "controllers/stack.py",
         "twin/cli/__init__.py",
+        "twin/devices/lumio/70-ballplate-touch.rules",
     } <= names
     assert not [name for name in names if "test" in name or name.startswith("src/")]
 
