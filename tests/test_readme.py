@@ -79,7 +79,7 @@ def test_the_readmes_rig_file_is_one():
     )
     rig = check_rig(tomllib.loads(text), "README.md")
     assert rig.servos(0.002).bus.interface == "slcan"
-    assert rig.screen().port == "/dev/ttyUSB0"
+    assert rig.uncalibrated_screen().port == "/dev/ttyUSB0"
 
 
 def test_every_command_the_readme_shows_exists():

@@ -27,8 +27,9 @@ def call(capsys, tmp_path, monkeypatch):
 
 @pytest.fixture
 def rig(tmp_path):
+    """A rig file that names the calibration which is still to be made."""
     file = tmp_path / "rig.toml"
-    file.write_text('patience = 0.3\n[touch]\nport = "/dev/null"\n')
+    file.write_text('[touch]\nport = "/dev/null"\ncalibration_file = "not-yet.json"\n')
     return str(file)
 
 

@@ -128,7 +128,7 @@ def test_a_calibration_in_both_places_or_in_a_file_that_is_none_is_one_line(tmp_
         ({"calibration_file": str(file), "calibration": INLINE}, "both cannot hold"),
     ):
         with pytest.raises(TwinError, match=words):
-            rig_with(**keys)
+            rig_with(**keys).screen()
 
 
 class Hand:

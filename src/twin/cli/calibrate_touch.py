@@ -49,7 +49,7 @@ def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> Non
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
         with shown or nullcontext(lambda _: None) as advance:
-            found = measure(file.screen(), points, ask, file.patience, advance)
+            found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
     if as_json:
         print_json({"file": str(out), **found.as_dict()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -28,7 +29,7 @@ def built(cls: type[Settings], model: BaseModel, **more: Any) -> Settings:
         kind = dataclass_of(hints[name])
         if kind is not None and isinstance(value, BaseModel):
             given[name] = built(kind, value)
-    return cls(**{**given, **more})
+    return cls(**given, **more)
 
 
 BusTable = model_of(BusConfig)
@@ -81,21 +82,30 @@ class RigFile(Section):
             AkdConfig, self.drives, axes=axes, bus=built(BusConfig, self.bus), period=period
         )
 
-    def screen(self) -> LumioConfig:
-        """The touch screen's settings.
+    def uncalibrated_screen(self) -> LumioConfig:
+        """The touch screen's settings, without the calibration that a file has.
 
         Raises:
             TwinError: If they do not go together.
         """
-        if self.touch.calibration_file is None:
-            return built(LumioConfig, self.touch)
-        if self.touch.calibration is not None:
+        if None not in (self.touch.calibration, self.touch.calibration_file):
             raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
+        return built(LumioConfig, self.touch)
+
+    def screen(self) -> LumioConfig:
+        """The touch screen's settings.
+
+        Raises:
+            TwinError: If they do not go together, or the file of its calibration cannot be read.
+        """
+        known = self.uncalibrated_screen()
+        if self.touch.calibration_file is None:
+            return known
         try:
             calibration, _ = read_calibration(Path(self.touch.calibration_file))
         except CalibrationError as error:
             raise ScenarioError(f"touch.calibration_file: {error}") from error
-        return built(LumioConfig, self.touch, calibration=calibration)
+        return replace(known, calibration=calibration)
 
 
 def read_rig(file: Path) -> RigFile:
@@ -118,5 +128,5 @@ def check_rig(tables: Tables, source: str) -> RigFile:
         TwinError: If anything in them is unknown or out of range.
     """
     rig = validated(RigFile, tables, source)
-    rig.servos(0.002), rig.screen()
+    rig.servos(0.002), rig.uncalibrated_screen()
     return rig

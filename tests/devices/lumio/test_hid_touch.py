@@ -151,6 +151,13 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
         assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
 
 
+def test_the_requests_for_a_descriptor_are_those_of_the_kernels_header():
+    # _IOR('H', number, size): read, size of an int or of struct hidraw_report_descriptor
+    read, group = 2 << 30, ord("H") << 8
+    assert read | 4 << 16 | group | 0x01 == HIDIOCGRDESCSIZE
+    assert read | (4 + 4096) << 16 | group | 0x02 == HIDIOCGRDESC
+
+
 def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
     port, _ = hidraw("mouse")
     other = transports.touch_screens()
