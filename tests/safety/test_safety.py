@@ -16,6 +16,7 @@ from twin.hal.faults import Condition, Severity
 from twin.safety.cases import CASES
 from twin.safety.doc import document, write_doc
 from twin.safety.matrix import run_case
+from twin.safety.mutations import MutationResult
 
 QUICK = (
     "The bit rate is wrong",
@@ -74,8 +75,8 @@ def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):
     case = CASES[NUMBER["The STO input of drive phi opens"]]
     idle = type(case)(name="nothing", act=lambda rig: None, expected=case.expected)
     monkeypatch.setattr("twin.safety.matrix.CASES", (idle,))
-    monkeypatch.setattr("twin.safety.matrix.BEGIN", 0.3)
-    monkeypatch.setattr("twin.safety.matrix.AFTER", 0.3)
+    monkeypatch.setattr("twin.safety.trial.BEGIN", 0.3)
+    monkeypatch.setattr("twin.safety.trial.AFTER", 0.3)
     row = run_case(0)
     assert row.detected is None
     assert not row.good
@@ -142,9 +143,68 @@ def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
     assert DOCUMENT.read_text(encoding="utf-8") == document(rows)
 
 
+class Row:
+    """A row as far as the command looks at it."""
+
+    def __init__(self, *, good):
+        self.good = good
+
+    def as_dict(self):
+        return {"good": self.good}
+
+
+def commanded(monkeypatch, *arguments, good=True, mutations=()):
+    """Output and exit code of the command whose rows and mutations are given."""
+    monkeypatch.setattr("twin.cli.safety.run_all", lambda processes, progress: [Row(good=good)])
+    monkeypatch.setattr("twin.cli.safety.run_mutations", lambda processes, progress: mutations)
+    monkeypatch.setattr("twin.cli.safety._table", lambda rows: "")
+    done = CliRunner(catch_exceptions=False).invoke(safety, arguments, standalone_mode=False)
+    return done.stdout, done.return_value
+
+
+NOTICED = MutationResult("a", "is gone", {"row": ("tilt",)}, ())
+MISSED = MutationResult("b", "is gone too", {"row": ("tilt",)}, ("other row",))
+
+
 def test_the_command_exits_with_1_if_a_row_is_bad(monkeypatch):
-    row = type("FaultRow", (), {"good": False, "as_dict": lambda self: {"good": False}})()
-    monkeypatch.setattr("twin.cli.safety.run_all", lambda processes, progress: [row])
-    done = CliRunner().invoke(safety, ["--json"], standalone_mode=False)
-    assert json.loads(done.output[done.output.index("[") :]) == [{"good": False}]
-    assert done.return_value == 1
+    out, code = commanded(monkeypatch, "--json", good=False)
+    assert json.loads(out) == [{"good": False}]
+    assert code == 1
+
+
+@pytest.mark.parametrize(
+    ("good", "mutations", "code"),
+    [
+        (True, [NOTICED], 0),
+        (True, [NOTICED, MISSED], 1),
+        (False, [NOTICED], 1),
+        (True, [MutationResult("c", "concerns nobody", {}, ())], 1),
+    ],
+)
+def test_with_mutations_it_exits_with_0_only_if_all_is_good_and_all_are_noticed(
+    monkeypatch, good, mutations, code
+):
+    assert commanded(monkeypatch, "--mutate", good=good, mutations=mutations)[1] == code
+
+
+def test_every_mutation_is_one_line_with_the_rows_that_noticed(monkeypatch):
+    out, _ = commanded(monkeypatch, "--mutate", mutations=[NOTICED, MISSED])
+    assert out.splitlines()[-2:] == [
+        "noticed: a (is gone): 1 of 1 rows: row",
+        "NOT NOTICED: b (is gone too): 1 of 2 rows: row; good all the same: other row",
+    ]
+
+
+def test_mutations_stand_beside_the_rows_in_json(monkeypatch):
+    out, _ = commanded(monkeypatch, "--mutate", "--json", mutations=[MISSED])
+    content = json.loads(out)
+    assert content["rows"] == [{"good": True}]
+    assert content["mutations"] == [
+        {
+            "name": "b",
+            "change": "is gone too",
+            "noticed": False,
+            "rows": {"row": ["tilt"]},
+            "unnoticed": ["other row"],
+        }
+    ]

@@ -21,7 +21,20 @@ from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
 from twin.hal.states import Event, State
-from twin.hal.supervisor import Supervisor
+from twin.hal.supervisor import BALL_LOST, Supervisor
+
+
+class StartRefusedError(RigError):
+    """A rig is not switched on, because of what a device reports.
+
+    Args:
+        fault: The report.
+        line: The message.
+    """
+
+    def __init__(self, fault: Fault, line: str) -> None:
+        self.fault = fault
+        super().__init__(line)
 
 
 class HardwareRig(Rig):
@@ -101,7 +114,9 @@ class HardwareRig(Rig):
             self.servos.home(self._home, self._transmission.motor(self._home))
             self._idle(lambda: bool(self._screen.read().touched.all()), self._patience)
             if not self._screen.read().touched.all():
-                raise RigError(f"touch screen: no ball within {self._patience:g} s of switching on")
+                detail = f"no ball within {self._patience:g} s of switching on"
+                fault = Fault(BALL_LOST, "touch screen", detail)
+                raise StartRefusedError(fault, f"{fault.where}: {detail}")
             self._on = on.pop_all()
 
     def _hold(self) -> None:
@@ -208,7 +223,7 @@ class HardwareRig(Rig):
         """Exchange until something is done, at most for a time in s.
 
         Raises:
-            RigError: If a device reports what a rig cannot be switched on with.
+            StartRefusedError: If a device reports what a rig cannot be switched on with.
         """
         for _ in range(round(limit / self.period)):
             if done():
@@ -218,7 +233,7 @@ class HardwareRig(Rig):
             for device in (self.servos, self.screen):
                 for fault in device.faults():
                     if strict and fault.condition.severity is not Severity.WARNING:
-                        raise RigError(_words(fault))
+                        raise StartRefusedError(fault, _words(fault))
 
 
 def _words(fault: Fault) -> str:

@@ -48,6 +48,8 @@ class EmulatedBus:
         self.moved: Callable[[float], None] = lambda _: None
         """Called after each step with its s, to move a plant: read ``drive.rate``, call
         ``drive.sense``."""
+        self.heard: Callable[[], None] = lambda: None
+        """Called after each frame that the drives have taken in."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
         self._host: list[Frame] = []
@@ -91,6 +93,7 @@ class EmulatedBus:
         for drive in self.drives:
             for answer in drive.receive(frame):
                 self._carry(answer, Towards.HOST)
+        self.heard()
 
 
 class DirectBus(can.BusABC):

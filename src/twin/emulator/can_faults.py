@@ -148,6 +148,13 @@ class BusFaults:
         """Put other bytes into frames."""
         self._add(lambda _, __: data, (0.0,), cob_id, when)
 
+    def overwrite(
+        self, cob_id: int | Iterable[int], *, at: int, data: bytes, **when: float | Towards
+    ) -> None:
+        """Put other bytes into a part of frames, from byte ``at`` on."""
+        end = at + len(data)
+        self._add(lambda old, _: old[:at] + data + old[end:], (0.0,), cob_id, when)
+
     def silence(self, node: int, **when: float | Towards) -> None:
         """Lose everything a node says."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)

@@ -32,6 +32,9 @@ from twin.hal.faults import Fault
 from twin.hal.interface import Touch, Transmission
 from twin.hal.limits import Limits
 
+PATIENCE = 1.0
+"""Time in s that a rig in lockstep waits for the ball."""
+
 Rates = Callable[[float], tuple[float, float]]
 """Motor rates of phi and theta in rad/s by bus time in s."""
 
@@ -208,13 +211,15 @@ class LockstepRig(HardwareRig):
             clock=clock,
             transmission=transmission,
             limits=limits,
-            patience=1.0,
+            patience=PATIENCE,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
         )
         plant.attach(self.lockstep.drives)
         self.lockstep.bus.moved = plant.advance
         self.stall = 0.0
         """Extra time in s that each period takes from now on."""
+        self.hang = 0.0
+        """Time in s for which the host does nothing at all, once."""
 
     def now(self) -> float:
         """Bus time in s."""
@@ -226,8 +231,9 @@ class LockstepRig(HardwareRig):
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""
-        if self.stall:
-            self.sleep(self.stall)
+        if self.stall or self.hang:
+            idle, self.hang = self.stall + self.hang, 0.0
+            self.sleep(idle)
         super().wait()
 
     def inject(self, fault: ScreenFault, lasting: float) -> None:

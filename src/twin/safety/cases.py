@@ -4,56 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 from twin.devices.akd import conditions as akd
 from twin.devices.lumio import conditions as lumio
 from twin.devices.realtime import LOOP_OVERRUN
+from twin.devices.rig import HardwareRig
 from twin.emulator.can_faults import Towards
 from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.lockstep import LockstepRig
+from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
 from twin.hal.faults import Condition
 from twin.safety import drive_causes
-
-Act = Callable[[LockstepRig], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FaultCase:
-    """One fault done on purpose, and what must come of it: a row of the matrix.
-
-    Attributes:
-        name: What is done, in words.
-        act: Does it.
-        expected: The condition that must be reported; None if nothing may come of it.
-        before: Whether it is done before the rig is switched on; a condition must refuse that.
-        protocol: What the touch screen speaks.
-        resting: Whether the ball rests instead of tracking the circle.
-        stubborn: Whether a reset must be refused as long as the cause is there.
-        of_screen: Whether it shows in the screen's bytes, a dead time and a frame later.
-    """
-
-    name: str
-    act: Act
-    expected: Condition | None
-    before: bool = False
-    protocol: Protocol = Protocol.MICROTOUCH
-    resting: bool = False
-    stubborn: bool = False
-    of_screen: bool = False
-
-
-def _before(name: str, act: Act, expected: Condition) -> FaultCase:
-    return FaultCase(name=name, act=act, expected=expected, before=True)
+from twin.safety.case import BRING_UP, Act, FaultCase
+from twin.safety.defences import DEFENCES
+from twin.safety.reaction import Stopper
 
 
 def _drive(cause: Callable[..., None], condition: Condition) -> FaultCase:
-    name = (cause.__doc__ or cause.__name__).rstrip(".")
-    return FaultCase(name=name, act=lambda rig: cause(rig.lockstep), expected=condition)
+    return FaultCase(
+        name=(cause.__doc__ or cause.__name__).rstrip("."),
+        act=lambda rig: cause(rig.lockstep),
+        expected=condition,
+        **ANSWERS.get(cause, {}),
+    )
+
+
+def _start(name: str, act: Act, expected: Condition, **more: Any) -> FaultCase:
+    return FaultCase(name=name, act=act, expected=expected, before=True, **more)
 
 
 def _screen(
@@ -125,17 +107,26 @@ def _wrap(rig: LockstepRig) -> None:
 
 
 AT_START = (
-    FaultCase(
-        name="The bit rate is wrong", act=_wrong_bit_rate, expected=akd.BIT_RATE, before=True
+    _start("The bit rate is wrong", _wrong_bit_rate, akd.BIT_RATE),
+    _start("Drive theta is absent", _absent, akd.NODE_ABSENT),
+    _start("Node 1 is no AKD", _foreign, akd.WRONG_IDENTITY),
+    _start("Two drives have node 1", _twin, akd.DUPLICATE_ID),
+    _start(
+        "STO is open",
+        _sto_before,
+        akd.DRIVE_FAULT,
+        says="F602",
+        states=(Power.FAULT, Power.SWITCH_ON_DISABLED),
+        wait=BRING_UP + HardwareRig.POWER_ON,
     ),
-    FaultCase(name="Drive theta is absent", act=_absent, expected=akd.NODE_ABSENT, before=True),
-    FaultCase(name="Node 1 is no AKD", act=_foreign, expected=akd.WRONG_IDENTITY, before=True),
-    FaultCase(name="Two drives have node 1", act=_twin, expected=akd.DUPLICATE_ID, before=True),
-    FaultCase(name="STO is open", act=_sto_before, expected=akd.STO_OPEN, before=True),
-    FaultCase(
-        name="The touch screen is absent", act=_no_screen, expected=lumio.UNPLUGGED, before=True
+    _start("The touch screen is absent", _no_screen, lumio.UNPLUGGED),
+    _start(
+        "There is no ball",
+        _no_ball,
+        supervisor.BALL_LOST,
+        stopped_by=(Stopper.QUICK_STOP, Stopper.QUICK_STOP),
+        wait=BRING_UP + HardwareRig.POWER_ON + PATIENCE,
     ),
-    FaultCase(name="There is no ball", act=_no_ball, expected=supervisor.BALL_LOST, before=True),
 )
 
 LATER = {
@@ -146,6 +137,33 @@ LATER = {
 }
 """Cases left out: another condition ends the run before theirs can be reported."""
 
+WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
+BUS_GONE: dict[str, Any] = {"stopped_by": WATCHES}
+DEAF: dict[str, Any] = {"stopped_by": (Stopper.HEARTBEAT, Stopper.QUICK_STOP), "withheld": True}
+NO_TORQUE: dict[str, Any] = {"stopped_by": (Stopper.LOST_TORQUE, Stopper.QUICK_STOP)}
+ITSELF: dict[str, Any] = {"stopped_by": (Stopper.DRIVE, Stopper.QUICK_STOP)}
+ANSWERS: dict[Callable[..., None], dict[str, Any]] = {
+    drive_causes.bus_off: BUS_GONE,
+    drive_causes.adapter_gone: BUS_GONE,
+    drive_causes.left_operational: DEAF,
+    drive_causes.remote: DEAF,
+    drive_causes.rebooted: NO_TORQUE,
+    drive_causes.disabled: NO_TORQUE,
+    drive_causes.drive_fault: ITSELF,
+    drive_causes.quick_stopped: {**ITSELF, "states": (Power.SWITCH_ON_DISABLED,) * 2},
+    drive_causes.no_dc_link: {
+        **NO_TORQUE,
+        "first": akd.DRIVE_FAULT,
+        "states": (Power.FAULT, Power.SWITCH_ON_DISABLED),
+    },
+    drive_causes.sto: {
+        "stopped_by": (Stopper.STO, Stopper.QUICK_STOP),
+        "first": akd.DRIVE_FAULT,
+    },
+    drive_causes.stalled: {"speed": 1.5},
+}
+"""What comes of a cause where the severity of its condition does not say it all."""
+
 DRIVES = (
     *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
     _drive(drive_causes.second_node, akd.DRIVE_REBOOTED),
@@ -154,6 +172,7 @@ DRIVES = (
         act=_lasting_fault,
         expected=akd.DRIVE_FAULT,
         stubborn=True,
+        **ITSELF,
     ),
 )
 
@@ -200,10 +219,10 @@ SCREEN = (
 )
 
 LOOP = (
-    FaultCase(name="The host falls silent", act=_silence, expected=akd.PDO_STALE),
-    FaultCase(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN),
+    FaultCase(name="The host falls silent", act=_silence, expected=akd.PDO_STALE, **BUS_GONE),
+    FaultCase(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN, slow=2.0),
     FaultCase(name="The motor positions wrap", act=_wrap, expected=None, before=True),
 )
 
-CASES = (*AT_START, *DRIVES, *SCREEN, *LOOP)
+CASES = (*AT_START, *DRIVES, *SCREEN, *LOOP, *DEFENCES)
 """Every row of the matrix."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -9,10 +11,16 @@ from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.faults import Condition
+from twin.hal.interface import SCREEN
 from twin.hal.states import TRANSITIONS
 from twin.hal.supervisor import RIG_CONDITIONS
 from twin.run.record import write_whole
-from twin.safety.matrix import AFTER, FaultRow
+from twin.safety.cases import CASES
+from twin.safety.mutations import MUTATIONS
+from twin.safety.proof import DEFENCES, NOT_PROVEN, PROVEN
+from twin.safety.row import FaultRow
+from twin.safety.trial import AFTER, LEFT
+from twin.safety.words import HEADING, both, cells
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -58,7 +66,10 @@ def document(rows: Sequence[FaultRow]) -> str:
     parts.append("## Conditions\n")
     for title, conditions in GROUPS.items():
         parts += [f"### {title}\n", *_conditions(conditions)]
+    parts += [DEFENCES, *_mutations(), PROVEN, NOT_PROVEN]
+    parts += ["## Keys of a row with `--json`\n", inspect.cleandoc(KEYS), "", *_keys()]
     parts += ["## Fault matrix\n", _sentence(rows), *_matrix(rows)]
+    parts += ["## What the rows are judged by\n", LIMITS, *_reasons(rows)]
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -80,42 +91,86 @@ def _conditions(conditions: Iterable[Condition]) -> list[str]:
     )
 
 
+KEYS = """
+    Times are in s, angles in rad, ways in m. A pair is that of phi and theta, or of x and y. What
+    ends in `_limit` or `_expected` is what the key before it is judged by. With `--mutate` the rows
+    are the value of `rows`, beside `mutations`: each with `name`, `change`, `noticed`, its `rows`
+    (failures by the name of a row that noticed) and the names of those `unnoticed`.
+"""
+
+
+def _keys() -> list[str]:
+    """Key and meaning, from where they are written: the attributes of a row."""
+    attributes = inspect.cleandoc(FaultRow.__doc__ or "").partition("Attributes:\n")[2]
+    entries = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", attributes, flags=re.MULTILINE)
+    return _table(
+        ("key", "meaning"), [(f"`{key}`", " ".join(text.split())) for key, text in entries]
+    )
+
+
+def _mutations() -> list[str]:
+    """What can be taken away, and how many rows rely on it."""
+    rows = [(each.name, each.change, str(sum(map(each.concerns, CASES)))) for each in MUTATIONS]
+    return _table(("taken away", "done instead", "rows that rely on it"), rows)
+
+
 def _sentence(rows: Sequence[FaultRow]) -> str:
     good = sum(row.good for row in rows)
     return (
         f"Each fault was injected at the bus or byte level while the circle was tracked, or before "
-        f"the rig was switched on; the rig was then observed for {AFTER:g} s. Times count from the "
-        f"injection; for the touch screen the dead time of 42 ms and one frame are allowed in "
-        f"addition to the condition's time. *Safe*: motors at rest after a stop, plate level after "
-        f"a level, the run not affected by a warning. *Whole*: every period is in the record. "
-        f"*Again*: the rig runs once the cause is removed and a person has asked for it. "
-        f"{good} of {len(rows)} rows pass.\n"
+        f"the rig was switched on. The run was then watched for {AFTER:g} s or to its end, and a "
+        f"rig whose run had ended for {LEFT:g} s more. A value is followed by its limit: *4 of "
+        f"22*. Times count from the injection, or from switching on. *Detected* is when the host "
+        f"notes it, up to one period after it has acted; for the touch screen the dead time of "
+        f"42 ms and one frame are allowed in addition to the condition's time. *Standstill* (and "
+        f"level, where the plate is levelled), *tilt* (the largest from the fault on) and *ball* "
+        f"(its largest distances from the centre until the plate has to stand) are those of the "
+        f"plant, not those measured by the host; *then* is how far the ball rolled later on a "
+        f"plate left tilted: that is not judged. *Reached* is the drives' state: with torque where "
+        f"the plate is levelled or the run goes on, else the first without. At the end no drive "
+        f"has torque. *Whole*: every period is in the record. *Again*: the rig runs once the cause "
+        f"is removed and a person has asked for it. {good} of {len(rows)} rows pass.\n"
     )
 
 
 def _matrix(rows: Sequence[FaultRow]) -> list[str]:
-    heading = ("fault", "condition", "severity", "allowed [ms]", "detected [ms]", "run", "safe")
+    heading = (*HEADING, "then [mm]", "whole", "again", "verdict")
+    return _table(heading, [_cells(row) for row in rows])
+
+
+def _cells(row: FaultRow) -> tuple[str, ...]:
+    left = any(way > whole / 2 for way, whole in zip(row.ball_later, SCREEN, strict=True))
+    then = "off the plate" if left else ", ".join(f"{1e3 * way:.0f}" for way in row.ball_later)
+    facts = ("yes" if fact else "**NO**" for fact in (row.whole, row.recovered))
+    verdict = "good" if row.good else f"**BAD**: {', '.join(row.failures)}"
+    return (*cells(row), then, *facts, verdict)
+
+
+LIMITS = """\
+Limits follow from what drives and host are set to and from how plate and ball moved when the fault
+began; none is fitted to what came out.
+"""
+LIMITED = {
+    "standstill_limit": "standstill",
+    "torque_off_limit": "no torque",
+    "tilt_limit": "tilt",
+    "ball_limit": "ball",
+}
+
+
+def _reasons(rows: Sequence[FaultRow]) -> list[str]:
+    """Every way in which a limit came about, with the number of rows and the first who had to."""
+    counts: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        for key, why in row.why.items():
+            counts.setdefault((LIMITED[key], why), []).append(both(row.stopped_by_expected))
     return _table(
-        (*heading, "whole", "again"),
+        ("limit of", "what it is made of", "to be stopped by", "rows"),
         [
-            (
-                row.name,
-                row.condition or "none",
-                row.severity or "-",
-                f"{1e3 * row.allowed:.0f}" if row.condition else "-",
-                "-" if not row.condition else _ms(row.detected),
-                row.ending,
-                *(("yes" if fact else "**NO**") for fact in (row.safe, row.whole, row.recovered)),
-            )
-            for row in rows
+            (what, why, "; ".join(dict.fromkeys(stoppers)), str(len(stoppers)))
+            for (what, why), stoppers in sorted(counts.items())
         ],
     )
-
-
-def _ms(seconds: float | None) -> str:
-    if seconds is None:
-        return "**not**"
-    return "at once" if seconds == 0 else f"{1e3 * seconds:.0f}"
 
 
 def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -26,7 +26,8 @@ _NONE = "none needed"
 
 
 def _start(name: str, recovery: str) -> Condition:
-    return Condition(name, _STOP, 1.0, _REFUSED, recovery)
+    # Of two drives, one may leave its request unanswered for 2 s (`AkdConfig.answer`).
+    return Condition(name, _STOP, 2.2, _REFUSED, recovery)
 
 
 ADAPTER_GONE = Condition("CAN adapter gone", _STOP, 0.02, _OFF, _RESTART)

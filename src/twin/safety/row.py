@@ -1,0 +1,129 @@
+"""What came of one case, against what had to come of it: the judged row of the matrix."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+Pair = tuple[float, float]
+Names = tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultRow:
+    """What came of one case; the keys of ``--json``.
+
+    Times are in s from the injection, or from switching on; angles in rad, ways in m. Pairs are
+    those of phi and theta, or of x and y. A key that ends in ``_limit`` or ``_expected`` is what
+    the one before it is judged by.
+
+    Attributes:
+        name: What was done.
+        condition: The condition that had to be reported; empty if none.
+        severity: Its severity.
+        allowed: Longest time to its detection.
+        detected: Time to its detection; None if it was not. Where the host hangs, the time to
+            the first drive that stops by itself.
+        ending: How the run ended.
+        line: The one line that a person reads; empty if the run finished.
+        safe: Whether the plate was safe: every key judged below is as it must be, and no drive has
+            torque at the end.
+        whole: Whether every period up to the end is in the record, without gaps.
+        recovered: Whether it runs again when the cause is gone and a person asks for it.
+        reason: The condition that ended the run; empty if none did.
+        reason_expected: The one that had to.
+        stopped_by: Who stopped the axes.
+        stopped_by_expected: Who had to.
+        state: The drives' states that were reached: with torque where the plate was levelled or
+            the run went on, else the first without.
+        state_expected: Those that had to be.
+        standstill: From when on the plate stood, and was level if it had to be levelled; None if it
+            did not, or did not have to.
+        standstill_limit: None where nothing has to stop.
+        torque_off: When the last drive lost its torque; None if one did not.
+        torque_off_limit: None where the plate is held.
+        tilt: Largest plate angle after the fault.
+        tilt_limit: Its limit.
+        ball: Largest distances of the ball from the plate's centre after the fault, until the
+            plate has to stand; on a plate that is left tilted it rolls on.
+        ball_limit: Their limits.
+        ball_later: The same over the whole observation; not judged.
+        torque: Whether a drive has torque at the end of the observation.
+        says: Whether the line says what it must.
+        why: Where each limit comes from, in one line, by its key.
+        failures: The keys that are not as they must be.
+        good: Whether there are none.
+    """
+
+    name: str
+    condition: str
+    severity: str
+    allowed: float
+    detected: float | None
+    ending: str
+    line: str
+    whole: bool
+    recovered: bool
+    reason: str
+    reason_expected: str
+    stopped_by: Names
+    stopped_by_expected: Names
+    state: Names
+    state_expected: Names
+    standstill: float | None
+    standstill_limit: float | None
+    torque_off: float | None
+    torque_off_limit: float | None
+    tilt: float
+    tilt_limit: float
+    ball: Pair
+    ball_limit: Pair
+    ball_later: Pair
+    torque: bool
+    says: bool
+    why: dict[str, str]
+
+    @property
+    def _judged(self) -> dict[str, bool]:
+        stop, off = self.standstill_limit, self.torque_off_limit
+        return {
+            "stopped_by": self.stopped_by == self.stopped_by_expected,
+            "state": self.state == self.state_expected,
+            "standstill": stop is None or _within(self.standstill, stop),
+            "torque_off": off is None or _within(self.torque_off, off),
+            "tilt": _within(self.tilt, self.tilt_limit),
+            "ball": all(map(_within, self.ball, self.ball_limit)),
+            "torque": not self.torque,
+        }
+
+    @property
+    def safe(self) -> bool:
+        """Whether the plate was safe."""
+        return all(self._judged.values())
+
+    @property
+    def failures(self) -> Names:
+        """Keys of what is not as it must be."""
+        judged = {
+            "detected": not self.condition or _within(self.detected, self.allowed),
+            "reason": self.reason == self.reason_expected,
+            "line": self.says,
+            **self._judged,
+            "whole": self.whole,
+            "recovered": self.recovered,
+        }
+        return tuple(key for key, right in judged.items() if not right)
+
+    @property
+    def good(self) -> bool:
+        """Whether the fault was detected in time, answered safely, recorded, recovered from."""
+        return not self.failures
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        more = {"safe": self.safe, "good": self.good, "failures": self.failures}
+        return {**asdict(self), **more}
+
+
+def _within(value: float | None, limit: float) -> bool:
+    return value is not None and value <= limit + 1e-6

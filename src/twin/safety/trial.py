@@ -1,0 +1,244 @@
+"""One rig on emulated devices, one fault: carried out, observed and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.stack import Controller
+from twin.devices.akd.conditions import STOP_IGNORED, DriveError
+from twin.devices.lumio.conditions import UNPLUGGED
+from twin.devices.lumio.transports import ScreenError
+from twin.devices.rig import StartRefusedError
+from twin.emulator.drive_power import Power
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import DEAD_TIME, FRAME
+from twin.emulator.trace import MotionTrace
+from twin.emulator.virtual import EmulatedPlant
+from twin.errors import TwinError
+from twin.hal.faults import Severity
+from twin.run.assemble import build_limits
+from twin.run.control import build_controller
+from twin.run.loop import Ending, Outcome, drive
+from twin.run.record import Recorder
+from twin.safety import limits
+from twin.safety.case import FaultCase
+from twin.safety.reaction import Reaction, Stopper, reaction
+from twin.safety.row import FaultRow
+from twin.safety.tracking import tracking
+
+BEGIN = 2.0
+"""When a fault begins, s: the ball runs at full speed by then."""
+AFTER = 2.6
+"""How long the rig runs from then on, s."""
+LEFT = 1.5
+"""How long it is watched after a run that was ended, s: motors without torque run out."""
+AGAIN = 0.5
+"""How long it runs after it has been recovered, s."""
+
+
+class Run(NamedTuple):
+    """How a run ended, its record, and the error with which switching on was refused."""
+
+    outcome: Outcome
+    record: Recorder
+    refusal: TwinError | None
+
+
+class Trial:
+    """One rig, one case.
+
+    Args:
+        case: What is done, and what must come of it.
+    """
+
+    def __init__(self, case: FaultCase) -> None:
+        self.case = case
+        self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
+        plant = EmulatedPlant(self.scenario)
+        self.rig = LockstepRig(
+            plant,
+            transmission=plant.transmission,
+            limits=build_limits(self.scenario.rig.limits),
+            protocol=case.protocol,
+            seed=self.scenario.seed,
+        )
+        self.trace = MotionTrace(self.rig)
+        self.drives = list(self.rig.lockstep.drives)
+        self.begun: float | None = None if not case.before else self.rig.now()
+        """Bus time of the fault, s."""
+        self.time_begun = 0.0
+        """Time of the run at the fault, s."""
+        self.last = self.rig.now()
+        """Bus time of the newest period in the record, s."""
+
+    def row(self, *, recover: bool = True) -> FaultRow:
+        """Carry the case out and judge it; recover: whether the rig must run again, too."""
+        case, expected = self.case, self.case.expected
+        run = self._run(self.scenario.duration, act=True)
+        refused_at = self.rig.now() if run.refusal else None
+        allowed = self._allowed()
+        at = self._at_fault()
+        seen, stop = self._seen(run, allowed, at)
+        tilt = limits.tilt(case, allowed, stop.value if stop else None, at)
+        ball, ball_why = limits.ball(case, allowed, stop.value if stop else None, at)
+        line = str(run.refusal) if run.refusal else run.outcome.reason
+        off = limits.torque_off(case, stop)
+        why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
+        more = {"standstill_limit": stop, "torque_off_limit": off}
+        why |= {key: limit.why for key, limit in more.items() if limit}
+        return FaultRow(
+            name=case.name,
+            condition=expected.name if expected else "",
+            severity=str(expected.severity) if expected else "",
+            allowed=allowed,
+            detected=self._detected(refused_at),
+            ending="refused" if run.refusal else str(run.outcome.ending),
+            line=line,
+            says=case.says in line,
+            whole=bool(run.refusal) or self._whole(run),
+            recovered=not recover or self._recovers(),
+            reason=self._reason(run),
+            reason_expected=case.reason,
+            stopped_by=tuple(map(str, seen.stopped_by)),
+            stopped_by_expected=tuple(map(str, case.stoppers)),
+            state=tuple(map(_words, seen.states)),
+            state_expected=tuple(map(_words, case.reached)),
+            standstill=seen.standstill if stop else None,
+            standstill_limit=stop.value if stop else None,
+            torque_off=seen.torque_off,
+            torque_off_limit=off.value if off else None,
+            tilt=seen.tilt,
+            tilt_limit=tilt.value,
+            ball=seen.ball,
+            ball_limit=ball,
+            ball_later=seen.ball_later,
+            torque=seen.live,
+            why={
+                **why,
+                **({"torque_off_limit": off.why} if off else {}),
+                "tilt_limit": tilt.why,
+                "ball_limit": ball_why,
+            },
+        )
+
+    def _run(self, duration: float, *, act: bool) -> Run:
+        controller: Controller = build_controller(self.scenario)
+        record = Recorder(round(duration / self.rig.period), 1, self.rig.period)
+        if act and self.case.before:
+            self._act()
+        if act:
+            record.observers.append(self._observe)
+        try:
+            (outcome,) = drive(self.rig, controller, duration, record)
+        except TwinError as error:
+            return Run(Outcome(Ending.FAULT, 0.0), record, error)
+        return Run(outcome, record, None)
+
+    def _observe(self, time: float, _: Mapping[str, NDArray[Any]]) -> None:
+        self.last = self.rig.now()
+        if self.begun is None and time >= BEGIN:
+            self.begun, self.time_begun = self.last, time
+            self._act()
+
+    def _act(self) -> None:
+        self.case.act(self.rig)
+        self.trace.note_injection()
+
+    def _at_fault(self) -> limits.AtFault:
+        begun = self.begun if self.begun is not None else self.last
+        motion = self.trace.between(0.0, begun)
+        if not motion.time.size:
+            return limits.AtFault(0.0, 0.0, np.zeros(2), np.zeros(2))
+        ball, velocity = np.abs(motion.ball[-1]), np.abs(motion.velocity[-1])
+        return limits.AtFault(float(motion.tilt[-1]), float(motion.speed[-1]), ball, velocity)
+
+    def _allowed(self) -> float:
+        """Longest time to the detection, s."""
+        case = self.case
+        if case.hangs:
+            silence = limits.HOST.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
+            return silence + self.rig.period
+        late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
+        return case.expected.within + late + case.wait if case.expected else 0.0
+
+    def _seen(
+        self, run: Run, allowed: float, at: limits.AtFault
+    ) -> tuple[Reaction, limits.Limit | None]:
+        """The reaction, and the longest time to standstill."""
+        stop = limits.standstill(self.case, allowed, at) if not self.case.refused else None
+        finished = run.outcome.ending is Ending.FINISHED and not run.refusal
+        if not finished:
+            self.rig.sleep(LEFT)
+        ended = not finished and not run.refusal
+        begun = self.begun if self.begun is not None else self.last
+        end = self.last if finished else self.rig.now()
+        within = stop.value if stop else np.inf
+        level = Stopper.LEVELLING in self.case.stoppers
+        return reaction(self.trace, begun, end, within=within, ended=ended, level=level), stop
+
+    def _detected(self, refused_at: float | None) -> float | None:
+        if self.case.expected is None or self.begun is None:
+            return None
+        if refused_at is not None:
+            return refused_at - self.begun
+        if self.case.hangs:
+            own = [each.time for each in self.trace.changes if each.time > self.begun]
+            return own[0] - self.begun if own else None
+        for time, note in self.rig.journal:
+            if note.condition.name == self.case.expected.name and time >= self.time_begun:
+                return time - self.time_begun
+        return None
+
+    def _reason(self, run: Run) -> str:
+        """Name of the condition that ended the run; empty if none did."""
+        error = run.refusal
+        if isinstance(error, StartRefusedError | DriveError):
+            return error.fault.condition.name
+        if error is not None:
+            return UNPLUGGED.name if isinstance(error, ScreenError) else type(error).__name__
+        for _, note in self.rig.journal:
+            if note.condition.severity is not Severity.WARNING:
+                return note.condition.name
+        return ""
+
+    def _whole(self, run: Run) -> bool:
+        record = run.record
+        if not record.length:
+            return False
+        gaps = np.diff(record.time)
+        kept = all(np.isfinite(record[name]).all() for name in ("measured", "estimate", "applied"))
+        end = self.time_begun if self.case.hangs else run.outcome.time
+        return kept and bool((gaps > 0).all()) and record.end >= end - self.rig.period
+
+    def _recovers(self) -> bool:
+        """Remove the cause, put the ball back, and run again on request."""
+        rig = self.rig
+        rig.ask_reset()
+        if self.case.stubborn and self._run(AGAIN, act=False).refusal is None:
+            return False
+        rig.lockstep.bus.drives[:] = self.drives
+        rig.lockstep.bus.faults.clear()
+        rig.lockstep.adapter.plugged = rig.port.plugged = rig.plant.present = True
+        rig.line.damage.clear()
+        rig.stall = 0.0
+        for each in self.drives:
+            each.restore()
+        rig.plant.restart()
+        before = len(rig.journal)
+        run = self._run(AGAIN, act=False)
+        serious = [
+            entry.note.condition.name
+            for entry in rig.journal[before:]
+            if entry.note.condition.severity is not Severity.WARNING
+            and entry.note.condition != STOP_IGNORED
+        ]
+        return run.outcome.ending is Ending.FINISHED and run.refusal is None and not serious
+
+
+def _words(state: Power) -> str:
+    """A state as CiA 402 calls it."""
+    return state.name.lower().replace("_", " ")
