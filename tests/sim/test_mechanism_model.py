@@ -12,6 +12,8 @@ import pytest
 
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
+from twin.sim.plant.model import load_model
+from twin.sim.plant.parts import Parts
 
 KINDS = {
     "BODY": "nbody",
@@ -160,3 +162,32 @@ def test_half_the_step_hardly_moves_the_resonances(model, tmp_path):
     for coarse, fine in zip(tap_test(), tap_test(finer), strict=True):
         assert coarse.frequency_hz == pytest.approx(fine.frequency_hz, rel=3e-3)
         assert coarse.damping == pytest.approx(fine.damping, rel=5e-3)
+
+
+@pytest.mark.parametrize("parts", [Parts(), Parts(preload=60.0, offset=(1e-4, 0.0, 0.0))])
+def test_without_what_is_only_seen_it_moves_by_the_same_bits(parts):
+    ends = []
+    seen, bare = (load_model(parts=parts, drawn=drawn) for drawn in (True, False))
+    for model in (seen, bare):
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+        data.joint("ball").qvel[:2] = 0.05, -0.03
+        for k in range(1000):
+            data.ctrl[:] = 1.5 * math.sin(0.006 * k), math.cos(0.01 * k)
+            mujoco.mj_step(model, data)
+        ends.append(np.concatenate((data.qpos, data.qvel, data.sensordata)))
+    assert np.array_equal(*ends)
+    assert bare.ngeom < seen.ngeom
+    assert bare.nmat == bare.ntex == 0
+
+
+@pytest.mark.parametrize("axis", ["phi", "theta"])
+def test_stiffer_wheels_keep_their_damping_ratio(axis):
+    # c / (2 sqrt(k J)) with the same inertia on them: c squared grows as k does
+    nominal, stiffer = (
+        load_model(parts=parts).pair(f"cam_{axis}").solref
+        for parts in (Parts(), Parts(stiffness=160e3))
+    )
+    stiffness, damping = stiffer / nominal
+    assert stiffness == pytest.approx(2, rel=1e-3)
+    assert damping**2 == pytest.approx(stiffness)

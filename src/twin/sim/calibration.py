@@ -158,7 +158,7 @@ def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[Resonance
         for k in range(len(angle)):
             mujoco.mj_step(mj, data)
             angle[k] = data.joint(axis).qpos[0]
-        found.append(_fit_ringing(angle, mj.opt.timestep))
+        found.append(fit_ringing(angle, mj.opt.timestep))
     return found[0], found[1]
 
 
@@ -170,7 +170,7 @@ def _basis(plate: Array, degree: int) -> Array:
     return np.asarray(product[..., order <= degree])
 
 
-def _fit_ringing(angle: Array, step: float) -> Resonance:
+def fit_ringing(angle: Array, step: float) -> Resonance:
     """Fit a decaying sine to samples that begin one step after the tap."""
     t = step * np.arange(1, len(angle) + 1)
     spectrum = np.abs(np.fft.rfft(angle - angle.mean(), 8 * len(angle)))

@@ -20,6 +20,7 @@ from twin.run.control import build_controller
 from twin.run.loop import Ending
 from twin.run.metrics import Metrics
 from twin.scenario import Scenario
+from twin.scenario.study_step import at_study_step
 from twin.study.build import Builder
 from twin.study.design import points
 from twin.study.schema import METRICS, Study
@@ -70,6 +71,7 @@ class Work:
     Attributes:
         design: Its points.
         tasks: The runs, in the order of the design.
+        steps: Physics steps of the runs in s.
 
     Raises:
         ScenarioError: If a parameter is no key of the scenario, or a value is out of range.
@@ -82,6 +84,7 @@ class Work:
         self._relative = {key for key, item in study.parameters.items() if item.relative}
         self._fixed = {each.name: (*study.set, *each.set) for each in study.compared}
         self._kinds: dict[str, str] = {}
+        self.steps: set[float] = set()
         self.tasks = [
             self._task(name, index, seed)
             for index in range(len(self.design))
@@ -104,6 +107,7 @@ class Work:
 
     def _task(self, variant: str, point: int, seed: int) -> Task:
         scenario = self._scenario(variant, point, seed)
+        self.steps.add(scenario.plant.step)
         kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
         # one string for all that are alike
         kind = self._kinds.setdefault(kind, kind)
@@ -111,7 +115,7 @@ class Work:
 
     def _scenario(self, variant: str, point: int, seed: int) -> Scenario:
         fixed = (*self._fixed[variant], f"seed={seed}")
-        scenario = self._build(fixed, self.design[point], self._relative)
+        scenario = at_study_step(self._build(fixed, self.design[point], self._relative))
         # what a run is called changes nothing
         return scenario.model_copy(update={"title": ""})
 
@@ -123,17 +127,33 @@ def carry_out(jobs: Sequence[Job]) -> list[Row]:
     """
     rows: dict[str, Row] = {}
     ready: dict[str, list[tuple[str, Scenario]]] = {}
+    refused: dict[str, TwinError | None] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
-        try:
-            build_controller(scenario)
-        except TwinError as error:
+        controller = scenario.model_dump_json(include=CONTROLLER)
+        if controller not in refused:
+            refused[controller] = _refusal(scenario)
+        error = refused[controller]
+        if error is not None:
             rows[job.key] = _refused(job.key, error)
             continue
         ready.setdefault(job.alike, []).append((job.key, scenario))
     for batch in ready.values():
         rows |= {row["key"]: row for row in _together(batch)}
     return [rows[job.key] for job in jobs]
+
+
+CONTROLLER = {"duration", "rig", "controller", "observer", "predictor", "reference"}
+"""Tables of a scenario that say which controller it has."""
+
+
+def _refusal(scenario: Scenario) -> TwinError | None:
+    """Why a scenario has no controller; None if it has."""
+    try:
+        build_controller(scenario)
+    except TwinError as error:
+        return error
+    return None
 
 
 def _together(batch: Sequence[tuple[str, Scenario]]) -> Iterator[Row]:

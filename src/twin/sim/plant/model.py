@@ -47,12 +47,15 @@ NAMES = {
 _AXES = ("phi", "theta")
 
 
-def load_model(path: Path | None = None, parts: Parts | None = None) -> mujoco.MjModel:
+def load_model(
+    path: Path | None = None, parts: Parts | None = None, *, drawn: bool = True
+) -> mujoco.MjModel:
     """Compile a mechanism and check that it has every name the plant needs.
 
     Args:
         path: The MJCF file; None for the packaged one.
         parts: What differs from the file.
+        drawn: Whether it is to be seen; without what only a viewer needs it moves by the same bits.
 
     Raises:
         ModelError: If the file cannot be read or compiled, or lacks names.
@@ -61,10 +64,12 @@ def load_model(path: Path | None = None, parts: Parts | None = None) -> mujoco.M
     if not path.is_file():
         raise ModelError(f"model {path}: no such file")
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compiler.discardvisual = not drawn
+        model = spec.compile()
         _check(model, path)
         if parts is not None and parts != Parts():
-            model = _build(path, parts)
+            model = _build(spec, model, parts)
     except ValueError as error:
         if isinstance(error, ModelError):
             raise
@@ -105,10 +110,8 @@ def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
     return found
 
 
-def _build(path: Path, parts: Parts) -> mujoco.MjModel:
-    """The mechanism with other parts, standing level."""
-    spec = mujoco.MjSpec.from_file(str(path))
-    before = spec.compile()
+def _build(spec: mujoco.MjSpec, before: mujoco.MjModel, parts: Parts) -> mujoco.MjModel:
+    """The mechanism with other parts than before, standing level."""
     higher = _shape(spec, parts)
     model = spec.compile()
     model.key_qpos[:, model.joint("ball").qposadr[0] + 2] += higher
@@ -206,16 +209,18 @@ def _stand_level(model: mujoco.MjModel, time: float = 0.25, rounds: int = 4) -> 
     joints = [model.joint(axis) for axis in _AXES]
     shafts = [model.joint(f"cam_{axis}") for axis in _AXES]
     ball = model.joint("ball")
-    place, speed = ball.qposadr[0], slice(ball.dofadr[0], ball.dofadr[0] + 6)
+    place, speed = ball.qposadr[0], ball.dofadr[0]
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
     for joint in joints:
         model.dof_damping[joint.dofadr[0]] = 20.0  # near critical: rests within a few periods
     for _ in range(rounds):
         data = _at_level(model)
+        middle, turn = data.qpos[place : place + 2], data.qpos[place + 3 : place + 7]
+        slide, spin = data.qvel[speed : speed + 2], data.qvel[speed + 3 : speed + 6]
         for _ in range(round(time / model.opt.timestep)):
             mujoco.mj_step(model, data)
-            data.qpos[place : place + 2] = 0.0
-            data.qpos[place + 3 : place + 7] = 1.0, 0.0, 0.0, 0.0
-            data.qvel[speed.start : speed.start + 2] = data.qvel[speed.start + 3 : speed.stop] = 0.0
+            middle[:] = slide[:] = spin[:] = 0.0
+            turn[:] = upright
         angles = data.qpos[[joint.qposadr[0] for joint in joints]]
         key.qpos[:] = data.qpos
         key.act[:] = data.act

@@ -1,0 +1,127 @@
+"""What a physics step of 2 ms gets wrong beside one of 1 ms, and what it saves.
+
+Run with ``uv run python -m benchmarks.physics_step``. Errors are those to a step of 0.25 ms: of the
+ball's path over 10 s in closed loop, with the same noise, and of numbers about ball, plate and
+wheels. ``--thesis`` adds the tracking errors of Tables 9.2 to 9.9. Times are processor time, best
+of rounds that take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.truths import RUNS, SECONDS, TRUTHS, path
+from controllers.arrays import Array
+from twin.sim.plant.mechanism import Mechanism
+from twin.thesis.experiments.batch import rolling, simulate
+from twin.thesis.experiments.fit import identified
+from twin.thesis.experiments.judge import e_tt
+from twin.thesis.experiments.tables import chosen
+
+FINE, STEPS = 0.00025, (0.001, 0.002)
+
+
+class Deviation(NamedTuple):
+    """What differs at 1 ms and at 2 ms from the fine step, with the value at that."""
+
+    name: str
+    fine: str
+    at_1_ms: str
+    at_2_ms: str
+
+    @classmethod
+    def of(cls, name: str, unit: str, number: Callable[[float], float]) -> Deviation:
+        """Of a number that a step gives."""
+        fine = number(FINE)
+        coarse = [number(step) - fine for step in STEPS]
+        digits = 4 if abs(fine) > 1e-6 else 2
+        return cls(name, f"{fine:.{digits}g} {unit}", *(f"{each:+.2g}" for each in coarse))
+
+
+def paths(seconds: float = SECONDS, names: tuple[str, ...] = tuple(RUNS)) -> Iterator[Deviation]:
+    """Of the ball's path: rms and largest, um, and of the rms tracking error, %."""
+    for name in names:
+        ball, desired = path(FINE, name, seconds)
+
+        def missed(ball: Array, desired: Array = desired) -> float:
+            late = len(desired) // 2
+            return float(np.sqrt(np.mean((ball - desired)[late:] ** 2) * 2))
+
+        found = []
+        for step in STEPS:
+            coarse = path(step, name, seconds)[0]
+            if len(coarse) != len(ball):
+                found.append("ends at another time")
+                continue
+            off = 1e6 * np.hypot(*(coarse - ball).T)
+            share = 100 * (missed(coarse) / missed(ball) - 1)
+            found.append(f"{np.sqrt(np.mean(off**2)):.0f}, {off.max():.0f} um; {share:+.2f} %")
+        yield Deviation(name, f"{1e3 * missed(ball):.2f} mm", *found)
+
+
+def numbers() -> Iterator[Deviation]:
+    """Of what is known of ball, plate and wheels."""
+    for name, (unit, number) in TRUTHS.items():
+        yield Deviation.of(name, unit, number)
+
+
+def tables() -> Iterator[Deviation]:
+    """Of the tracking errors of Tables 9.2 to 9.9, in points: the largest of 24, and its rms."""
+    experiments, known = chosen(()), identified()
+    rigs = {"rolling friction": known.rolling, "no friction": 0.0}
+    errors = []
+    for step in (FINE, *STEPS):
+        traces = simulate(
+            experiments, [rolling(arm) | {"plant.step": step} for arm in rigs.values()]
+        )
+        errors.append(
+            [[e_tt(each, known.reading, known.start) for each in some] for some in traces]
+        )
+    fine, *coarse = np.array(errors)
+    for rig, name in enumerate(rigs):
+        found = []
+        for each in coarse:
+            off = (each - fine)[:, rig]
+            off = off[np.isfinite(off)]
+            found.append(f"{np.abs(off).max():.3f}, rms {np.sqrt(np.mean(off**2)):.3f} points")
+        mean = np.nanmean(fine[:, rig])
+        yield Deviation(f"Tables 9.2 to 9.9, {name}", f"{mean:.1f} % on average", *found)
+
+
+def seconds_of(step: float, rigs: int, time_span: float) -> float:
+    """Processor seconds of moving mechanisms for a time span in s."""
+    plant = Mechanism(rigs=rigs, step=step, threads=1)
+    rates = 1.5 * np.sin(np.arange(0, time_span, 0.002)[:, None, None] * np.array([3.0, 4.0]))
+    begin = time.process_time()
+    for rate in rates:
+        plant.advance(np.broadcast_to(rate, (rigs, 2)), round(0.002 / step))
+    return time.process_time() - begin
+
+
+def ratio(rigs: int, time_span: float, rounds: int = 7) -> float:
+    """Time at 2 ms over that at 1 ms."""
+    times = [[seconds_of(step, rigs, time_span) for step in STEPS] for _ in range(rounds)]
+    fine, coarse = np.min(times, axis=0)
+    return float(coarse / fine)
+
+
+def main() -> None:
+    """Print all deviations and both ratios of time."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--thesis", action="store_true", help="the thesis's tables, too: minutes")
+    options = parser.parse_args()
+    print(f"{'':42} {'at 0.25 ms':>20} {'at 1 ms':>28} {'at 2 ms':>28}")
+    sources = [paths(), numbers(), *([tables()] if options.thesis else [])]
+    for source in sources:
+        for name, *rest in source:
+            print(f"{name:42} {rest[0]:>20} {rest[1]:>28} {rest[2]:>28}", flush=True)
+    print(f"time at 2 ms over that at 1 ms: one rig {ratio(1, 2.0):.3f}, 64 {ratio(64, 0.2):.3f}")
+
+
+if __name__ == "__main__":
+    main()

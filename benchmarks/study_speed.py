@@ -1,0 +1,82 @@
+"""Runs of a study in an hour of one core, and how many times those of an earlier checkout.
+
+    git worktree add ../before 95b7a20 && (cd ../before && uv sync)
+    uv run python -m benchmarks.study_speed --before ../before
+
+The first chunk of the shipped study ``tournament``, as it would be handed out, in one process each,
+turn by turn; told in processor time, set-up and evaluation of the runs included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+PIECE = """
+import sys, time
+from twin.study.carry import missing
+from twin.study.schema import read
+from twin.study.work import Work, carry_out
+
+seconds = sys.argv[1]
+study = read("tournament")
+given = (*study.set, f"duration={seconds}", f"metrics.start={float(seconds) / 2}")
+work = Work(study.model_copy(update={"set": given + tuple(sys.argv[2:])}))
+jobs = work.jobs(missing(work.tasks, (), 2)[0])
+begin = time.process_time()
+rows = carry_out(jobs)
+spent = time.process_time() - begin
+assert all(row["outcome"] == "finished" for row in rows), rows
+print(3600 * len(jobs) / spent)
+"""
+"""What both checkouts carry out."""
+SECONDS = 16.0
+"""How long each run of the study lasts."""
+
+
+def runs_per_hour(python: str, folder: Path, seconds: float = SECONDS, *given: str) -> float:
+    """Runs that a checkout carries out in an hour of one core.
+
+    Args:
+        python: Its interpreter.
+        folder: The checkout.
+        seconds: How long each run lasts.
+        given: Further settings of all runs.
+    """
+    command = (python, "-c", PIECE, str(seconds), *given)
+    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    return float(found.stdout)
+
+
+def here(seconds: float = SECONDS, *given: str) -> float:
+    """Runs that this checkout carries out in an hour of one core."""
+    return runs_per_hour(sys.executable, Path(__file__).parent.parent, seconds, *given)
+
+
+def main() -> None:
+    """Print runs per hour, and the ratio to those of an earlier checkout."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--before", type=Path, help="an earlier checkout with its own .venv")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="length of a run [16]")
+    options = parser.parse_args()
+    found = []
+    for _ in range(options.rounds):
+        one = [here(options.seconds), here(options.seconds, "plant.step=0.001")]
+        if options.before:
+            python = str((options.before / ".venv" / "bin" / "python").absolute())
+            one.append(runs_per_hour(python, options.before, options.seconds))
+        found.append(one)
+        print(", ".join(f"{each:.0f}" for each in one), flush=True)
+    now, fine, *before = np.max(found, axis=0)
+    print(f"{now:.0f} runs of {options.seconds:g} s an hour, at a physics step of 1 ms {fine:.0f}")
+    if before:
+        print(f"before {before[0]:.0f}: {now / before[0]:.2f} times as many (goal: at least 1.8)")
+
+
+if __name__ == "__main__":
+    main()

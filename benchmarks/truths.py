@@ -1,0 +1,238 @@
+"""What the simulated mechanism is asked to get right, each as one number at a physics step.
+
+Every function takes the physics step in s. Those of ``RUNS`` give the ball's path in closed loop,
+those of ``TRUTHS`` numbers that are known from elsewhere or from a finer step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from controllers.arrays import Array
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.virtual import EmulatedPlant
+from twin.hal.cams import CamTable
+from twin.run.assemble import assemble, build_limits
+from twin.run.control import build_controller
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.scenario import load
+from twin.sim.calibration import fit_ringing
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.model import load_model
+from twin.sim.plant.parts import Parts
+
+PERIOD = 0.002
+AWAY = (0.6, 0.0, 0.0, 0.0)
+"""Start of the ball beside the screen."""
+AXES = ("phi", "theta")
+
+AGEING = ("plant.friction.breakaway_ratio=2.0", "plant.friction.dwell_time=0.5")
+RUNS: dict[str, tuple[str, ...]] = {
+    "circle": ("circle",),
+    "circle, play of 0.3 deg": ("circle", "plant.servo.backlash_deg=0.3"),
+    "circle, ageing friction": ("circle", *AGEING),
+    "circle, uneven friction": ("circle", "plant.surface.spread_percent=30.0"),
+    "circle, motors at 15 Hz": ("circle", "plant.servo.bandwidth_hz=15.0"),
+    "circle, vibration at 13 Hz": ("circle", "plant.servo.vibration=3.0"),
+    "circle, ball 0.2 mm out of balance": ("circle", "plant.ball.offset_mm=[0.2, 0.0, 0.0]"),
+    "circle, sliding mode": (
+        "circle",
+        "controller.kind=sliding_mode",
+        "controller.alpha=1.5",
+        "controller.epsilon=0.3",
+        "controller.betas=[1.5, 3.0, 5.0]",
+    ),
+    "circle over the emulated wire": ("circle",),
+    "step": ("step",),
+    "hold beside the middle, ageing friction": ("hold", "plant.start.x=0.1", *AGEING),
+}
+"""Scenario and overrides of what is run in closed loop."""
+WIRED = {"circle over the emulated wire"}
+"""Those whose drives and screen are emulated byte by byte, in stepped time."""
+SECONDS = 10.0
+
+
+def path(step: float, run: str, seconds: float = SECONDS) -> tuple[Array, Array]:
+    """Where the ball is in each control period of a run, and where it is to be, m, each (K, 2)."""
+    name, *overrides = RUNS[run]
+    given = [f"duration={seconds}", f"metrics.start={seconds / 2}", f"plant.step={step}"]
+    scenario = load(name, [*overrides, *given])
+    ticks = round(seconds / PERIOD)
+    if run in WIRED:
+        plant = EmulatedPlant(scenario)
+        limits = build_limits(scenario.rig.limits)
+        rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+        controller = build_controller(scenario)
+        record, balls = Recorder(ticks, 1, PERIOD, keep=("estimate",)), []
+        # such a rig does not know the truth, its plant does
+        record.observers.append(lambda *_: balls.append(plant.devices.state[0, 0::4]))
+        drive(rig, controller, seconds, record)
+        ball = np.array(balls)
+    else:
+        simulated, controller = assemble(scenario, threads=1)
+        record = Recorder(ticks, 1, PERIOD, keep=("state",))
+        drive(simulated, controller, seconds, record)
+        ball = record["state"][:, 0, 0::4]
+    desired = controller.reference(PERIOD * np.arange(len(ball)))[0]
+    return ball, np.broadcast_to(desired.reshape(len(ball), -1, 2)[:, 0], ball.shape)
+
+
+def on_slope(step: float, slope_deg: float, seconds: float) -> float:
+    """How far the ball has gone from rest on a sloping plate, m."""
+    plant = Mechanism(
+        step=step,
+        friction=Friction(rolling=1.8e-4),
+        parts=Parts(level=(math.radians(slope_deg), 0.0)),
+    )
+    plant.start(np.zeros((1, 4)))
+    plant.advance(np.zeros((1, 2)), round(seconds / step))
+    return float(np.hypot(*plant.state[0, [0, 4]]))
+
+
+def breakaway_deg(step: float) -> float:
+    """Slope at which a ball that has rested long starts, on a plate tilted slowly, deg."""
+    friction = Friction(rolling=1.8e-4, breakaway_ratio=1.5, dwell_time=0.5)
+    plant = Mechanism(step=step, friction=friction)
+    plant.start(np.zeros((1, 4)))
+    rate = np.array([[math.radians(0.05) * plant.ratio, 0.0]])
+    for _ in range(round(25 / PERIOD)):
+        plant.advance(rate, round(PERIOD / step))
+        if abs(plant.state[0, 0]) > 1e-4:
+            break
+    return math.degrees(plant.state[0, 2])
+
+
+def ringing(step: float, axis: str, pose_deg: float = 0.0, **parts: float) -> tuple[float, float]:
+    """Frequency in Hz and damping ratio of an axis after a tap, both axes tilted to a pose."""
+    model = load_model(parts=Parts(**parts), drawn=False)
+    model.opt.timestep = step
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
+    data.joint("ball").qpos[0] = AWAY[0]
+    if pose_deg:
+        motor = CamTable.packaged().motor(np.radians([pose_deg, pose_deg]))
+        for name, angle in zip(AXES, motor, strict=True):
+            data.actuator(f"servo_{name}").ctrl = angle / 2
+        mujoco.mj_step(model, data, round(2 / step))
+        data.ctrl[:] = 0
+        mujoco.mj_step(model, data, round(4 / step))
+    data.joint(axis).qvel = 0.02
+    angles = np.empty(round(0.6 / step))
+    for k in range(len(angles)):
+        mujoco.mj_step(model, data)
+        angles[k] = data.joint(axis).qpos[0]
+    found = fit_ringing(angles, step)
+    return found.frequency_hz, found.damping
+
+
+def followed(step: float, plate: Array) -> tuple[Array, Array]:
+    """Wheel forces in N and motor torques in N m, each (steps, N, 2), along plate angles (K, N, 2).
+
+    The plate angles are those of one control period each.
+    """
+    plant = Mechanism(rigs=plate.shape[1], step=step, threads=1)
+    plant.start(np.repeat([AWAY], plant.rigs, axis=0))
+    at = [plant.channels.index(name) for name in ("wheel_phi_N", "wheel_theta_N")]
+    turned = [plant.channels.index(name) for name in ("torque_phi_Nm", "torque_theta_Nm")]
+    forces, torques = [], []
+    motor = CamTable.packaged().motor(plate)
+    for now, after in pairwise(motor):
+        for _ in range(round(PERIOD / step)):
+            plant.advance((after - now) / PERIOD, 1)
+            told = plant.telemetry()
+            forces.append(told[:, at])
+            torques.append(told[:, turned])
+    return np.array(forces), np.array(torques)
+
+
+def least_force(step: float) -> float:
+    """Least force of a wheel on its cam over sines of 8 deg with 7 rad/s^2 on both axes, N."""
+    amplitude = math.radians(8)
+    omega = math.sqrt(7 / amplitude)
+    t = np.arange(0, 4, PERIOD)[:, None]
+    s = np.minimum(t / 2, 1)
+    begin = s**3 * (10 - 15 * s + 6 * s**2)
+    shift = np.array([0, math.pi / 2, math.pi])
+    phi, theta = (amplitude * begin * np.sin(omega * t + each) for each in (0 * shift, shift))
+    forces, _ = followed(step, np.stack((phi, theta), axis=-1))
+    return float(forces.min())
+
+
+def turned(accelerations: Array, every: float, axis: int, seconds: float = 2.0) -> Array:
+    """Plate angles (K, N, 2) of an axis whose acceleration is turned round at even intervals.
+
+    Accelerations in rad/s^2, one a rig; the interval in s.
+    """
+    swing = accelerations * every**2 / 8
+    s = np.arange(0, 1, PERIOD)[:, None]
+    aside = -swing * s**3 * (10 - 15 * s + 6 * s**2)
+    # from one turning point of a triangular speed to the next, 0 to 1: two parabolas
+    phase = (np.arange(0, seconds, PERIOD) / every % 2)[:, None]
+    part = np.where(phase < 1, phase, phase - 1)
+    rise = np.where(part < 0.5, 4 * part**2 - 1, 1 - 4 * (1 - part) ** 2) * swing
+    plate = np.zeros((len(s) + len(phase), len(accelerations), 2))
+    plate[..., axis] = np.concatenate((aside, np.where(phase < 1, rise, -rise)))
+    return plate
+
+
+def lift_off(step: float) -> float:
+    """Least acceleration about phi in rad/s^2, turned every 0.15 s, that lifts its wheel."""
+    tried = np.arange(14.0, 21.0, 0.2)
+    forces, _ = followed(step, turned(tried, 0.15, axis=0))
+    opened = forces[..., 0].min(axis=0) <= 0
+    return float(tried[opened.argmax()]) if opened.any() else math.inf
+
+
+def shaken_force(step: float, axis: int) -> float:
+    """Least force of a wheel under 7 rad/s^2 turned round every 0.06 s, near resonance, N."""
+    forces, _ = followed(step, turned(np.array([7.0]), 0.06, axis))
+    return float(forces[..., axis].min())
+
+
+def torque_peak(step: float) -> float:
+    """Largest motor torque of the sines of ``least_force``, N m; a limit cycle would raise it."""
+    t = np.arange(0, 3, PERIOD)[:, None]
+    plate = math.radians(8) * np.minimum(t / 2, 1) ** 3 * np.sin(7.08 * t)
+    _, torques = followed(step, np.stack((plate, plate), axis=-1))
+    return float(np.abs(torques).max())
+
+
+def at_stop(step: float) -> tuple[float, float]:
+    """Angle in deg of a plate tilted to 9.9 deg, and the way in m of a ball on it in 0.15 s."""
+    plant = Mechanism(step=step, friction=Friction(rolling=1.8e-4))
+    plant.start(np.array([[-0.2, 0.0, 0.1, 0.0]]))
+    angle = np.radians([9.9, 9.9])
+    motor = CamTable.packaged().motor(angle)
+    plant.advance(motor[None] / 0.25, round(0.25 / step))
+    before = plant.state[0, [0, 4]]
+    plant.advance(np.zeros((1, 2)), round(0.15 / step))
+    way = float(np.hypot(*(plant.state[0, [0, 4]] - before)))
+    plant.advance(np.zeros((1, 2)), round(1.5 / step))
+    return float(np.degrees(plant.state[0, [2, 6]]).max()), way
+
+
+TRUTHS: dict[str, tuple[str, Callable[[float], float]]] = {
+    "ball at rest on 0.5 deg, 4 s": ("um", lambda step: 1e6 * on_slope(step, 0.5, 4.0)),
+    "ball rolls down 0.8 deg, 1.5 s": ("mm", lambda step: 1e3 * on_slope(step, 0.8, 1.5)),
+    "slope at which a rested ball starts": ("deg", breakaway_deg),
+    "resonance about phi": ("Hz", lambda step: ringing(step, "phi")[0]),
+    "resonance about theta": ("Hz", lambda step: ringing(step, "theta")[0]),
+    "its damping about phi": ("%", lambda step: 100 * ringing(step, "phi")[1]),
+    "its damping about theta": ("%", lambda step: 100 * ringing(step, "theta")[1]),
+    "resonance about phi at 9.5 deg": ("Hz", lambda step: ringing(step, "phi", 9.5)[0]),
+    "resonance about theta at 9.5 deg": ("Hz", lambda step: ringing(step, "theta", 9.5)[0]),
+    "angle at rest near the stop": ("deg", lambda step: at_stop(step)[0]),
+    "way of the ball there in 0.15 s": ("mm", lambda step: 1e3 * at_stop(step)[1]),
+    "least wheel force, 8 deg, 7 rad/s2": ("N", least_force),
+    "largest torque on the way": ("N m", torque_peak),
+    "least force of phi wheel, shaken": ("N", lambda step: shaken_force(step, 0)),
+    "least force of theta wheel, shaken": ("N", lambda step: shaken_force(step, 1)),
+    "acceleration that lifts the phi wheel": ("rad/s2", lift_off),
+}
