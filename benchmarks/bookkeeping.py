@@ -1,6 +1,6 @@
 """What a study costs beside its runs: time and memory of the process that hands them out.
 
-Run with ``uv run python benchmarks/bookkeeping.py``. The shipped study ``what_matters`` goes
+Run with ``uv run python -m benchmarks.bookkeeping``. The shipped study ``what_matters`` goes
 through the whole pipeline with made-up rows in the place of the twin, in two sizes; the difference
 leaves out what does not depend on the number of runs.
 """

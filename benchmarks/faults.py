@@ -73,7 +73,7 @@ FAULTS = (
         "each(model.backlash) * ratio / 2",
         "each(model.backlash) * ratio",
         "drives: the play is twice what is asked for",
-        ("sim/test_sensors.py", "sim"),
+        ("sim/test_drives.py",),
     ),
     Fault(
         "backstepping_sign",

@@ -1,6 +1,6 @@
 """Lateness of an empty 2 ms loop under RealTimeClock, and with a touch screen being read beside it.
 
-Run with ``uv run python benchmarks/realtime.py``. The ways to wait are a sleep to the deadline and
+Run with ``uv run python -m benchmarks.realtime``. The ways to wait are a sleep to the deadline and
 the hybrid that spins its end, each with and without real-time priority; then the hybrid reads an
 emulated screen in another process over a pty. The numbers are those of the machine it runs on.
 """

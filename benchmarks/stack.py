@@ -1,6 +1,6 @@
 """Cost of a tick of each law, observer and predictor, beside the physics of a tick.
 
-Run with ``uv run python benchmarks/stack.py``. Everything is timed in one run on one thread, best
+Run with ``uv run python -m benchmarks.stack``. Everything is timed in one run on one thread, best
 of several rounds, so that the ratios hold on any machine; the two baselines are two physics steps
 of the mechanism (one control period) and one call of scipy's algebraic Riccati solver, which an
 extended Kalman filter written as the thesis writes it would call every tick.

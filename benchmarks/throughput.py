@@ -1,6 +1,6 @@
 """What a study costs beside bare physics, as ratios within one run.
 
-Run with ``uv run python benchmarks/throughput.py``. Everything a study does in the loop is on:
+Run with ``uv run python -m benchmarks.throughput``. Everything a study does in the loop is on:
 friction that depends on speed, servo lag, dead time, noise, supervisor, record. The baseline is a
 bare loop of ``Batch.step`` of the same model under the very motor rates of the study. Both take
 turns every 25 ticks on one thread and are told in processor time, so that a machine whose speed

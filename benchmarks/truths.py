@@ -50,6 +50,12 @@ RUNS: dict[str, tuple[str, ...]] = {
         "controller.betas=[1.5, 3.0, 5.0]",
     ),
     "circle over the emulated wire": ("circle",),
+    "circle, wheels damped twice critical": ("circle", "plant.wheels.damping_ratio=2.0"),
+    "exact equations, play of 0.3 deg": (
+        "circle",
+        "plant.kind=lagrange",
+        "plant.servo.backlash_deg=0.3",
+    ),
     "step": ("step",),
     "hold beside the middle, ageing friction": ("hold", "plant.start.x=0.1", *AGEING),
 }

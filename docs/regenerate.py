@@ -24,8 +24,8 @@ class Page(NamedTuple):
 
     Attributes:
         files: What it is made of, as patterns in this folder.
-        command: What makes it, after ``ballplate``, or a script of this folder; ``TEMPORARY``
-            stands for an empty folder that is gone afterwards.
+        command: What makes it, after ``ballplate``, or a script of this folder, or a module
+            after ``-m``; ``TEMPORARY`` stands for an empty folder that is gone afterwards.
         kept: What is taken from there.
     """
 
@@ -42,6 +42,7 @@ PAGES = {
     ),
     "view": Page(("view-*.png",), ("screenshots.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
+    "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),
@@ -67,6 +68,8 @@ def make(page: Page) -> int:
         command = [folder if part == "TEMPORARY" else part for part in page.command]
         if command[0].endswith(".py"):
             program = [sys.executable, str(HERE / command[0])]
+        elif command[0] == "-m":
+            program = [sys.executable, *command]
         else:
             call = "from twin.cli import main; main()"
             program = [sys.executable, "-c", call, *command]

@@ -51,6 +51,10 @@ def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
         if name.endswith(".py"):
             assert (ROOT / "docs" / name).is_file()
             continue
+        if name == "-m":
+            module = importlib.import_module(f"{arguments[0]}.__main__")
+            assert module.parser().parse_args(arguments[1:]).doc == Path("docs/performance.md")
+            continue
         command = ballplate.get_command(click.Context(ballplate), name)
         command.make_context(name, list(arguments))
 

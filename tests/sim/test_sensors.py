@@ -146,3 +146,12 @@ def test_noise_held_for_differing_times_is_what_each_rig_draws_alone():
     ]
     for _ in range(2000):
         assert together.draw()[:, 0].tolist() == [noise.draw()[0, 0] for noise in alone]
+
+
+def test_a_screen_mounted_turned_reports_the_ball_in_its_own_axes():
+    angle = 0.3
+    screen = SimulatedScreen(TouchModel(dead_time=0.0, grid=0, rotation=angle), PERIOD, seeds(1))
+    screen.see(np.array([[0.1, 0.05]]), np.ones(1, bool))
+    # its axes are those of the plate turned by the angle: a vector's parts along them
+    along = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    assert screen.read().position[0] == pytest.approx(along @ [0.1, 0.05])
