@@ -105,7 +105,7 @@ FAULTS = (
         "e[~measurement.touched, 0::2] = 0",
         "e[~measurement.touched, 1::2] = 0",
         "observer: without a ball on the screen the plate is disbelieved instead",
-        ("controllers/test_observers.py",),
+        ("controllers/test_luenberger.py", "controllers/test_observers.py"),
     ),
     Fault(
         "wish_for_applied",

@@ -68,6 +68,13 @@ def test_a_second_order_step_has_its_textbook_overshoot_and_settling_time():
     assert found.steady_error == pytest.approx(0, abs=1e-6)
 
 
+def test_the_settling_time_ends_with_the_first_period_that_stays_in_the_band():
+    ball = np.zeros((101, 2))
+    ball[30:, 0] = 0.15
+    found = measure(motion(ball, np.tile([0.15, 0.0], (101, 1))), DONE)
+    assert found.settling_time == pytest.approx(3.0)
+
+
 def test_a_ball_that_never_settles_has_no_settling_time():
     ball = np.zeros((100, 2))
     ball[1:, 0] = np.linspace(0, 0.1, 99)
