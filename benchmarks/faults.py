@@ -177,7 +177,7 @@ FAULTS = (
         "digest(code() + scenario.model_dump_json())",
         "digest(scenario.model_dump_json())",
         "study: results of older code are taken for today's",
-        ("study/test_resume.py", "study/test_key.py"),
+        ("study/test_key.py",),
     ),
     Fault(
         "one_seed_for_all",

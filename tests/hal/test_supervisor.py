@@ -114,3 +114,14 @@ def test_a_stopped_rig_stays_stopped_when_the_ball_returns():
     supervisor.watch(measured((0.0, 0.0)), FELT)
     supervisor.handle(Event.START)
     assert supervisor.state[0] == State.HOLDING
+
+
+def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
+    supervisor = running()
+    for _ in range(20):
+        supervisor.clamp(np.full((2, 2), 0.2))
+    supervisor.handle(Event.STOP, np.array([True, False]))
+    supervisor.handle(Event.LEVEL, np.array([False, True]))
+    rate = supervisor.clamp(np.full((2, 2), 0.2))
+    assert rate[0].tolist() == [0.0, 0.0]
+    assert (rate[1] > 0).all()

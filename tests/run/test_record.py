@@ -70,3 +70,11 @@ def test_a_record_of_an_earlier_version_has_todays_columns(tmp_path, scenario):
     requested = replay.rows["requested_phi_acc"]
     assert np.array_equal(requested, done.record["requested"][:, 0, 0])
     assert replay.units["requested_phi_acc"] == "rad/s^2"
+
+
+def test_a_thinned_record_keeps_the_largest_effort_since_the_instant_before():
+    record = Recorder(6, 1, 0.002, every=3)
+    for tick, effort in enumerate((1.0, 2.0, -5.0, 3.0, 0.5, 0.1)):
+        record.append(0.002 * tick, applied=np.full((1, 2), effort))
+    assert record.time == pytest.approx([0.0, 0.006])
+    assert record["applied"][:, 0, 0].tolist() == [1.0, -5.0]

@@ -3,6 +3,7 @@
 import pytest
 
 from twin.study import work
+from twin.study.schema import Study
 
 
 @pytest.fixture
@@ -72,3 +73,13 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
 )
 def test_what_a_simulated_run_never_sees_is_not(key, parts):
     assert key(changed=source(*parts)) == key()
+
+
+def test_a_run_of_other_code_is_another_run(monkeypatch):
+    about = {"title": "code", "scenario": "circle", "method": "grid"}
+    about["parameters"] = {"plant.friction.rolling_mm": {"values": [0.1]}}
+    keys = []
+    for code in ("one", "other"):
+        monkeypatch.setattr(work, "code", lambda code=code: code)
+        keys.append(work.Work(Study.model_validate(about)).tasks[0].key)
+    assert keys[0] != keys[1]
