@@ -231,6 +231,43 @@ def test_a_drive_left_turning_is_stopped_before_anything_is_set(rig):
     assert drive.state is Power.SWITCH_ON_DISABLED
 
 
+def left_with_torque(drive, state, option):
+    drive.store.set(0x6060, 0, 3)
+    drive.store.set(0x605A, 0, option)
+    drive.power.option = option
+    drive.power.state = state
+    drive.motor.rate = 3.0
+
+
+@pytest.mark.parametrize("option", [2, 6])
+@pytest.mark.parametrize("state", [Power.OPERATION_ENABLED, Power.QUICK_STOP])
+def test_a_drive_found_with_torque_loses_it_whatever_its_quick_stop_option(rig, state, option):
+    left_with_torque(rig.drives[0], state, option)
+    rig.servos.start()
+    assert rig.drives[0].rate == 0
+    assert rig.drives[0].state is Power.SWITCH_ON_DISABLED
+    assert rig.drives[0].store.get(0x605A) == 2
+    rig.servos.enable()
+    rig.run(0.1)
+    assert rig.servos.enabled
+
+
+@pytest.mark.parametrize("absent", [0, 1])
+def test_a_drive_found_with_torque_loses_it_though_the_other_is_absent(rig, absent):
+    del rig.bus.drives[absent]
+    there = rig.drives[1 - absent]
+    left_with_torque(there, Power.OPERATION_ENABLED, 6)
+    refused(rig, c.NODE_ABSENT)
+    assert there.rate == 0
+    assert there.state is Power.SWITCH_ON_DISABLED
+
+
+def test_a_drive_that_keeps_its_torque_is_refused_with_what_to_do(rig):
+    left_with_torque(rig.drives[0], Power.OPERATION_ENABLED, 2)
+    rig.drives[0].remote = False  # another tool controls it: it obeys no control word
+    assert "keeps its torque" in refused(rig, c.WRONG_SETTING)
+
+
 def test_a_motor_still_running_out_is_waited_for(rig):
     rig.drives[0].motor.rate = 3.0
     rig.servos.start()

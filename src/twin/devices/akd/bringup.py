@@ -7,8 +7,7 @@ from collections.abc import Callable
 
 import can
 
-from twin.devices.akd import cia402, frames
-from twin.devices.akd.axis import difference
+from twin.devices.akd import frames
 from twin.devices.akd.conditions import (
     BIT_RATE,
     DUPLICATE_ID,
@@ -21,6 +20,7 @@ from twin.devices.akd.conditions import (
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import PDO_INVALID, dictionary
 from twin.devices.akd.network import Network, Remote, absent
+from twin.devices.akd.standstill import take_torque_away
 
 VENDOR = 0x6A
 DEVICE = 0x00020192
@@ -34,12 +34,6 @@ _LISTEN = 0.05
 """Time in s in which a second node with the same id would answer too."""
 _SETTLE = 0.02
 """Time in s after which nothing of an earlier exchange is on its way any more."""
-_STANDSTILL = 3.0
-"""Longest wait in s for a drive that was found turning."""
-_POLL = 0.01
-"""Time in s between two readings of the position."""
-_STILL = 5e-5
-"""Motion in rad between them that counts as none."""
 
 
 def monitoring(config: AkdConfig) -> int:
@@ -56,7 +50,7 @@ def bring_up(
 ) -> None:
     """Take both drives from any state to operational, monitored, without torque.
 
-    The host must send its heartbeat from now on. On an error nothing has torque.
+    The host must send its heartbeat from now on. On an error no drive that answers has torque.
 
     Args:
         bus: The open bus; nobody else may read it meanwhile.
@@ -72,10 +66,8 @@ def bring_up(
         _command(network, frames.PRE_OPERATIONAL, axis)
     network.pump(_SETTLE)
     remotes = [Remote(network, axis, dictionary(axis.node, config.eds)) for axis in config.axes]
+    _without_torque(network, remotes)
     for remote in remotes:
-        _identify(network, remote)
-    for remote in remotes:
-        _stand_still(remote)
         _configure(remote, config)
         _map_pdos(remote, with_plate)
     for remote in remotes:
@@ -86,6 +78,19 @@ def bring_up(
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:
     network.send_message(frames.NMT, bytes((command, axis.node)))
+
+
+def _without_torque(network: Network, remotes: list[Remote]) -> None:
+    """Identify every drive and take its torque away; one that is wrong spares no other."""
+    failures = []
+    for remote in remotes:
+        try:
+            _identify(network, remote)
+            take_torque_away(remote)
+        except DriveError as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]
 
 
 def _identify(network: Network, remote: Remote) -> None:
@@ -111,32 +116,6 @@ def _identify(network: Network, remote: Remote) -> None:
         if actual != value:
             detail = f"{name} is {actual:#x}, an AKD has {value:#x}"
             raise DriveError(WRONG_IDENTITY, axis.where, detail)
-
-
-def _stand_still(remote: Remote) -> None:
-    """Stop a drive that was left turning; modes may only change at rest."""
-    remote.write(0x60FF, 0, 0)
-    deadline = remote.network.now() + _STANDSTILL
-    while cia402.state(status := remote.read(0x6041)) in {
-        cia402.DriveState.OPERATION_ENABLED,
-        cia402.DriveState.QUICK_STOP,
-        cia402.DriveState.FAULT_REACTION,
-    }:
-        if remote.network.now() > deadline:
-            detail = f"does not leave operation (status word {status:04X}h)"
-            raise DriveError(WRONG_SETTING, remote.axis.where, detail)
-        remote.write(0x6040, 0, cia402.QUICK_STOP)
-        remote.network.pump(0.01)
-    remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE)
-    before = remote.read(0x6064)
-    while True:
-        remote.network.pump(_POLL)
-        now = remote.read(0x6064)
-        if abs(remote.axis.position.value(difference(now, before))) < _STILL:
-            return
-        before = now
-        if remote.network.now() > deadline:
-            raise DriveError(WRONG_SETTING, remote.axis.where, "does not come to rest")
 
 
 def _configure(remote: Remote, config: AkdConfig) -> None:
