@@ -61,6 +61,11 @@ class EmulatedBus:
         self._carry(frame, Towards.DRIVES)
         return True
 
+    def from_other(self, frame: Frame) -> None:
+        """Take a frame of a third participant, as of another master: drives and host hear it."""
+        self._carry(frame, Towards.DRIVES)
+        self._carry(frame, Towards.HOST)
+
     def to_host(self) -> list[Frame]:
         """Frames that have reached the host's adapter since the last call."""
         host, self._host = self._host, []

@@ -212,7 +212,7 @@ def test_a_setting_that_is_refused_names_object_and_reason(rig):
 
 
 def test_a_drive_that_stops_answering_in_between_is_noticed(rig):
-    rig.bus.faults.drop(0x581, after=0.1)
+    rig.bus.faults.drop(0x581, after=0.2)
     assert refused(rig, c.SDO_TIMEOUT).endswith("no answer")
 
 

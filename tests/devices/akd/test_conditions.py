@@ -63,7 +63,7 @@ def test_a_stop_brings_every_motor_to_rest_and_takes_the_torque_away(rig, cause,
 def test_every_condition_has_a_case_here_or_is_about_the_start():
     covered = {condition for _, condition in CASES}
     start = {c.BAD_BUS, c.BIT_RATE, c.NODE_ABSENT, c.WRONG_IDENTITY, c.WRONG_SETTING}
-    elsewhere = {c.GARBLED, c.RESET_REFUSED, c.BAD_COMMAND}
+    elsewhere = {c.GARBLED, c.RESET_REFUSED, c.BAD_COMMAND, c.SECOND_MASTER}
     assert covered | start | elsewhere == set(c.CONDITIONS)
 
 

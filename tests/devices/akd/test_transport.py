@@ -11,7 +11,7 @@ import pytest
 from can.interfaces.slcan import slcanBus
 
 from twin.devices.akd.bus import open_bus
-from twin.devices.akd.conditions import GARBLED, FaultReports
+from twin.devices.akd.conditions import GARBLED, DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.slcan_bus import PromptSlcanBus, QueuedBus
@@ -201,6 +201,19 @@ def test_flush_means_of_the_prompt_bus_what_it_means_of_the_library_s(serial_lin
         os.write(serial_line[0], b"t1831CC\r")
         assert bus.recv(10.0).arbitration_id == 0x183
         assert bus.unreadable_lines == 0
+
+
+def test_a_second_opener_of_an_adapter_is_refused_before_it_sends_a_byte(serial_line):
+    first = slcan(PromptSlcanBus, serial_line)
+    options = {"sleep_after_open": 0.0}
+    config = BusConfig(interface="slcan", channel=serial_line[1], options=options)
+    with pytest.raises(DriveError, match="is used by another program"):
+        open_bus(config)
+    with pytest.raises(BlockingIOError):
+        os.read(serial_line[0], 100)
+    first.shutdown()
+    written(serial_line, b"C\r")
+    open_bus(config).shutdown()
 
 
 @pytest.mark.parametrize(("platform", "kind"), [("linux", PromptSlcanBus), ("win32", slcanBus)])

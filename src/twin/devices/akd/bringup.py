@@ -13,6 +13,7 @@ from twin.devices.akd.conditions import (
     DUPLICATE_ID,
     NMT_LEFT,
     NODE_ABSENT,
+    SECOND_MASTER,
     WRONG_IDENTITY,
     WRONG_SETTING,
     DriveError,
@@ -20,6 +21,7 @@ from twin.devices.akd.conditions import (
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import PDO_INVALID, dictionary
 from twin.devices.akd.network import Network, Remote, absent
+from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.standstill import take_torque_away
 
 VENDOR = 0x6A
@@ -30,6 +32,8 @@ QUICK_STOP_THEN_OFF = 2
 _CUSTOM_VELOCITY = 1 << 4
 """Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
 
+_BEFORE = 0.1
+"""Time in s that is listened before anything is sent: another host's heartbeat is heard in it."""
 _LISTEN = 0.05
 """Time in s in which a second node with the same id would answer too."""
 _SETTLE = 0.02
@@ -62,6 +66,8 @@ def bring_up(
         DriveError: If a drive is absent, is not what it should be, or refuses a setting.
     """
     network = Network(bus, config.answer, now)
+    network.pump(_BEFORE)
+    _alone(network, config)
     for axis in config.axes:
         _command(network, frames.PRE_OPERATIONAL, axis)
     network.pump(_SETTLE)
@@ -74,6 +80,15 @@ def bring_up(
         remote.write(0x1016, 1, monitoring(config))
     for remote in remotes:
         _operational(network, remote.axis, config)
+    _alone(network, config)
+
+
+def _alone(network: Network, config: AkdConfig) -> None:
+    """Make sure that nobody else commands the drives, or would keep them going in our place."""
+    for identifier, words in master_frames(config).items():
+        if identifier in network.identifiers:
+            where = f"CAN {config.bus}"
+            raise DriveError(SECOND_MASTER, where, f"another master sends {words}; end it first")
 
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:

@@ -22,7 +22,10 @@ _REFUSED = "start refused, bus closed again"
 
 _RESET = "remove the cause, reset the faults, enable again"
 _RESTART = "remove the cause, then switch off and on again"
+_ALONE = "end the other master, then switch off and on again"
 _NONE = "none needed"
+
+_NEED_RESTART = {_RESTART, _ALONE}
 
 
 def _start(name: str, recovery: str) -> Condition:
@@ -40,6 +43,7 @@ BIT_RATE = _start("wrong bit rate", "give drives and adapter the same bit rate")
 NODE_ABSENT = _start("drive absent", "check power, cable and the node switches")
 WRONG_IDENTITY = _start("wrong identity", "name the node of an AKD, or its right identity")
 WRONG_SETTING = _start("wrong drive setting", "set the drive, or the configuration, as named")
+SECOND_MASTER = Condition("second master on the bus", _STOP, 0.02, _QUICK, _ALONE)
 DUPLICATE_ID = Condition("duplicate node id", _STOP, 0.1, _QUICK, _RESTART)
 HEARTBEAT_LOST = Condition("heartbeat lost", _STOP, 0.08, _QUICK, _RESTART)
 NMT_LEFT = Condition("left operational state", _STOP, 0.03, _QUICK, _RESTART)
@@ -81,7 +85,7 @@ BAD_COMMAND = Condition("bad rate command", _STOP, 0.002, _QUICK, _RESET)
 
 def needs_restart(condition: Condition) -> bool:
     """Whether a stop for this condition takes switching off and on again, not just a reset."""
-    return condition.severity is _STOP and condition.recovery is _RESTART
+    return condition.severity is _STOP and condition.recovery in _NEED_RESTART
 
 
 CONDITIONS: tuple[Condition, ...] = tuple(

@@ -8,10 +8,11 @@ from typing import NamedTuple
 from twin.devices.akd import frames
 from twin.devices.akd.axis import Axis
 from twin.devices.akd.cia402 import AxisRequest, DriveState
-from twin.devices.akd.conditions import FaultReports
+from twin.devices.akd.conditions import SECOND_MASTER, FaultReports
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.monitor import AxisMonitor
 from twin.devices.akd.sdo_poll import SdoPolling
+from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.transport import CanTransport
 
 _STANDSTILL = 0.05
@@ -61,6 +62,7 @@ class CyclicExchange:
         at = now()
         self._monitors = {axis.config.node: AxisMonitor(axis, config, reports) for axis in axes}
         self._polling = SdoPolling(config, reports, at)
+        self._master_frames = master_frames(config)
         self._cycle, self._synced, self._beat = 0, at, at
 
     @property
@@ -175,6 +177,10 @@ class CyclicExchange:
             node = identifier & frames.NODE_MASK
             service = identifier - node
             monitor = self._monitors.get(node)
+            if identifier in self._master_frames:
+                detail = f"sends {self._master_frames[identifier]}"
+                self._reports.report(SECOND_MASTER, f"CAN {self._config.bus}", detail, at)
+                continue
             if monitor is None:
                 continue
             monitor.receive(service, data, self._cycle, self._synced, at)

@@ -46,6 +46,8 @@ class Network(canopen.Network):  # type: ignore[misc]
         """NMT states from heartbeats, by node."""
         self.answers: dict[int, int] = {}
         """Number of SDO answers, by node."""
+        self.identifiers: set[int] = set()
+        """Of all frames that others have sent."""
         self.bus_errors = 0
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
@@ -75,7 +77,8 @@ class Network(canopen.Network):  # type: ignore[misc]
     def _take(self, message: can.Message) -> None:
         if message.is_error_frame:
             self.bus_errors += 1
-        elif not message.is_remote_frame and not message.is_extended_id:
+        elif message.is_rx and not message.is_remote_frame and not message.is_extended_id:
+            self.identifiers.add(message.arbitration_id)
             node = message.arbitration_id & frames.NODE_MASK
             service = message.arbitration_id - node
             if node and service in _SERVICES:

@@ -7,6 +7,7 @@ and writes all frames of a period in one piece; opening, bit rate and closing ar
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import time
@@ -48,6 +49,7 @@ class QueuedBus(Protocol):
 class PromptSlcanBus(slcanBus):
     """A LAWICEL adapter on a serial port, a `QueuedBus`; bus errors arrive as error frames.
 
+    The port is opened exclusively: who asks for a lock on it, as this program does, is refused.
     Only classic data frames with 11-bit identifiers are read; other lines are counted in
     ``unreadable_lines``. Every ``POLL`` seconds the adapter's status flags are requested.
     """
@@ -62,7 +64,13 @@ class PromptSlcanBus(slcanBus):
         self._unsent: list[str] = []
         self._polled = 0.0
         self._refused = 0
-        super().__init__(channel, bitrate=bitrate, timeout=0, **options)
+        # Claimed before the library opens it: its first bytes would close another one's channel.
+        self._claim = _claimed(channel)
+        try:
+            super().__init__(channel, bitrate=bitrate, timeout=0, **options)
+        except BaseException:
+            self._release()
+            raise
 
     def _write(self, string: str) -> None:
         # Not through pyserial, whose write waits, and times out even for bytes it has written.
@@ -101,6 +109,12 @@ class PromptSlcanBus(slcanBus):
             self.send_queued()
             self._write("C")
         self.serialPortOrig.close()
+        self._release()
+
+    def _release(self) -> None:
+        if self._claim is not None:
+            os.close(self._claim)
+            self._claim = None
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
         self.send_queued()
@@ -170,6 +184,26 @@ class PromptSlcanBus(slcanBus):
         if flags & _FLAG_PASSIVE:
             return _error(*ERROR_PASSIVE_FRAME)
         return _error(*BUS_ERROR_FRAME) if flags & _FLAG_BUS_ERROR else None
+
+
+def _claimed(channel: str) -> int | None:
+    """A descriptor that keeps the port for this process; None where a channel is no file.
+
+    Raises:
+        OSError: If it cannot be opened, or another program has claimed it.
+    """
+    import fcntl  # noqa: PLC0415  POSIX only, as this bus
+
+    path = channel.partition("@")[0]
+    if "://" in path:
+        return None
+    handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        raise OSError(errno.EBUSY, "port is locked") from error
+    return handle
 
 
 def _error(identifier: int, data: bytes) -> Message:

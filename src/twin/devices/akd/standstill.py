@@ -1,4 +1,4 @@
-"""Taking the torque away from a drive that is found with it, over SDO and before anything is set."""
+"""Taking the torque from a drive that is found with it, over SDO, before anything is set."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class CanTransport:
                 break
             if message.is_error_frame:
                 self._error(message)
-            elif not (message.is_remote_frame or message.is_extended_id):
+            elif message.is_rx and not (message.is_remote_frame or message.is_extended_id):
                 yield message.arbitration_id, bytes(message.data)
             wait = 0.0
         unreadable = self._queued.unreadable_lines if self._queued is not None else 0

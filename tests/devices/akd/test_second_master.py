@@ -1,0 +1,134 @@
+"""Another master on the bus, before the host starts and while it runs."""
+
+import struct
+
+import can
+import pytest
+
+from twin.devices.akd import conditions as c
+from twin.devices.akd.conditions import DriveError, FaultReports
+from twin.devices.akd.transport import CanTransport
+from twin.emulator.can_faults import Frame, Towards
+from twin.emulator.drive_power import Power
+from twin.emulator.lockstep import LockstepDrives
+
+RATE = struct.Struct("<Hi").pack(0x0F, round(1.2 * 9549.297))
+"""RPDO1: enabled, 1.2 rad/s."""
+
+FRAMES = {
+    "SYNC": (Frame(0x080), 0.002),
+    "heartbeat": (Frame(0x77F, b"\x05"), 0.02),
+    "RPDO1": (Frame(0x201, RATE), 0.002),
+    "RPDO4": (Frame(0x502, RATE), 0.002),
+    "NMT": (Frame(0x000, b"\x01\x00"), 0.05),
+    "SDO": (Frame(0x601, bytes.fromhex("4000100000000000")), 0.05),
+}
+"""What the other one sends, and how often in s."""
+
+
+def other_master(rig, kind):
+    """Let another master send from now on; before or after whatever the host has to say."""
+    frame, every = FRAMES[kind]
+    moved, due = rig.bus.moved, [rig.bus.time]
+
+    def move(dt):
+        moved(dt)
+        if rig.bus.time >= due[0]:
+            due[0] += every
+            rig.bus.from_other(frame)
+
+    rig.bus.moved = move
+
+
+@pytest.fixture
+def rig():
+    with LockstepDrives() as rig:
+        yield rig
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+def test_a_start_beside_another_master_is_refused_before_anything_is_sent(rig, kind):
+    other_master(rig, kind)
+    sent = []
+    from_host = rig.bus.from_host
+    rig.bus.from_host = lambda frame: sent.append(frame) or from_host(frame)
+    with pytest.raises(DriveError, match="another master sends") as caught:
+        rig.servos.start()
+    assert caught.value.fault.condition == c.SECOND_MASTER
+    assert kind in str(caught.value)
+    assert not sent
+
+
+def test_a_master_that_appears_during_the_start_is_found_at_its_end(rig):
+    from_host = rig.bus.from_host
+
+    def meddle(frame):
+        if frame.cob_id == 0x000 and frame.data[0] == 1:  # the host starts a drive
+            rig.bus.from_other(FRAMES["SYNC"][0])
+        return from_host(frame)
+
+    rig.bus.from_host = meddle
+    with pytest.raises(DriveError, match="SYNC"):
+        rig.servos.start()
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+def test_another_master_in_mid_run_stops_the_drives_and_is_named(rig, kind):
+    rig.enabled()
+    rig.run(0.1, lambda _: (0.3, 0.3))
+    other_master(rig, kind)
+    begin = rig.bus.time
+    seen = rig.run(0.6, lambda _: (0.3, 0.3))
+    found = next(each for each in seen if each.fault.condition == c.SECOND_MASTER)
+    assert found.time - begin <= c.SECOND_MASTER.within
+    assert kind in found.fault.detail
+    assert not rig.servos.enabled
+    assert rig.servos.needs_restart
+    # one that goes on commanding overrules the quick stop: the heartbeat is withheld then
+    assert all(drive.state is not Power.OPERATION_ENABLED for drive in rig.drives)
+    assert all(abs(drive.rate) < 0.01 for drive in rig.drives)
+
+
+def test_a_foreign_heartbeat_is_said_to_defeat_the_last_defence(rig):
+    rig.enabled()
+    rig.run(0.1)
+    rig.bus.faults.drop(towards=Towards.DRIVES)  # our frames no longer arrive, the other's do
+    other_master(rig, "heartbeat")
+    seen = rig.run(0.1)
+    found = next(each for each in seen if each.fault.condition == c.SECOND_MASTER)
+    assert "would not notice that this host falls silent" in found.fault.detail
+
+
+def test_after_the_other_master_has_gone_a_restart_goes_on(rig):
+    rig.enabled()
+    rig.bus.from_other(FRAMES["SYNC"][0])
+    rig.run(0.5)
+    rig.servos.stop()
+    rig.enabled()
+    assert rig.servos.enabled
+
+
+class Echo(can.BusABC):
+    """An adapter that hands back the host's own frames, marked as such."""
+
+    def __init__(self):
+        super().__init__(channel="echo")
+        self.inbox = []
+
+    def send(self, msg, timeout=None):
+        self.inbox.append(
+            can.Message(
+                arbitration_id=msg.arbitration_id, data=msg.data, is_extended_id=False, is_rx=False
+            )
+        )
+
+    def _recv_internal(self, timeout):
+        return (self.inbox.pop(0) if self.inbox else None), False
+
+
+def test_an_own_frame_that_the_adapter_hands_back_is_no_other_master_s():
+    bus = Echo()
+    transport = CanTransport(bus, "CAN echo", FaultReports(1.0), lambda: 0.0)
+    transport.send(0x080, b"")
+    assert list(transport.receive()) == []
+    bus.shutdown()
