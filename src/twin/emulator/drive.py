@@ -9,6 +9,7 @@ network's thread and wall time, and reacts neither to SYNC nor to a silent maste
 
 from __future__ import annotations
 
+import math
 import struct
 from functools import partial
 
@@ -17,7 +18,7 @@ from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
 from twin.emulator.drive_motion import Motor
 from twin.emulator.drive_objects import ObjectStore
 from twin.emulator.drive_power import MASTER_SILENT, Power, PowerStage
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive_settings import RPM, DriveSettings
 
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
 PROFILE_VELOCITY = 3
@@ -27,6 +28,8 @@ _MODE_REST = 0.01
 """Rate in rad/s above which the mode may not change; assumed."""
 _HALT = 1 << 8
 _VENDOR = 0x6A
+_ROTARY = {0: RPM, 1: 2 * math.pi, 2: math.radians(1), 3: 2 * math.pi / 3600, 4: 1.0}
+"""Sizes of the units of 365Fh in rad/s, of 3659h in rad/s^2; 3 is one's own, 3600 a revolution."""
 _CODE = struct.Struct("<HB")
 
 
@@ -62,7 +65,9 @@ class EmulatedDrive:
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
         settings = self.settings
-        self.store = ObjectStore(settings.node)
+        self.store = ObjectStore(
+            settings.node, coarse=settings.coarse, shows_bit_30=settings.shows_bit_30
+        )
         self.power = PowerStage()
         self.motor = Motor(settings)
         self.pdos = Pdos(self.store, self._written)
@@ -169,7 +174,7 @@ class EmulatedDrive:
             return []
         if service == 0x000 and len(data) == 2 and data[1] in {0, node}:
             self._command(data[0])
-        elif service == 0x080 and self.nmt == OPERATIONAL:
+        elif service == self.store.get(0x1005) & 0x7FF and self.nmt == OPERATIONAL:
             self._out += self.pdos.sync()
         elif service == 0x600 + node and self.nmt != STOPPED and not self.sdo_silent:
             reply = sdo_answer(
@@ -237,14 +242,15 @@ class EmulatedDrive:
 
     def _move(self, dt: float) -> None:
         settings, store, motor = self.settings, self.store, self.motor
-        unit = settings.velocity_unit
+        unit = settings.parameter_count * _ROTARY[store.get(0x365F)]
+        ramp_unit = settings.parameter_count * _ROTARY[store.get(0x3659)]
         stop = settings.stop_ramp
         if self.power.state is Power.OPERATION_ENABLED:
             moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
             target = self._target if moving else 0.0
             ramps = (
-                store.get(0x6083) * settings.acceleration_unit,
-                store.get(0x6084) * settings.acceleration_unit,
+                store.get(0x6083) * ramp_unit,
+                store.get(0x6084) * ramp_unit,
             )
             most = store.get(0x207F) or (1 << 31)
             low = max(store.get(0x3623), -most) * unit

@@ -21,8 +21,11 @@ class DriveSettings:
         start_counts: Motor position at power-up; near 2^31 it soon wraps.
         plate_start_counts: Second position at power-up.
         coasting: Time constant in s with which the motor runs out without power.
-        velocity_unit: One count of velocities and their limits in rad/s.
-        acceleration_unit: One count of 6083h and 6084h in rad/s^2.
+        velocity_unit: One count of 60FFh and 606Ch in rad/s.
+        parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
+        coarse: Counts to a multiple of which velocity limits and ramps are kept, as those are
+            floating-point numbers inside.
+        shows_bit_30: Whether COB-IDs are shown with bit 30 set.
         stop_ramp: Deceleration of quick stop and fault reaction in rad/s^2; assumed.
         emergency_codes: Emergency code for a fault number; others give 1081h. That of F129 is
             CiA 301's for a heartbeat; AKD's own was not found.
@@ -37,7 +40,9 @@ class DriveSettings:
     plate_start_counts: int = 0
     coasting: float = 0.2
     velocity_unit: float = 0.001 * RPM
-    acceleration_unit: float = 0.001 * RPM
+    parameter_count: float = 0.001
+    coarse: int = 1
+    shows_bit_30: bool = False
     stop_ramp: float = 1000.0
     emergency_codes: tuple[tuple[int, int], ...] = (
         (129, 0x8130),

@@ -7,7 +7,7 @@ import pytest
 from twin.devices.akd import conditions as c
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.config import RPM, AkdConfig
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
@@ -228,9 +228,9 @@ def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
 
 
 def test_a_lower_limit_in_the_drive_holds_whatever_is_sent():
-    config = AkdConfig(rate_limit=0.5)
+    config = AkdConfig(rate_limit=1.0)
     with LockstepDrives(config) as rig:
         rig.enabled()
         rig.servos.config = replace(config, rate_limit=8.0)
         rig.run(0.05, lambda _: (3.0, 0.0))
-        assert rig.drives[0].rate == pytest.approx(0.5, rel=1e-4)
+        assert rig.drives[0].rate == pytest.approx(9.6 * RPM, rel=1e-4)  # 9.55 rpm, rounded up

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import can
 
@@ -23,14 +24,14 @@ from twin.devices.akd.dictionary import PDO_INVALID, dictionary
 from twin.devices.akd.network import Network, Remote, absent
 from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.standstill import take_torque_away
+from twin.devices.akd.units import read_units
 
 VENDOR = 0x6A
 DEVICE = 0x00020192
 PROFILE_VELOCITY = 3
+_PROFILE_VELOCITY_BIT = 1 << 2
+"""Bit of 6502h; 0 as a whole says nothing."""
 QUICK_STOP_THEN_OFF = 2
-
-_CUSTOM_VELOCITY = 1 << 4
-"""Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
 
 _BEFORE = 0.1
 """Time in s that is listened before anything is sent: another host's heartbeat is heard in it."""
@@ -51,7 +52,7 @@ def bring_up(
     *,
     with_plate: bool = True,
     now: Callable[[], float] = time.monotonic,
-) -> None:
+) -> tuple[SettingsFound, ...]:
     """Take both drives from any state to operational, monitored, without torque.
 
     The host must send its heartbeat from now on. On an error no drive that answers has torque.
@@ -61,6 +62,9 @@ def bring_up(
         config: What the drives are set to.
         with_plate: Whether the plate encoders are read through the drives.
         now: Monotonic time in s.
+
+    Returns:
+        What each drive was found to be.
 
     Raises:
         DriveError: If a drive is absent, is not what it should be, or refuses a setting.
@@ -73,14 +77,16 @@ def bring_up(
     network.pump(_SETTLE)
     remotes = [Remote(network, axis, dictionary(axis.node, config.eds)) for axis in config.axes]
     _without_torque(network, remotes)
+    found = []
     for remote in remotes:
-        _configure(remote, config)
+        found.append(_configure(remote, config))
         _map_pdos(remote, with_plate)
     for remote in remotes:
         remote.write(0x1016, 1, monitoring(config))
     for remote in remotes:
         _operational(network, remote.axis, config)
     _alone(network, config)
+    return tuple(found)
 
 
 def _alone(network: Network, config: AkdConfig) -> None:
@@ -133,18 +139,33 @@ def _identify(network: Network, remote: Remote) -> None:
             raise DriveError(WRONG_IDENTITY, axis.where, detail)
 
 
-def _configure(remote: Remote, config: AkdConfig) -> None:
+class SettingsFound(NamedTuple):
+    """What a drive was found to be, and what it keeps of what was set, in words.
+
+    Attributes:
+        units: What its counts mean.
+        limits: The nets in the drive.
+    """
+
+    units: str
+    limits: str
+
+
+def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
+    """Set everything but the PDOs, computed from the drive's own units."""
     axis = remote.axis
-    counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
-    if counts != axis.motor_counts:
-        detail = f"{counts:g} counts per motor revolution, configured are {axis.motor_counts}"
+    units = read_units(remote)
+    modes = remote.read(0x6502)
+    if modes and not modes & _PROFILE_VELOCITY_BIT:
+        detail = f"has no profile velocity mode (6502h = {modes:X}h)"
         raise DriveError(WRONG_SETTING, axis.where, detail)
-    if remote.read(0x36E9) & _CUSTOM_VELOCITY:
-        detail = "velocity is scaled by 204Ch (36E9h bit 4 is set); clear it in the drive"
-        raise DriveError(WRONG_SETTING, axis.where, detail)
-    limit = abs(axis.limit.counts32(config.rate_limit))
-    ramp = abs(axis.acceleration.counts32(config.ramp))
+    try:
+        limit = units.velocity.counts(config.rate_limit * axis.gear)
+        ramp = units.acceleration.counts(config.ramp * axis.gear)
+    except ValueError as error:
+        raise DriveError(WRONG_SETTING, axis.where, f"{error}; set 365Fh and 3659h to 0") from error
     for index, sub, value in (
+        (0x1005, 0, frames.SYNC),
         (0x6060, 0, PROFILE_VELOCITY),
         (0x605A, 0, QUICK_STOP_THEN_OFF),
         (0x6083, 0, ramp),
@@ -157,6 +178,11 @@ def _configure(remote: Remote, config: AkdConfig) -> None:
         (0x1017, 0, round(config.heartbeat * 1e3)),
     ):
         remote.write(index, sub, value)
+    return SettingsFound(
+        units=units.words,
+        limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
+        f"ramps {units.acceleration.words(remote.read(0x6083))}",
+    )
 
 
 def _map_pdos(remote: Remote, with_plate: bool) -> None:

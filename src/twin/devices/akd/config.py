@@ -86,8 +86,9 @@ class AxisConfig:
         plate_sign: 1 or -1.
         plate_object: Index and subindex of the plate encoder's position in the drive.
         velocity_unit: One count of 60FFh and 606Ch in rad/s at the motor.
-        acceleration_unit: One count of 6083h and 6084h in rad/s^2 at the motor.
-        limit_unit: One count of 207Fh, 3622h and 3623h in rad/s at the motor.
+        acceleration_unit: One count of 6083h and 6084h in rad/s^2 at the motor; None for 0.001 of
+            the unit that the drive names.
+        limit_unit: One count of 207Fh, 3622h and 3623h in rad/s at the motor; None likewise.
         product: Product code (1018h:2), or None for any AKD.
     """
 
@@ -100,8 +101,8 @@ class AxisConfig:
     plate_sign: int = _fact(1, "never checked", "L")
     plate_object: tuple[int, int] = _fact((0x2050, 0), "EDS; which input is not known", "L")
     velocity_unit: float = 0.001 * RPM
-    acceleration_unit: float = _fact(0.001 * RPM, "as velocity; unit not found", "L")
-    limit_unit: float = _fact(0.001 * RPM, "as velocity, default UNIT.VROTARY", "M")
+    acceleration_unit: float | None = _fact(None, "0.001 of UNIT.ACCROTARY, as 60FFh", "L")
+    limit_unit: float | None = _fact(None, "0.001 of UNIT.VROTARY, as 60FFh", "M")
     product: int | None = None
 
     def __post_init__(self) -> None:
@@ -110,8 +111,10 @@ class AxisConfig:
             raise ScenarioError(f"axis {self.name}: node {self.node} must be 1 to 126")
         if self.motor_sign not in {-1, 1} or self.plate_sign not in {-1, 1}:
             raise ScenarioError(f"axis {self.name}: a sign must be 1 or -1")
-        for name in ("motor_counts", "gear", "plate_counts", "velocity_unit", "acceleration_unit"):
-            if not getattr(self, name) > 0:
+        units = ("velocity_unit", "acceleration_unit", "limit_unit")
+        for name in ("motor_counts", "gear", "plate_counts", *units):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
                 raise ScenarioError(f"axis {self.name}: {name} must be positive")
 
     @property
@@ -133,16 +136,6 @@ class AxisConfig:
     def velocity(self) -> Scale:
         """Counts of velocity to rad/s at the cam shaft."""
         return Scale(self.velocity_unit / (self.gear * self.motor_sign))
-
-    @property
-    def limit(self) -> Scale:
-        """Counts of a velocity limit to rad/s at the cam shaft, without sign."""
-        return Scale(self.limit_unit / self.gear)
-
-    @property
-    def acceleration(self) -> Scale:
-        """Counts of acceleration to rad/s^2 at the cam shaft, without sign."""
-        return Scale(self.acceleration_unit / self.gear)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,7 @@ class Object:
 
 def objects(node: int) -> Iterator[Object]:
     """The built-in objects of a drive with this node, PDO parameters with their defaults."""
-    text = (resources.files("twin.devices.akd") / "objects.toml").read_text(encoding="utf-8")
-    for each in tomllib.loads(text)["objects"]:
+    for each in _table()["objects"]:
         yield Object(*each)
     for number in range(4):
         receive, transmit = 0x200 + 0x100 * number + node, 0x180 + 0x100 * number + node
@@ -62,6 +62,21 @@ def objects(node: int) -> Iterator[Object]:
         yield from _mapping(0x1600 + number, "RPDO")
         yield from _parameters(0x1800 + number, "TPDO", transmit)
         yield from _mapping(0x1A00 + number, "TPDO")
+
+
+@cache
+def _table() -> dict[str, Any]:
+    text = (resources.files("twin.devices.akd") / "objects.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def kept(index: int, written: int, read: int) -> bool:
+    """Whether what is read of an object is what was written, as far as the drive can keep it."""
+    key = f"0x{index:04X}"
+    share = _table()["tolerances"].get(key, 0.0)
+    ignored = _table()["ignored_bits"].get(key, 0)
+    same = (written ^ read) & ~ignored == 0
+    return bool(same or abs(read - written) <= share * abs(written))
 
 
 def _parameters(index: int, kind: str, cob_id: int) -> Iterator[Object]:
@@ -96,9 +111,13 @@ def dictionary(node: int, eds: Path | None = None) -> Any:
         reason = error.strerror if isinstance(error, OSError) else "not an EDS file"
         raise DriveError(WRONG_SETTING, f"EDS {eds}", reason or "cannot be read") from error
     for each in objects(node):
-        if given.get_variable(each.index, each.sub) is None and each.sub <= 2:
-            what = f"{each.index:04X}h:{each.sub}"
-            raise DriveError(WRONG_SETTING, f"EDS {eds}", f"lacks {what} ({each.name})")
+        variable = given.get_variable(each.index, each.sub)
+        what = f"{each.index:04X}h:{each.sub} ({each.name})"
+        if variable is None and each.sub <= 2:
+            raise DriveError(WRONG_SETTING, f"EDS {eds}", f"lacks {what}")
+        if variable is not None and variable.data_type != _TYPES[each.type]:
+            detail = f"gives {what} another type; an AKD has {each.type}"
+            raise DriveError(WRONG_SETTING, f"EDS {eds}", detail)
     return given
 
 

@@ -20,6 +20,7 @@ from twin.devices.akd.conditions import (
     DriveError,
 )
 from twin.devices.akd.config import AxisConfig
+from twin.devices.akd.dictionary import kept
 
 BUS_ERRORS = (can.CanError, OSError, SerialException)
 """What python-can and the drivers below it raise when an adapter goes."""
@@ -111,7 +112,7 @@ class Remote:
             return int(self._variable(index, sub).raw)
 
     def write(self, index: int, sub: int, value: int) -> None:
-        """Write an object and read it back.
+        """Write an object and read it back; ``objects.toml`` says how exactly it must be kept.
 
         Raises:
             DriveError: If the drive does not answer, refuses, or keeps another value.
@@ -119,9 +120,9 @@ class Remote:
         with self._errors(f"writing {value} to {index:04X}h:{sub}"):
             variable = self._variable(index, sub)
             variable.raw = value
-            kept = int(variable.raw)
-        if kept != value:
-            what = f"{index:04X}h:{sub} ({variable.od.name}) keeps {kept}, not {value}"
+            read = int(variable.raw)
+        if not kept(index, value, read):
+            what = f"{index:04X}h:{sub} ({variable.od.name}) keeps {read}, not {value}"
             raise DriveError(WRONG_SETTING, self.axis.where, what)
 
     def map_pdo(self, maps: Any, number: int, cob_id: int, entries: Any) -> None:
@@ -159,7 +160,7 @@ class Remote:
         except BUS_ERRORS as error:
             detail = f"{what}: adapter gone ({error})"
             raise DriveError(ADAPTER_GONE, self.axis.where, detail) from error
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, canopen.ObjectDictionaryError) as error:
             detail = f"{what}: not in the object dictionary, or out of range ({error})"
             raise DriveError(WRONG_SETTING, self.axis.where, detail) from error
 

@@ -11,7 +11,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
 from twin.devices.akd.axis import Axis, DriveEncoders
-from twin.devices.akd.bringup import bring_up
+from twin.devices.akd.bringup import SettingsFound, bring_up
 from twin.devices.akd.bus import open_bus
 from twin.devices.akd.cia402 import AxisRequest
 from twin.devices.akd.conditions import DriveError, FaultReports
@@ -51,6 +51,8 @@ class AkdServos:
         """phi and theta, since ``start``."""
         self.stale = 0
         """Cycles in which an older position than that of the last SYNC had to be used."""
+        self.found: tuple[SettingsFound, ...] = ()
+        """What phi's and theta's drive were found to be at the last start."""
         self.now, self.sleep = now, sleep
         self._through_drives = plate is None
         self._plate: PlateEncoders = plate or DriveEncoders(lambda: self.axes, now)
@@ -73,7 +75,7 @@ class AkdServos:
         bus = self._opener(config.bus)
         transport = CanTransport(bus, where, self._reports, self.now)
         try:
-            bring_up(bus, config, with_plate=self._through_drives, now=self.now)
+            self.found = bring_up(bus, config, with_plate=self._through_drives, now=self.now)
         except BaseException as error:
             transport.close()
             if isinstance(error, BUS_ERRORS) and not isinstance(error, DriveError):

@@ -1,0 +1,178 @@
+"""What a count means in a drive: read from the drive and checked, never assumed in silence.
+
+Velocities and accelerations among the drive's own parameters (3xxxh), and what CiA 402 derives
+from them, count in the unit chosen by UNIT.VROTARY and UNIT.ACCROTARY. How many counts one unit
+has is not documented: 1000 fits what the vendor says of 60FFh, 1 what its EDS gives as defaults.
+The values found in the drive tell the two apart, as a motor has neither 2.3 nor 2.3 million rpm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from twin.devices.akd.conditions import WRONG_SETTING, DriveError
+from twin.devices.akd.config import RPM, TURN, AxisConfig
+from twin.devices.akd.network import Remote
+
+PER_UNIT = 1000
+"""Counts of one unit unless the rig file says otherwise; as for 60FFh (web help: float 1000:1)."""
+
+_CUSTOM_VELOCITY = 1 << 4
+"""Bit of FBUS.PARAM05 that replaces 0.001 rpm by the factor in 204Ch."""
+_DIGITS = 2
+_COARSEST = 0.1
+"""Share by which a value may pass the one wanted because it is rounded up."""
+
+
+class Unit(NamedTuple):
+    """A unit of the drive: its name, and its size in rad/s or rad/s^2."""
+
+    name: str
+    size: float
+
+
+VELOCITIES = {
+    0: Unit("rpm", RPM),
+    1: Unit("rps", TURN),
+    2: Unit("deg/s", TURN / 360),
+    4: Unit("rad/s", 1.0),
+}
+"""Values of UNIT.VROTARY; 3 is a unit of one's own (UNIT.PIN/POUT)."""
+ACCELERATIONS = {key: Unit(f"{name}/s", size) for key, (name, size) in VELOCITIES.items()}
+"""Values of UNIT.ACCROTARY."""
+
+
+class Quantity(NamedTuple):
+    """A velocity or an acceleration as a drive's parameters have it.
+
+    Attributes:
+        unit: Unit of the drive.
+        scale: One count in rad/s or rad/s^2 at the motor.
+        key: Key of the rig file that overrides it.
+    """
+
+    unit: Unit
+    scale: float
+    key: str
+
+    def counts(self, value: float) -> int:
+        """The fewest counts that are at least a value, round in the drive's unit.
+
+        Rounded up: these are nets, and the host's own limits come first.
+
+        Raises:
+            ValueError: If the drive's counts are too coarse for it.
+        """
+        amount = value / self.unit.size
+        step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _DIGITS)
+        wanted = math.ceil(amount / step - 1e-9) * step * self.unit.size
+        counts = math.ceil(wanted / self.scale - 1e-9)
+        if counts * self.scale > (1 + _COARSEST) * value:
+            raise ValueError(f"{self.words(1)} a count is too coarse for {value:.3g} in SI units")
+        return counts
+
+    def words(self, counts: int) -> str:
+        """Counts as a person reads them."""
+        return f"{counts * self.scale / self.unit.size:.6g} {self.unit.name}"
+
+
+class DriveUnits(NamedTuple):
+    """What a drive says of its units."""
+
+    velocity: Quantity
+    acceleration: Quantity
+
+    @property
+    def words(self) -> str:
+        """In one line, for the doctor."""
+        speed, ramp = self.velocity, self.acceleration
+        return (
+            f"target velocity in 0.001 rpm; limits in {speed.unit.name} (365Fh), {speed.words(1)} "
+            f"a count; ramps in {ramp.unit.name} (3659h), {ramp.words(1)} a count"
+        )
+
+
+SPEEDS = (9 * RPM, 20_000 * RPM)
+"""Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
+RAMPS = (100 * RPM, 5e6 * RPM)
+"""Ramps that a drive may have, rad/s^2."""
+_FOUND = {
+    "velocity": ((0x3622, "VL.LIMITP"), (0x3623, "VL.LIMITN")),
+    "acceleration": (
+        (0x3501, "DRV.ACC"),
+        (0x3522, "DRV.DEC"),
+        (0x6083, "6083h"),
+        (0x6084, "6084h"),
+    ),
+}
+
+
+def read_units(remote: Remote) -> DriveUnits:
+    """Read a drive's units, and check whatever else scales what is exchanged with it.
+
+    Raises:
+        DriveError: If anything scales otherwise than the host counts; it names the line to change.
+    """
+    axis = remote.axis
+    counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
+    if counts != axis.motor_counts:
+        raise _refused(
+            axis,
+            f"{counts:g} counts per motor revolution (608Fh), configured are {axis.motor_counts}; "
+            f"set {axis.name}.motor_counts = {counts:g}",
+        )
+    if remote.read(0x36E9) & _CUSTOM_VELOCITY:
+        factor = f"{remote.read(0x204C, 1)}/{remote.read(0x204C, 2)}"
+        detail = (
+            f"velocity is scaled by 204Ch = {factor} (36E9h bit 4 is set); clear it in the drive"
+        )
+        raise _refused(axis, detail)
+    for index, name in ((0x6091, "gear ratio"), (0x6092, "feed constant")):
+        ratio = remote.read(index, 1), remote.read(index, 2)
+        if ratio[0] != ratio[1]:
+            text = f"{name} {index:04X}h is {ratio[0]}:{ratio[1]}; set it to 1:1 in the drive, "
+            raise _refused(axis, f"{text}and name a real gear as {axis.name}.gear")
+    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", VELOCITIES, axis.limit_unit, "limit_unit")
+    ramp = _quantity(
+        remote, 0x3659, "UNIT.ACCROTARY", ACCELERATIONS, axis.acceleration_unit, "acceleration_unit"
+    )
+    _check_plausible(remote, speed, "velocity", SPEEDS)
+    _check_plausible(remote, ramp, "acceleration", RAMPS)
+    return DriveUnits(speed, ramp)
+
+
+def _quantity(
+    remote: Remote, index: int, name: str, known: Mapping[int, Unit], given: float | None, key: str
+) -> Quantity:
+    chosen = remote.read(index)
+    unit = known.get(chosen)
+    if unit is None:
+        text = f"{name} ({index:04X}h) is {chosen}, no unit known here; set it to 0"
+        raise _refused(remote.axis, f"{text} ({known[0].name}) in the drive")
+    return Quantity(unit, given if given is not None else unit.size / PER_UNIT, key)
+
+
+def _check_plausible(
+    remote: Remote, quantity: Quantity, kind: str, range_: tuple[float, float]
+) -> None:
+    """Compare what the drive has been set to with what a motor can have."""
+    low, high = range_
+    axis, unit = remote.axis, quantity.unit
+    for index, name in _FOUND[kind]:
+        found = abs(remote.read(index))
+        if not found or low <= found * quantity.scale <= high:
+            continue
+        allowed = f"{low / unit.size:.3g} to {high / unit.size:.3g} {unit.name} are plausible"
+        text = f"{name} ({index:04X}h) holds {found}, which would be {quantity.words(found)}"
+        fits = [size for size in (unit.size, unit.size / PER_UNIT) if low <= found * size <= high]
+        advice = f"set {name} in the drive"
+        if fits:
+            in_unit = f"{found * fits[0] / unit.size:g} {unit.name}"
+            advice = f"if it is {in_unit}, set {axis.name}.{quantity.key} = {fits[0]:.9g}"
+        raise _refused(axis, f"{text} ({allowed}); {advice}")
+
+
+def _refused(axis: AxisConfig, detail: str) -> DriveError:
+    return DriveError(WRONG_SETTING, axis.where, detail)

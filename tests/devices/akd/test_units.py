@@ -1,0 +1,177 @@
+"""Units, limits and ramps: computed from what the drive says, or refused with the line to set."""
+
+import math
+
+import canopen
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.devices.akd import conditions as c
+from twin.devices.akd.conditions import DriveError
+from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
+from twin.devices.akd.dictionary import dictionary, kept
+from twin.devices.akd.units import ACCELERATIONS, VELOCITIES, Quantity
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.lockstep import LockstepDrives
+
+SPEED = {0: 6000, 1: 100, 2: 36_000, 4: 628}
+"""A motor's speed limit of 6000 rpm, as a drive in each unit would have it."""
+RAMP = {unit: 5 * speed for unit, speed in SPEED.items()}
+
+
+def drives(unit, per_unit=1000, **special):
+    """Two drives with this unit for velocity and acceleration, set as a motor wants it."""
+    made = []
+    for node in (1, 2):
+        settings = DriveSettings(node=node, parameter_count=1 / per_unit, **special)
+        drive = EmulatedDrive(settings)
+        found = {0x365F: unit, 0x3659: unit, 0x3622: SPEED[unit] * per_unit}
+        found[0x3623] = -found[0x3622]
+        found |= dict.fromkeys((0x3501, 0x3522, 0x6083, 0x6084), RAMP[unit] * per_unit)
+        for index, value in found.items():
+            drive.store.set(index, 0, value)
+        made.append(drive)
+    return made
+
+
+def refused(rig, condition=c.WRONG_SETTING):
+    with pytest.raises(DriveError) as caught:
+        rig.servos.start()
+    assert caught.value.fault.condition == condition
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def held(rig):
+    """Rate in rad/s at which the first drive holds a command above its limit, and its ramp."""
+    rig.servos.axes[0].target = 6.0
+    rig.servos.send()
+    rates = []
+    for _ in range(40):
+        rig.adapter.sleep(0.0005)
+        rates.append(rig.drives[0].rate)
+    ramp = max(b - a for a, b in zip([0.0, *rates], rates, strict=False)) / 0.0005
+    return rates[-1], ramp
+
+
+@pytest.mark.parametrize("unit", VELOCITIES)
+def test_limit_and_ramp_hold_whatever_unit_the_drive_is_set_to(unit):
+    config = AkdConfig(rate_limit=2.0, ramp=100.0)
+    with LockstepDrives(config, drives(unit)) as rig:
+        rig.enabled()
+        rate, ramp = held(rig)
+    assert 2.0 <= rate <= 2.2
+    assert 100.0 <= ramp <= 110.0
+    assert VELOCITIES[unit].name in rig.servos.found[0].limits
+    assert ACCELERATIONS[unit].name in rig.servos.found[0].units
+
+
+def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
+    with LockstepDrives(drives=drives(0, per_unit=1)) as rig:
+        text = refused(rig)
+    assert "VL.LIMITP (3622h) holds 6000, which would be 6 rpm" in text
+    assert f"if it is 6000 rpm, set phi.limit_unit = {RPM:.9g}" in text
+
+
+def test_the_lines_named_make_that_drive_start_and_its_limits_hold():
+    axes = tuple(
+        AxisConfig(name=name, node=node, limit_unit=RPM, acceleration_unit=RPM)
+        for node, name in ((1, "phi"), (2, "theta"))
+    )
+    config = AkdConfig(axes=axes, rate_limit=2.0, ramp=100.0)
+    with LockstepDrives(config, drives(0, per_unit=1)) as rig:
+        rig.enabled()
+        rate, ramp = held(rig)
+    assert 2.0 <= rate <= 2.2
+    assert 100.0 <= ramp <= 110.0
+
+
+def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():
+    axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
+    with LockstepDrives(AkdConfig(axes=axes), drives(0, per_unit=1)) as rig:
+        text = refused(rig)
+    assert "DRV.ACC (3501h)" in text
+    assert f"set phi.acceleration_unit = {RPM:.9g}" in text
+
+
+def test_a_unit_named_in_the_rig_file_that_the_drive_contradicts_is_refused():
+    axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
+    with LockstepDrives(AkdConfig(axes=axes), drives(0)) as rig:
+        assert f"if it is 6000 rpm, set phi.limit_unit = {RPM / 1000:.9g}" in refused(rig)
+
+
+def test_a_unit_too_coarse_for_the_limit_is_refused():
+    axes = tuple(
+        AxisConfig(name=name, node=node, limit_unit=2 * math.pi, acceleration_unit=2 * math.pi)
+        for node, name in ((1, "phi"), (2, "theta"))
+    )
+    with LockstepDrives(AkdConfig(axes=axes), drives(1, per_unit=1)) as rig:
+        assert "too coarse" in refused(rig)
+
+
+def test_values_that_the_drive_rounds_a_little_are_taken():
+    with LockstepDrives(drives=drives(4, coarse=3)) as rig:  # 8100 rad/s^3 become 8100 - 8100 % 3
+        rig.servos.start()
+    with LockstepDrives(drives=drives(0, coarse=7)) as rig:
+        rig.servos.start()
+        assert rig.drives[0].store.get(0x3622) == 77_000 - 77_000 % 7
+
+
+def test_values_that_the_drive_does_not_take_are_refused():
+    with LockstepDrives(drives=drives(0, coarse=50_000)) as rig:
+        assert "keeps 20000000" not in (text := refused(rig))
+        assert "207F" in text
+        assert "keeps 50000, not 77000" in text
+
+
+def test_cob_ids_shown_with_bit_30_are_taken():
+    with LockstepDrives(drives=drives(0, shows_bit_30=True)) as rig:
+        assert rig.enabled().servos.enabled
+
+
+def test_a_drive_that_awaits_another_sync_is_set_to_ours():
+    made = drives(0)
+    made[0].store.set(0x1005, 0, 0x81)
+    with LockstepDrives(drives=made) as rig:
+        assert rig.enabled().servos.enabled
+
+
+@pytest.mark.parametrize(
+    ("index", "written", "read", "same"),
+    [
+        (0x3622, 76_394, 76_393, True),
+        (0x3622, 76_394, 76_300, False),
+        (0x6083, 19_098_593, 19_098_592, True),
+        (0x3622, 77_000, -77_000, False),
+        (0x1016, 0x7F003C, 0x7F003B, False),
+        (0x6060, 3, 1, False),
+        (0x1800, 0x181, 0x40000181, True),
+        (0x1800, 0x181, 0x80000181, False),
+        (0x1017, 20, 21, False),
+    ],
+)
+def test_how_exactly_an_object_must_be_kept(index, written, read, same):
+    assert kept(index, written, read) is same
+
+
+@given(st.sampled_from(sorted(VELOCITIES)), st.floats(1.0, 20.0))
+def test_what_is_sent_is_round_in_the_drive_s_unit_and_never_below_what_is_wanted(unit, wanted):
+    speed = Quantity(VELOCITIES[unit], VELOCITIES[unit].size / 1000, "limit_unit")
+    counts = speed.counts(wanted)
+    assert wanted * (1 - 1e-9) <= counts * speed.scale <= 1.1 * wanted + speed.scale
+    assert len(str(counts).rstrip("0")) <= 2
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "type_"), [(0x6041, 0, 7), (0x1016, 1, 6), (0x6064, 0, 3), (0x365F, 0, 5)]
+)
+def test_an_eds_with_a_wrong_size_is_refused_in_one_line(tmp_path, index, sub, type_):
+    given_ = dictionary(1)
+    given_.get_variable(index, sub).data_type = type_
+    eds = tmp_path / "wrong.eds"
+    with eds.open("w") as file:
+        canopen.export_od(given_, file, doc_type="eds")
+    with LockstepDrives(AkdConfig(eds=eds)) as rig:
+        assert f"{index:04X}h:{sub}" in refused(rig)
