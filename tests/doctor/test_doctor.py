@@ -58,7 +58,8 @@ def test_healthy_drives_pass_every_check():
 
 def test_units_and_limits_of_the_drives_are_said_in_words():
     found = examined()
-    assert found["drive phi (node 1) limits"].seen == "speed 77 rpm, ramps 20000 rpm/s"
+    seen = found["drive phi (node 1) limits"].seen
+    assert seen == "speed 77 rpm, ramps 20000 rpm/s, torque 4.57 N m (3 A)"
     assert "limits in rpm (365Fh), 0.001 rpm a count" in found["drive phi (node 1) units"].seen
 
 

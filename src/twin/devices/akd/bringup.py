@@ -20,6 +20,7 @@ from twin.devices.akd.conditions import (
     DriveError,
 )
 from twin.devices.akd.config import AkdConfig, AxisConfig
+from twin.devices.akd.current import current_limit
 from twin.devices.akd.dictionary import PDO_INVALID, dictionary
 from twin.devices.akd.network import Network, Remote, absent
 from twin.devices.akd.second_master import master_frames
@@ -164,6 +165,7 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
         ramp = units.acceleration.counts(config.ramp * axis.gear)
     except ValueError as error:
         raise DriveError(WRONG_SETTING, axis.where, f"{error}; set 365Fh and 3659h to 0") from error
+    current = current_limit(remote, config)
     for index, sub, value in (
         (0x1005, 0, frames.SYNC),
         (0x6060, 0, PROFILE_VELOCITY),
@@ -173,6 +175,8 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
         (0x207F, 0, limit),
         (0x3622, 0, limit),
         (0x3623, 0, -limit),
+        (0x356E, 0, current.counts),
+        (0x356F, 0, -current.counts),
         (0x60C2, 1, round(config.period * 1e3)),
         (0x60C2, 2, -3),
         (0x1017, 0, round(config.heartbeat * 1e3)),
@@ -181,7 +185,7 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
     return SettingsFound(
         units=units.words,
         limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
-        f"ramps {units.acceleration.words(remote.read(0x6083))}",
+        f"ramps {units.acceleration.words(remote.read(0x6083))}, {current.words}",
     )
 
 

@@ -196,6 +196,8 @@ class AkdConfig:
         rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s.
         ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate needs
             (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
+        torque_limit: Second net in the drives: torque at the cam shaft, N m, as a current limit.
+        motor_torque: The motors' continuous torque, N m, compared with what the drives know.
         eds: The vendor's EDS file instead of the built-in object dictionary.
         watch: Thresholds.
     """
@@ -212,6 +214,8 @@ class AkdConfig:
     answer: float = 2.0
     rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
     ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
+    torque_limit: float = _fact(4.5, "model: 8 deg at 7 rad/s^2 on both axes takes 2.8", "L")
+    motor_torque: float = _fact(4.57, "datasheet of the C041A; its winding is not known", "M")
     eds: Path | None = None
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
