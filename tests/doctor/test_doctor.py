@@ -204,3 +204,11 @@ def test_a_measured_table_is_read_back_from_its_file(tmp_path):
     rig = check_rig({"touch": {"port": "x"}, "cams": str(file)}, "test")
     found = by_name(computer(load("circle"), rig))
     assert found["cam table"].status is CheckStatus.PASS
+
+
+def test_relaxed_nets_are_a_warning_of_the_doctor(scenario):
+    assert by_name(computer(scenario(), RIG))["safety nets"].status is CheckStatus.PASS
+    loose = check_rig({"touch": {"port": "x"}, "drives": {"watch": {"stale": 100}}}, "test")
+    found = by_name(computer(scenario(), loose))["safety nets"]
+    assert found.status is CheckStatus.WARN
+    assert "drives.watch.stale = 100" in found.seen

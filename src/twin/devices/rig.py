@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.interfaces import Measurement
+from twin.devices.akd.conditions import RELAXED
 from twin.devices.interface import ListeningScreen, PoweredServos
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import Scheduling, real_time
@@ -53,6 +54,7 @@ class HardwareRig(Rig):
             encoders are incremental.
         patience: Longest time in s that the ball is waited for.
         reset: Whether faults in the drives are reset when switching on: a person's request.
+        relaxed: Safety nets that are wider than by default, in words; every run is warned of them.
         scheduling: Makes the loop's thread a real-time one while the rig is on.
     """
 
@@ -72,6 +74,7 @@ class HardwareRig(Rig):
         home: tuple[float, float] = (0.0, 0.0),
         patience: float = 30.0,
         reset: bool = False,
+        relaxed: Sequence[str] = (),
         scheduling: Callable[[], AbstractContextManager[Scheduling]] = real_time,
     ) -> None:
         super().__init__(
@@ -89,6 +92,7 @@ class HardwareRig(Rig):
         self._home = np.array([home])
         self._patience = patience
         self._reset = reset
+        self._relaxed = tuple(relaxed)
         self._scheduling = scheduling
         self._on = ExitStack()
         self._obtained: Scheduling | None = None
@@ -122,6 +126,8 @@ class HardwareRig(Rig):
     def _hold(self) -> None:
         """Be ready; time and its statistics start at zero."""
         super()._hold()
+        for words in self._relaxed:
+            self.supervisor.report(Fault(RELAXED, "rig file", words))
         self._exchange()
         self.clock.timing = TimingLog(self.period)
         self.clock.start()

@@ -37,6 +37,12 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         f"{limits.acceleration:g} rad/s^2, ball within {limits.area[0]:g} x {limits.area[1]:g} m "
         f"and {limits.margin:g} m beyond",
     )
+    relaxed = rig.relaxed(scenario.rig.period)
+    if relaxed:
+        advice = "take these keys out of the rig file; every run is warned of them"
+        yield warned("safety nets", f"relaxed: {', '.join(relaxed)}", advice)
+    else:
+        yield passed("safety nets", "as by default, or tighter")
     open_points = unconfirmed(rig.servos(scenario.rig.period))
     names = sorted({point.name.rpartition(".")[2] for point in open_points})
     yield warned(

@@ -6,7 +6,7 @@ the host waits.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import NamedTuple, Self
@@ -183,6 +183,7 @@ class LockstepRig(HardwareRig):
         touch: The host's settings of the screen; the port in them is not used.
         protocol: What the screen speaks.
         seed: Of everything random in the faults injected.
+        relaxed: Safety nets that are wider than by default, in words.
     """
 
     def __init__(
@@ -195,6 +196,7 @@ class LockstepRig(HardwareRig):
         touch: LumioConfig | None = None,
         protocol: Protocol = Protocol.MICROTOUCH,
         seed: int = 0,
+        relaxed: Sequence[str] = (),
     ) -> None:
         self.lockstep = LockstepDrives(config)
         self.plant = plant
@@ -212,6 +214,7 @@ class LockstepRig(HardwareRig):
             transmission=transmission,
             limits=limits,
             patience=PATIENCE,
+            relaxed=relaxed,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
         )
         plant.attach(self.lockstep.drives)

@@ -48,6 +48,7 @@ def connect(
         home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
         patience=rig.patience,
         reset=reset,
+        relaxed=rig.relaxed(period),
     )
 
 

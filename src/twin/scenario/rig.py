@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 
 from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.akd.nets import wider
 from twin.devices.lumio.calibration import CalibrationError, read_calibration
 from twin.devices.lumio.config import LumioConfig
 from twin.errors import ScenarioError
@@ -46,6 +47,9 @@ class TouchScreenTable(model_of(LumioConfig)):  # type: ignore[misc]
     calibration_file: str | None = None
 
 
+LATE_PERIODS = 25
+
+
 class RigFile(Section):
     """One real rig.
 
@@ -59,7 +63,7 @@ class RigFile(Section):
     title: str = "rig"
     home_deg: tuple[float, float] = (0.0, 0.0)
     cams: str | None = None
-    late_periods: Annotated[int, Field(ge=1)] = 25
+    late_periods: Annotated[int, Field(ge=1, le=10_000)] = LATE_PERIODS
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
     limits: LimitsTable = LimitsTable()
     bus: BusTable = BusTable()  # type: ignore[valid-type]
@@ -106,6 +110,21 @@ class RigFile(Section):
         except CalibrationError as error:
             raise ScenarioError(f"touch.calibration_file: {error}") from error
         return replace(known, calibration=calibration)
+
+    def relaxed(self, period: float) -> tuple[str, ...]:
+        """Every safety net of the rig file that is wider than by default, in words.
+
+        Raises:
+            TwinError: If the drives' settings do not go together.
+        """
+        found = [*self.servos(period).relaxed]
+        if self.late_periods > LATE_PERIODS:
+            found.append(f"late_periods = {self.late_periods} (default {LATE_PERIODS})")
+        for name, default in LimitsTable():
+            value = getattr(self.limits, name)
+            if wider(value, default):
+                found.append(f"limits.{name} = {value} (default {default})")
+        return tuple(found)
 
 
 def read_rig(file: Path) -> RigFile:

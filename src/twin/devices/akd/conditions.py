@@ -80,6 +80,7 @@ NO_DC_LINK = Condition("no DC link", _STOP, 0.01, _QUICK, _RESET)
 STO_OPEN = Condition("safe torque off", _STOP, 0.15, _QUICK, "close STO, reset, enable again")
 RESET_REFUSED = Condition("fault reset refused", _STOP, 0.15, "stays off", _RESET)
 DRIVE_WARNING = Condition("drive warning", _WARNING, 0.01, "noted", "read the drive's warning")
+RELAXED = Condition("safety net relaxed", _WARNING, 0.002, "noted", "take it out of the rig file")
 BAD_COMMAND = Condition("bad rate command", _STOP, 0.002, _QUICK, _RESET)
 
 

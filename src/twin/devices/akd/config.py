@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from twin.devices.akd.nets import bounded, check_ranges, net, relaxed_nets
+from twin.devices.akd.watch import MonitorConfig
 from twin.errors import ScenarioError
 
 TURN = 2 * math.pi
@@ -39,8 +41,18 @@ class Scale:
         return max(INT32_MIN, min(INT32_MAX, self.counts(value)))
 
 
+BITRATES = (125_000, 250_000, 500_000, 1_000_000)
+"""Bit rates that an AKD knows (CAN manual, p. 19)."""
+_FRAMES = (0, 6, 6, 7, 7, 8, 8)
+"""Bytes of the frames of one period: SYNC, two RPDO1, two TPDO1, two TPDO2."""
+
+
+def _from(source: str, confidence: str) -> dict[str, str]:
+    return {"source": source, "confidence": confidence}
+
+
 def _fact(default: Any, source: str, confidence: str) -> Any:
-    return field(default=default, metadata={"source": source, "confidence": confidence})
+    return field(default=default, metadata=_from(source, confidence))
 
 
 class Unconfirmed(NamedTuple):
@@ -94,15 +106,21 @@ class AxisConfig:
 
     name: str
     node: int
-    motor_counts: int = 1 << 20
-    gear: float = _fact(1.0, "cartridge motor drives the cam directly, no gear known", "M")
+    motor_counts: int = bounded(1 << 20, 16, 1 << 32)
+    gear: float = bounded(1.0, 0.01, 1000, **_from("cartridge motor on the cam: none", "M"))
     motor_sign: int = _fact(1, "never checked", "L")
-    plate_counts: int = _fact(16384, "4096 pulses x4; may be 4096, or 2^16 or 2^32 inside", "L")
+    plate_counts: int = bounded(
+        16384, 16, 1 << 32, **_from("4096 pulses x4; may be 4096, or 2^16 or 2^32 inside", "L")
+    )
     plate_sign: int = _fact(1, "never checked", "L")
     plate_object: tuple[int, int] = _fact((0x2050, 0), "EDS; which input is not known", "L")
-    velocity_unit: float = 0.001 * RPM
-    acceleration_unit: float | None = _fact(None, "0.001 of UNIT.ACCROTARY, as 60FFh", "L")
-    limit_unit: float | None = _fact(None, "0.001 of UNIT.VROTARY, as 60FFh", "M")
+    velocity_unit: float = bounded(0.001 * RPM, 1e-9, 1)
+    acceleration_unit: float | None = bounded(
+        None, 1e-6, 1e4, **_from("0.001 of UNIT.ACCROTARY, as 60FFh", "L")
+    )
+    limit_unit: float | None = bounded(
+        None, 1e-6, 10, **_from("0.001 of UNIT.VROTARY, as 60FFh", "M")
+    )
     product: int | None = None
 
     def __post_init__(self) -> None:
@@ -111,11 +129,7 @@ class AxisConfig:
             raise ScenarioError(f"axis {self.name}: node {self.node} must be 1 to 126")
         if self.motor_sign not in {-1, 1} or self.plate_sign not in {-1, 1}:
             raise ScenarioError(f"axis {self.name}: a sign must be 1 or -1")
-        units = ("velocity_unit", "acceleration_unit", "limit_unit")
-        for name in ("motor_counts", "gear", "plate_counts", *units):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ScenarioError(f"axis {self.name}: {name} must be positive")
+        check_ranges(self, f"{self.name}.")
 
     @property
     def where(self) -> str:
@@ -136,49 +150,6 @@ class AxisConfig:
     def velocity(self) -> Scale:
         """Counts of velocity to rad/s at the cam shaft."""
         return Scale(self.velocity_unit / (self.gear * self.motor_sign))
-
-
-@dataclass(frozen=True, kw_only=True)
-class MonitorConfig:
-    """Thresholds of the monitoring; s, rad, rad/s, or cycles where said.
-
-    Attributes:
-        stale: Cycles without a PDO after which the axis counts as unknown.
-        unsteady: Irregular cycles (missing, late, surplus, short) among the last 50 that level.
-        burst: Emergencies within 1 s that level.
-        travel: Commanded motor travel without a single count of motion, rad, that is a fault.
-        plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
-            it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
-        frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.
-        jump: Factor of the rate limit that no encoder can pass.
-        plate_rate: Fastest plausible plate motion, rad/s.
-        slack: Motion that is never a jump: motor rad, plate rad.
-        lag: Motor rate error, rad/s, for longer than ``lag_time`` s that counts as not following.
-        limit_time: Duration of an internal limit that levels, s.
-        reset: Time a fault reset may take, s.
-        stop: Time a quick stop may take before the heartbeat is withheld, s.
-        enquiry: Pause between two readings of the drives' own monitoring, s.
-        answer: Time an SDO answer may take, s.
-        repeat: Shortest time between two reports of one warning, s.
-    """
-
-    stale: int = 10
-    unsteady: int = 12
-    burst: int = 10
-    travel: float = 0.005
-    plate_travel: float = 0.03
-    frozen: float = 0.02
-    jump: float = 3.0
-    plate_rate: float = 6.0
-    slack: tuple[float, float] = (0.01, 0.01)
-    lag: float = 1.0
-    lag_time: float = 0.06
-    limit_time: float = 0.02
-    reset: float = 0.1
-    stop: float = 0.3
-    enquiry: float = 0.5
-    answer: float = 0.1
-    repeat: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,12 +181,12 @@ class AkdConfig:
     period: float = 0.002
     host: int = 127
     heartbeat: float = 0.02
-    silence: float = 0.06
+    silence: float = net(0.06, 0.01, 1.0)
     answer: float = 2.0
-    rate_limit: float = _fact(8.0, "0.6 rad/s of the plate times a cam ratio of 6, and slack", "L")
-    ramp: float = _fact(2000.0, "own choice: 8 rad/s in 4 ms", "L")
-    torque_limit: float = _fact(4.5, "model: 8 deg at 7 rad/s^2 on both axes takes 2.8", "L")
-    motor_torque: float = _fact(4.57, "datasheet of the C041A; its winding is not known", "M")
+    rate_limit: float = net(8.0, 1, 20, **_from("0.6 rad/s of the plate, cam ratio 6, slack", "L"))
+    ramp: float = bounded(2000.0, 50, 1e5, **_from("own choice: 8 rad/s in 4 ms", "L"))
+    torque_limit: float = net(4.5, 0.5, 12.3, **_from("model: the hardest motion takes 2.8", "L"))
+    motor_torque: float = bounded(4.57, 0.1, 50, **_from("datasheet of the C041A", "M"))
     eds: Path | None = None
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
@@ -228,12 +199,36 @@ class AkdConfig:
             raise ScenarioError(f"nodes {phi.node}, {theta.node}, {self.host} must differ")
         if round(self.period * 1e3) < 1 or abs(self.period * 1e3 % 1) > 1e-9:
             raise ScenarioError(f"period {self.period} s must be a whole number of ms")
-        if not 0.001 <= self.heartbeat < self.silence <= 65.535:
-            raise ScenarioError("heartbeat must be at least 1 ms and below silence (65.535 s)")
+        check_ranges(self, "drives.")
+        if not 0.001 <= self.heartbeat < self.silence:
+            raise ScenarioError("drives.heartbeat must be at least 1 ms and below drives.silence")
         if not 0 < self.answer <= 60:
-            raise ScenarioError(f"answer {self.answer} s must be above 0, at most 60")
-        if not (self.rate_limit > 0 and self.ramp > 0):
-            raise ScenarioError("rate_limit and ramp must be positive")
+            raise ScenarioError(f"drives.answer = {self.answer}: must be above 0, at most 60")
+        if self.watch.lag >= self.rate_limit:
+            raise ScenarioError(
+                f"drives.watch.lag = {self.watch.lag}: must be below drives.rate_limit = "
+                f"{self.rate_limit}, or a motor that stands still would follow"
+            )
+        if self.bus.bitrate not in BITRATES:
+            known = ", ".join(map(str, BITRATES))
+            raise ScenarioError(f"bus.bitrate = {self.bus.bitrate}: an AKD knows {known}")
+        if self.bus_load >= 1:
+            raise ScenarioError(
+                f"bus.bitrate = {self.bus.bitrate}: the frames of a period take "
+                f"{100 * self.bus_load:.0f} % of its {1e3 * self.period:g} ms"
+            )
+
+    @property
+    def bus_load(self) -> float:
+        """Share of a period that its frames take on the bus, stuffed as badly as can be."""
+        bits = sum(47 + 8 * size + (33 + 8 * size) // 4 for size in _FRAMES)
+        return bits / (self.bus.bitrate * self.period)
+
+    @property
+    def relaxed(self) -> tuple[str, ...]:
+        """Every safety net that is wider than by default, in words."""
+        watch = relaxed_nets(self.watch, "drives.watch.")
+        return (*relaxed_nets(self, "drives."), *watch)
 
 
 def unconfirmed(config: AkdConfig) -> list[Unconfirmed]:

@@ -1,0 +1,104 @@
+"""Safety nets of a rig file: absurd values are refused by name, relaxed ones are told."""
+
+from dataclasses import fields
+
+import pytest
+
+from twin.devices.akd.conditions import RELAXED
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
+from twin.devices.akd.watch import MonitorConfig
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.virtual import EmulatedPlant
+from twin.errors import ScenarioError
+from twin.run.assemble import build_limits
+from twin.scenario.rig import check_rig
+
+TOUCH = {"touch": {"port": "x"}}
+
+
+def rig(**tables):
+    return check_rig({**TOUCH, **tables}, "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"drives": {"silence": 2.0}}, "drives.silence = 2.0: must be 0.01 to 1"),
+        ({"drives": {"silence": 0.0}}, "drives.silence"),
+        ({"drives": {"watch": {"stale": 300}}}, "drives.watch.stale = 300: must be 2 to 250"),
+        ({"drives": {"watch": {"lag": 50.0}}}, "drives.watch.lag = 50.0"),
+        ({"drives": {"rate_limit": 2.0, "watch": {"lag": 2.0}}}, "would follow"),
+        ({"drives": {"rate_limit": 100.0}}, "drives.rate_limit = 100.0: must be 1 to 20"),
+        ({"drives": {"torque_limit": 0.0}}, "drives.torque_limit = 0.0"),
+        ({"drives": {"torque_limit": -1.0}}, "drives.torque_limit = -1.0"),
+        ({"phi": {"node": 1, "limit_unit": 0.0}}, "phi.limit_unit = 0.0: must be"),
+        ({"theta": {"node": 2, "gear": -1.0}}, "theta.gear = -1.0: must be"),
+        ({"theta": {"node": 2, "plate_counts": 0}}, "theta.plate_counts = 0"),
+        ({"bus": {"bitrate": 800_000}}, "bus.bitrate = 800000: an AKD knows 125000"),
+        ({"bus": {"bitrate": 250_000}}, "take 161 % of its 2 ms"),
+    ],
+    ids=str,
+)
+def test_an_absurd_value_is_refused_by_name(tables, words):
+    with pytest.raises(ScenarioError) as caught:
+        rig(**tables)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [each.name for each in fields(MonitorConfig)])
+@pytest.mark.parametrize("value", [0, -1])
+def test_no_threshold_of_the_monitoring_can_be_zero_or_negative(name, value):
+    wrong = (value, value) if name == "slack" else value
+    with pytest.raises(ScenarioError, match=f"drives.watch.{name}"):
+        MonitorConfig(**{name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"drives": {"silence": 0.5}}, "drives.silence = 0.5 (default 0.06)"),
+        ({"drives": {"torque_limit": 6.0}}, "drives.torque_limit = 6.0 (default 4.5)"),
+        ({"drives": {"watch": {"stale": 100}}}, "drives.watch.stale = 100 (default 10)"),
+        ({"drives": {"watch": {"slack": (0.02, 0.01)}}}, "drives.watch.slack"),
+        ({"late_periods": 100}, "late_periods = 100 (default 25)"),
+        ({"limits": {"rate_deg": 60.0}}, "limits.rate_deg = 60.0 (default 35.0)"),
+        ({"limits": {"area": (0.25, 0.2)}}, "limits.area"),
+    ],
+    ids=str,
+)
+def test_a_relaxed_net_is_told_with_its_default(tables, words):
+    (found,) = rig(**tables).relaxed(0.002)
+    assert words in found
+
+
+def test_defaults_and_tighter_nets_relax_nothing():
+    tighter = rig(drives={"silence": 0.05, "watch": {"stale": 5}}, limits={"angle_deg": 5.0})
+    assert rig().relaxed(0.002) == tighter.relaxed(0.002) == ()
+
+
+@pytest.mark.parametrize(
+    ("bitrate", "period", "load"), [(10**6, 0.002, 0.4), (500_000, 0.002, 0.8)]
+)
+def test_the_load_of_the_bus_is_that_of_its_frames(bitrate, period, load):
+    config = AkdConfig(bus=BusConfig(bitrate=bitrate), period=period)
+    assert config.bus_load == pytest.approx(load, abs=0.01)
+
+
+def test_every_run_is_warned_of_a_relaxed_net(scenario):
+    chosen = scenario("plant.kind=lagrange")
+    plant = EmulatedPlant(chosen)
+    limits = build_limits(chosen.rig.limits)
+    words = rig(drives={"silence": 0.5}).relaxed(0.002)
+    made = LockstepRig(plant, transmission=plant.transmission, limits=limits, relaxed=words)
+    for _ in range(2):
+        with made:
+            made.read()
+        told = [entry.note for entry in made.journal if entry.note.condition == RELAXED]
+        made.journal.clear()
+        assert [note.text for note in told] == [
+            "rig file: safety net relaxed: drives.silence = 0.5 (default 0.06)"
+        ]
+
+
+def test_an_axis_without_units_is_as_good_as_one_with_them():
+    assert AxisConfig(name="phi", node=1).limit_unit is None
