@@ -49,6 +49,12 @@ def with_axis(**changes):
     return replace(config, axes=(replace(phi, **changes), theta))
 
 
+def test_a_fault_from_before_is_named_with_its_number():
+    found = examined(act=lambda rig: rig.drives[0].fail(129))
+    assert found["drive phi (node 1) fault"].seen.startswith("F129 CAN monitoring")
+    assert "--reset" in found["drive phi (node 1) fault"].advice
+
+
 def test_healthy_drives_pass_every_check():
     found = examined()
     assert {result.status for result in found.values()} == {CheckStatus.PASS}

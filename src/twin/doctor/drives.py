@@ -10,6 +10,7 @@ import numpy as np
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.frames import fault_words
 from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.doctor.steps import enable, exchange, stopped_by, turn, until
@@ -47,7 +48,8 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
         )
         if axis.state is DriveState.FAULT:
             advice = "remove the cause, then run with --reset"
-            yield failed(f"{axis.config.where} fault", "in fault", advice)
+            words = fault_words(found.faults) or "in fault"
+            yield failed(f"{axis.config.where} fault", words, advice)
         elif not (axis.status or 0) & DC_LINK:
             advice = "switch the main supply on; close the STO circuit"
             yield failed(f"{axis.config.where} power", "no DC link", advice)

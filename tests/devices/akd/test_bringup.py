@@ -11,7 +11,10 @@ from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.lockstep import LockstepDrives
+from twin.emulator.lockstep import LockstepDrives, LockstepRig
+from twin.emulator.virtual import EmulatedPlant
+from twin.errors import RigError
+from twin.run.assemble import build_limits
 
 
 @pytest.fixture
@@ -269,6 +272,37 @@ def test_a_drive_that_keeps_its_torque_is_refused_with_what_to_do(rig):
     left_with_torque(rig.drives[0], Power.OPERATION_ENABLED, 2)
     rig.drives[0].remote = False  # another tool controls it: it obeys no control word
     assert "keeps its torque" in refused(rig, c.WRONG_SETTING)
+
+
+def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(rig):
+    drive = rig.drives[0]
+    drive.fail(129)
+    drive.fail(235)
+    rig.servos.start()
+    (fault,) = (each.fault for each in rig.run(0.02) if each.fault.condition == c.DRIVE_FAULT)
+    assert "F129 CAN monitoring: the master went silent, F235" in fault.detail
+    assert "--reset" in fault.condition.recovery
+    rig.servos.reset_faults()
+    rig.run(0.1)
+    drive.fail(501)  # a new one is not called by the old one's number
+    (fault,) = (each.fault for each in rig.run(0.02) if each.fault.condition == c.DRIVE_FAULT)
+    assert "F129" not in fault.detail
+
+
+def test_a_rig_that_is_switched_on_with_a_fault_says_which_in_one_line(scenario):
+    chosen = scenario("plant.kind=lagrange")
+    plant = EmulatedPlant(chosen)
+    limits = build_limits(chosen.rig.limits)
+    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+    rig.lockstep.drives[0].fail(129)
+    with pytest.raises(RigError) as caught, rig:
+        pass
+    assert "F129" in str(caught.value)
+    assert "--reset" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    rig.ask_reset()
+    with rig:
+        assert rig.servos.enabled
 
 
 def test_a_motor_still_running_out_is_waited_for(rig):

@@ -153,6 +153,8 @@ class Axis:
         """Time in s at which the last heartbeat arrived."""
         self.booted = False
         """Whether a boot-up message of the drive has arrived since the start."""
+        self.found_faults: tuple[int, ...] = ()
+        """Numbers of the faults it was found with at the start, until they are reset."""
         self.emergencies: list[frames.Emergency] = []
         """The newest emergency messages, at most 16."""
         self.request = AxisRequest.DISABLE
@@ -166,6 +168,13 @@ class Axis:
     def enabled(self) -> bool:
         """Whether the drive follows its target."""
         return self.state is DriveState.OPERATION_ENABLED and self.request is AxisRequest.ENABLE
+
+    @property
+    def newest_fault(self) -> str:
+        """What is known of its fault beyond the status word, to be appended to that in words."""
+        if self.found_faults:
+            return f", found in fault: {frames.fault_words(self.found_faults)}"
+        return f", {self.emergencies[-1].words}" if self.emergencies else ""
 
     def update_motion(self, data: frames.MotionPdo, cycle: int, at: float) -> int:
         """Take in TPDO1 that answers a SYNC sent at a time in s; return the step in counts."""
@@ -195,6 +204,7 @@ class Axis:
     def request_reset(self) -> None:
         """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault."""
         self._reset_cycles = _RESET_CYCLES
+        self.found_faults = ()
 
     def next_rpdo1(self) -> bytes:
         """RPDO1 of this cycle: at most one transition further towards the request."""

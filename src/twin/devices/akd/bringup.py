@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import can
 
-from twin.devices.akd import frames
+from twin.devices.akd import cia402, frames
 from twin.devices.akd.conditions import (
     BIT_RATE,
     DUPLICATE_ID,
@@ -146,10 +146,12 @@ class SettingsFound(NamedTuple):
     Attributes:
         units: What its counts mean.
         limits: The nets in the drive.
+        faults: Numbers of its present faults, oldest first.
     """
 
     units: str
     limits: str
+    faults: tuple[int, ...]
 
 
 def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
@@ -186,7 +188,15 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
         units=units.words,
         limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
         f"ramps {units.acceleration.words(remote.read(0x6083))}, {current.words}",
+        faults=_faults(remote),
     )
+
+
+def _faults(remote: Remote) -> tuple[int, ...]:
+    if cia402.state(remote.read(0x6041)) is not cia402.DriveState.FAULT:
+        return ()
+    numbers = (remote.read(0x2001, place) for place in (1, 2))
+    return tuple(number for number in numbers if number)
 
 
 def _map_pdos(remote: Remote, with_plate: bool) -> None:

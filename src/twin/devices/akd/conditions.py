@@ -20,7 +20,7 @@ _LEVELLED = "level the plate, then hold"
 _NOTED = "noted; the datum is not used"
 _REFUSED = "start refused, bus closed again"
 
-_RESET = "remove the cause, reset the faults, enable again"
+_RESET = "remove the cause, reset the faults (--reset), enable again"
 _RESTART = "remove the cause, then switch off and on again"
 _ALONE = "end the other master, then switch off and on again"
 _NONE = "none needed"
@@ -77,7 +77,9 @@ REMOTE_LOST = Condition("remote control lost", _STOP, 0.01, _QUICK, _RESET)
 STOP_IGNORED = Condition("quick stop ignored", _STOP, 0.4, "heartbeat withheld", _RESET)
 INTERNAL_LIMIT = Condition("internal limit active", _LEVEL, 0.05, _LEVELLED, _RESET)
 NO_DC_LINK = Condition("no DC link", _STOP, 0.01, _QUICK, _RESET)
-STO_OPEN = Condition("safe torque off", _STOP, 0.15, _QUICK, "close STO, reset, enable again")
+STO_OPEN = Condition(
+    "safe torque off", _STOP, 0.15, _QUICK, "close STO, reset (--reset), enable again"
+)
 RESET_REFUSED = Condition("fault reset refused", _STOP, 0.15, "stays off", _RESET)
 DRIVE_WARNING = Condition("drive warning", _WARNING, 0.01, "noted", "read the drive's warning")
 RELAXED = Condition("safety net relaxed", _WARNING, 0.002, "noted", "take it out of the rig file")

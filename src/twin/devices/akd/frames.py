@@ -6,6 +6,7 @@ Decoders take any bytes and never raise: what they cannot read is None.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from typing import NamedTuple
 
 NMT = 0x000
@@ -87,6 +88,11 @@ FAULTS = {
     702: "fieldbus lost",
 }
 """The drive's own fault numbers worth naming."""
+
+
+def fault_words(numbers: Iterable[int]) -> str:
+    """Fault numbers as the drive's display shows them, with their names."""
+    return ", ".join(f"F{number} {FAULTS.get(number, '')}".strip() for number in numbers)
 
 
 class MotionPdo(NamedTuple):

@@ -146,7 +146,7 @@ class AxisMonitor:
         axis, limits = self._axis, self._limits
         words = f"status word {status:04X}h"
         if axis.state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
-            newest = f", {axis.emergencies[-1].words}" if axis.emergencies else ""
+            newest = axis.newest_fault
             if self._resetting is None:
                 self._report(c.DRIVE_FAULT, words + newest, at)
             elif at - self._resetting > limits.reset:

@@ -155,5 +155,4 @@ class SdoPolling:
         if number == _STO_FAULT:
             self._reports.report(c.STO_OPEN, where, "F602", at)
         elif number:
-            name = frames.FAULTS.get(number, "")
-            self._reports.report(c.FAULT_NUMBER, where, f"F{number} {name}".strip(), at)
+            self._reports.report(c.FAULT_NUMBER, where, frames.fault_words([number]), at)

@@ -87,6 +87,8 @@ class AkdServos:
             Axis(axis, config, with_plate=self._through_drives, at=at) for axis in config.axes
         )
         self.axes, self.stale = (phi, theta), 0
+        for axis, found in zip(self.axes, self.found, strict=True):
+            axis.found_faults = found.faults
         self._exchange = CyclicExchange(config, (phi, theta), transport, self._reports, self.now)
 
     def stop(self) -> None:
