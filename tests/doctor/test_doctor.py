@@ -218,3 +218,40 @@ def test_relaxed_nets_are_a_warning_of_the_doctor(scenario):
     found = by_name(computer(scenario(), loose))["safety nets"]
     assert found.status is CheckStatus.WARN
     assert "drives.watch.stale = 100" in found.seen
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "what", "advice"),
+    [
+        (0x36E5, 0, "FBUS.PARAM01 (bit rate)", "set it to 1000"),
+        (0x36E5, 500, "FBUS.PARAM01 (bit rate)", "set it to 1000"),
+        (0x3506, 0, "DRV.HWENMODE", "set it to 1"),
+        (0x3498, 0, "FBUS.PROTECTION", "keep WorkBench closed"),
+    ],
+)
+def test_a_precondition_in_the_drive_is_a_warning_with_what_to_set(index, value, what, advice):
+    found = examined(act=lambda rig: rig.drives[0].store.set(index, 0, value))
+    result = found[f"drive phi (node 1) {what}"]
+    assert result.status is CheckStatus.WARN
+    assert advice in result.advice
+    assert found[f"drive theta (node 2) {what}"].status is CheckStatus.PASS
+
+
+def test_a_drive_without_such_a_setting_is_brought_up_all_the_same():
+    def older(rig):
+        rig.drives[0].sdo_aborts[0x3506, 0] = 0x06020000
+
+    found = examined(act=older)
+    assert "drive phi (node 1) DRV.HWENMODE" not in found
+    assert found["phi encoder"].status is CheckStatus.PASS
+
+
+def test_what_no_object_tells_is_listed(scenario):
+    found = by_name(computer(scenario(), RIG))["to be looked at by hand"]
+    assert all(word in found.seen for word in ("DRV.TYPE", "DRV.CMDSOURCE", "60 ohm"))
+
+
+@pytest.mark.parametrize(("rate", "status"), [(500_000, "warn"), (1_000_000, "pass")])
+def test_a_bus_that_is_nearly_full_is_a_warning(scenario, rate, status):
+    rig = check_rig({"touch": {"port": "x"}, "bus": {"bitrate": rate}}, "test")
+    assert by_name(computer(scenario(), rig))["bus load"].status == status

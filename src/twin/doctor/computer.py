@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
 
-from twin.devices.akd.config import unconfirmed
+from twin.devices.akd.config import AkdConfig, unconfirmed
+from twin.devices.akd.preconditions import BY_HAND
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import real_time
 from twin.devices.timing import TimingLog
@@ -22,6 +23,8 @@ from twin.scenario.schema import Scenario
 
 TIMED = 1.0
 """Seconds that the timer is watched."""
+FULL_BUS = 0.6
+"""Share of a period's time on the bus above which heartbeats and SDOs come late."""
 OLD = 365
 """Days after which a cam table should be measured again; wheels and cams wear."""
 
@@ -50,6 +53,15 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         f"never confirmed on a rig: {', '.join(names)}",
         "compare them with the drives' manual and setup software",
     )
+    yield warned("to be looked at by hand", "; ".join(BY_HAND), "see docs/bring-up.md")
+    yield _bus_load(rig.servos(scenario.rig.period))
+
+
+def _bus_load(drives: AkdConfig) -> CheckResult:
+    seen = f"{100 * drives.bus_load:.0f} % at {drives.bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
+    if drives.bus_load <= FULL_BUS:
+        return passed("bus load", seen)
+    return warned("bus load", seen, "set drives and adapter to 1 Mbit/s")
 
 
 def _scheduling(period: float) -> Iterator[CheckResult]:

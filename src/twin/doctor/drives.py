@@ -42,6 +42,9 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     for axis, found in zip(servos.axes, servos.found, strict=True):
         yield passed(f"{axis.config.where} units", found.units)
         yield passed(f"{axis.config.where} limits", found.limits)
+        for each in found.preconditions:
+            what = f"{axis.config.where} {each.name}"
+            yield warned(what, each.seen, each.advice) if each.advice else passed(what, each.seen)
         yield passed(
             axis.config.where,
             f"an AKD, configured and monitored; {axis.state.name.lower().replace('_', ' ')}",

@@ -23,6 +23,7 @@ from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.current import current_limit
 from twin.devices.akd.dictionary import PDO_INVALID, dictionary
 from twin.devices.akd.network import Network, Remote, absent
+from twin.devices.akd.preconditions import Precondition, read_preconditions
 from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.standstill import take_torque_away
 from twin.devices.akd.units import read_units
@@ -147,11 +148,13 @@ class SettingsFound(NamedTuple):
         units: What its counts mean.
         limits: The nets in the drive.
         faults: Numbers of its present faults, oldest first.
+        preconditions: Settings that the host does not write.
     """
 
     units: str
     limits: str
     faults: tuple[int, ...]
+    preconditions: tuple[Precondition, ...]
 
 
 def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
@@ -189,6 +192,7 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
         limits=f"speed {units.velocity.words(remote.read(0x3622))}, "
         f"ramps {units.acceleration.words(remote.read(0x6083))}, {current.words}",
         faults=_faults(remote),
+        preconditions=read_preconditions(remote, config),
     )
 
 

@@ -111,6 +111,19 @@ class Remote:
         with self._errors(f"reading {index:04X}h:{sub}"):
             return int(self._variable(index, sub).raw)
 
+    def read_if_there(self, index: int, sub: int = 0) -> int | None:
+        """The value of an object; None if the drive refuses it.
+
+        Raises:
+            DriveError: If the drive does not answer.
+        """
+        try:
+            return self.read(index, sub)
+        except DriveError as error:
+            if error.fault.condition is not SDO_ABORT:
+                raise
+            return None
+
     def write(self, index: int, sub: int, value: int) -> None:
         """Write an object and read it back; ``objects.toml`` says how exactly it must be kept.
 
