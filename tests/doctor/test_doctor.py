@@ -13,9 +13,14 @@ from twin.devices.akd.config import AkdConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.cams import measure
-from twin.doctor.check import CheckStatus, warned
+from twin.doctor.check import CheckStatus, failed, passed, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time, delay
+from twin.doctor.limits import limits
+from twin.doctor.swapped import swapped
+from twin.doctor.verdict import next_step
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.drive_settings import DriveSettings
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
 from twin.emulator.screen import FRAME
 from twin.emulator.virtual import EmulatedPlant
@@ -39,6 +44,7 @@ def examined(config=None, act=lambda rig: None):
         found = list(drives.bus(rig.servos.config, rig.servos))
         if rig.servos.axes:
             found += drives.torque(rig.servos)
+            found += limits(rig.servos)
             found += drives.motion(rig.servos, FixedRatio(5.0))
         return by_name(found)
 
@@ -255,3 +261,132 @@ def test_what_no_object_tells_is_listed(scenario):
 def test_a_bus_that_is_nearly_full_is_a_warning(scenario, rate, status):
     rig = check_rig({"touch": {"port": "x"}, "bus": {"bitrate": rate}}, "test")
     assert by_name(computer(scenario(), rig))["bus load"].status == status
+
+
+@pytest.mark.parametrize("parameter_count", [1.0, 1e-5])
+def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more(parameter_count):
+    """The drive's found values lie: set in counts of 0.001 rpm, though it counts otherwise."""
+    made = [
+        EmulatedDrive(DriveSettings(node=node, parameter_count=parameter_count)) for node in (1, 2)
+    ]
+    with LockstepDrives(drives=made) as rig:
+        list(drives.bus(rig.servos.config, rig.servos))
+        found = by_name(limits(rig.servos))
+    assert found["phi limits"].status is CheckStatus.FAIL
+    assert "limit_unit" in found["phi limits"].advice
+
+
+def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
+    with LockstepDrives() as rig:
+        for drive in rig.drives:
+            drive.store.live(0x6083, 0, lambda: 500_000_000)
+            drive.store.live(0x6084, 0, lambda: 500_000_000)
+        monkeypatch.setattr("twin.devices.akd.network.kept", lambda *_: True)
+        list(drives.bus(rig.servos.config, rig.servos))
+        found = by_name(limits(rig.servos))
+    assert "acceleration_unit" in found["phi limits"].advice
+
+
+def test_after_the_limits_were_tried_the_usual_ones_hold_again():
+    with LockstepDrives() as rig:
+        list(drives.bus(rig.servos.config, rig.servos))
+        assert {each.status for each in limits(rig.servos)} == {CheckStatus.PASS}
+        assert [drive.store.get(0x3622) for drive in rig.drives] == [77_000] * 2
+        assert not any(drive.enabled for drive in rig.drives)
+
+
+def rig_on_a_plant(chosen, rig, *, crossed=False):
+    plant = EmulatedPlant(chosen)
+    plant.attach(rig.drives)
+    if crossed:
+        phi, theta = (drive.sense for drive in rig.drives)
+        seen = {}
+
+        def first(shaft, angle):
+            seen["phi"] = shaft, angle
+
+        def second(shaft, angle):
+            phi(seen["phi"][0], angle)
+            theta(shaft, seen["phi"][1])
+
+        rig.drives[0].sense, rig.drives[1].sense = first, second
+        plant.attach(rig.drives)
+    rig.bus.moved = plant.advance
+    return plant
+
+
+@pytest.mark.parametrize("nodes", [(1, 2), (2, 1)])
+def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario, nodes):
+    chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
+    made = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    phi, theta = AkdConfig().axes
+    config = AkdConfig(axes=(replace(phi, node=nodes[0]), replace(theta, node=nodes[1])))
+    with LockstepDrives(config, made) as rig:
+        plant = rig_on_a_plant(chosen, rig)
+        plant.present = False
+        rig.servos.start()
+        (found,) = swapped(rig.servos, plant.transmission, lambda _: plant.edge(), 5.0)
+        assert not any(drive.enabled for drive in rig.drives)
+    assert (found.status is CheckStatus.PASS) is (nodes == (1, 2)), found
+    if nodes == (2, 1):
+        assert found.advice == "exchange phi.node and theta.node in the rig file"
+
+
+def test_who_does_not_answer_is_asked_to_watch_and_the_drives_do_not_fault(scenario):
+    with LockstepDrives() as rig:
+        plant = rig_on_a_plant(scenario("plant.kind=lagrange"), rig)
+        rig.servos.start()
+        (found,) = swapped(rig.servos, plant.transmission, lambda _: "", 0.5)
+        assert not any(drive.fault_numbers for drive in rig.drives)
+    assert found.status is CheckStatus.WARN
+
+
+def test_plate_encoders_plugged_crosswise_are_named(scenario):
+    chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
+    with LockstepDrives() as rig:
+        plant = rig_on_a_plant(chosen, rig, crossed=True)
+        list(drives.bus(rig.servos.config, rig.servos))
+        found = by_name(drives.motion(rig.servos, plant.transmission))
+    assert found["phi encoder"].status is CheckStatus.FAIL
+    assert "moving phi turned theta's encoder" in found["phi encoder"].seen
+    assert "exchange the plugs" in found["phi encoder"].advice
+
+
+def test_the_doctor_ends_with_ready_or_the_next_step():
+    good, doubt = passed("a", "fine"), warned("b", "old", "measure it again")
+    bad = failed("c", "no DC link", "switch the main supply on")
+    assert next_step([good, doubt], "rig.toml", move=False).endswith("doctor --rig rig.toml --move")
+    assert next_step([good], "rig.toml", move=True).startswith("ready: ballplate run circle")
+    assert "1 reservations" in next_step([good, doubt], "rig.toml", move=True)
+    told = next_step([good, bad, failed("d", "x", "y")], "rig.toml", move=True)
+    assert told == "not ready; next step (c): switch the main supply on"
+
+
+def test_limits_are_not_judged_from_answers_with_gaps():
+    with LockstepDrives() as rig:
+        list(drives.bus(rig.servos.config, rig.servos))
+        sleep, slept = rig.servos.sleep, [0]
+
+        def slow(seconds):
+            slept[0] += 1
+            sleep(seconds if slept[0] % 10 else 0.015)
+
+        rig.servos.sleep = slow
+        found = by_name(limits(rig.servos))
+    assert found["phi limits"].status is CheckStatus.WARN
+    assert "too irregular to judge" in found["phi limits"].seen
+
+
+def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
+    with LockstepDrives() as rig:
+        list(drives.bus(rig.servos.config, rig.servos))
+        moved = rig.bus.moved
+
+        def fail(dt):
+            moved(dt)
+            if rig.drives[0].rate > 1.0:
+                rig.drives[0].fail(235)
+
+        rig.bus.moved = fail
+        found = by_name(limits(rig.servos))
+    assert "drive fault" in found["phi limits"].seen

@@ -14,6 +14,8 @@ from twin.cli.rigs import EMULATED
 from twin.devices.lumio.panels import UDEV_RULES
 from twin.doctor.check import Ask, CheckResult, CheckStatus
 from twin.doctor.examine import examine
+from twin.doctor.swapped import EDGES
+from twin.doctor.verdict import next_step
 from twin.emulator.serve import emulated
 from twin.scenario import Scenario, load
 from twin.scenario.rig import RigFile, check_rig, read_rig
@@ -60,6 +62,7 @@ def doctor(
         print_json([each.as_dict() for each in found])
     else:
         console.print(", ".join(f"{count} {status}" for status, count in counts.items()))
+        console.print(next_step(found, rig, move=move), markup=False, soft_wrap=True)
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
@@ -77,11 +80,20 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
         yield read_rig(Path(name)), _ask
         return
     with emulated(scenario) as virtual:
-        yield check_rig(virtual.tables, EMULATED), lambda word: _tell(virtual.tell(word))
+        yield check_rig(virtual.tables, EMULATED), virtual.tell
 
 
-def _ask(word: str) -> None:
+def _ask(word: str) -> str:
+    if word == "edge":
+        question = "which edges of the plate dipped, the short or the long ones?"
+        answer: str = click.prompt(question, type=click.Choice(list(EDGES)), err=True)
+        return answer
+    if word == "watch":
+        ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
+        click.prompt(ready, default="", show_default=False, err=True)
+        return ""
     click.echo(f"please {request(word)} now", err=True)
+    return ""
 
 
 def request(word: str) -> str:
@@ -92,7 +104,3 @@ def request(word: str) -> str:
         case ["put"]:
             return "put the ball on the plate"
     return "lift the ball or the finger off"
-
-
-def _tell(_: str) -> None:
-    """The emulated rig has done it."""

@@ -40,8 +40,9 @@ class CheckResult(NamedTuple):
         }
 
 
-Ask = Callable[[str], None]
-"""Asks a person, or an emulated rig, to ``lift`` or ``put`` the ball, or to ``touch X Y`` in mm."""
+Ask = Callable[[str], str]
+"""Asks a person, or an emulated rig, to do something: ``lift`` or ``put`` the ball, ``touch X Y``
+in mm, ``watch`` the plate; or for an answer: which ``edge`` of it dipped, ``short`` or ``long``."""
 
 
 def passed(what: str, seen: str) -> CheckResult:

@@ -7,6 +7,7 @@ from math import degrees, radians
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
@@ -21,6 +22,8 @@ TILT = radians(1.0)
 """How far an axis is tilted to see its encoder's direction and scale."""
 SCALE = 0.2
 """Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
+OTHER = radians(0.1)
+"""Motion of the other axis's encoder that is no coupling between the axes."""
 DC_LINK = 1 << 4
 
 
@@ -108,15 +111,28 @@ def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
         tilted[0, index] = TILT
-        if not turn(servos, cams.motor(level), cams.motor(tilted)):
+        before = servos.plate()[0]
+        turned = turn(servos, cams.motor(level), cams.motor(tilted))
+        moved = servos.plate()[0] - before
+        if abs(moved[1 - index]) > max(OTHER, 2 * abs(moved[index])):
+            yield _crossed(servos, index, moved)
+            return
+        if not turned:
             seen = stopped_by(servos) or "the drives went off"
             yield failed(f"{axis.config.name} encoder", seen, "see the fault")
             return
-        angle = float(servos.plate()[0, index])
         turn(servos, cams.motor(tilted), cams.motor(level))
-        yield _judged(axis.config.name, angle)
+        yield _judged(axis.config.name, float(moved[index]))
     servos.quick_stop()
     exchange(servos, 0.1)
+
+
+def _crossed(servos: AkdServos, index: int, moved: Array) -> CheckResult:
+    name, other = servos.axes[index].config.name, servos.axes[1 - index].config.name
+    own, crossed = np.degrees((moved[index], moved[1 - index]))
+    seen = f"moving {name} turned {other}'s encoder by {crossed:+.3f} deg, its own by {own:+.3f}"
+    advice = "exchange the plugs of the two plate encoders at the drives"
+    return failed(f"{name} encoder", seen, advice)
 
 
 def _judged(name: str, seen: float) -> CheckResult:

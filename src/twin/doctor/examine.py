@@ -11,7 +11,9 @@ from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, CheckStatus, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time
+from twin.doctor.limits import limits
 from twin.doctor.panels import calibrated, plugged_in
+from twin.doctor.swapped import swapped
 from twin.doctor.touch import touch
 from twin.run.connect import cams_of, connect
 from twin.scenario.rig import RigFile
@@ -26,7 +28,7 @@ def examine(
     Args:
         scenario: What the rig is to run.
         rig: What is connected where.
-        ask: Asks for the ball to be put or lifted.
+        ask: Asks for the ball to be put or lifted, and what the plate does.
         move: Whether drives may have torque and the plate may be tilted by a degree.
         reset: Whether faults found in the drives are reset.
     """
@@ -45,13 +47,14 @@ def examine(
     found: list[CheckResult] = []
     try:
         with real_time():
-            for result in _drives(servos, rig, move=move, reset=reset):
+            for result in _drives(servos, rig, ask, move=move, reset=reset):
                 found.append(result)
                 yield result
     finally:
         servos.stop()
     good = all(each.status is not CheckStatus.FAIL for each in (*touched, *found))
     if move and good:
+        ask("put")
         expected = scenario.predictor.delay if scenario.predictor else 0.0
         yield from dead_time(connect(scenario, rig, reset=True), expected)
     elif not move:
@@ -59,7 +62,9 @@ def examine(
         yield warned("torque, heartbeat, encoders, dead time", "not tested", advice)
 
 
-def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iterator[CheckResult]:
+def _drives(
+    servos: AkdServos, rig: RigFile, ask: Ask, *, move: bool, reset: bool
+) -> Iterator[CheckResult]:
     found = []
     for result in drives.bus(servos.config, servos):
         found.append(result)
@@ -68,8 +73,26 @@ def _drives(servos: AkdServos, rig: RigFile, *, move: bool, reset: bool) -> Iter
         servos.reset_faults()
     failed = any(result.status is CheckStatus.FAIL for result in found)
     if move and servos.axes and (reset or not failed):
-        for result in drives.torque(servos):
-            found.append(result)
-            yield result
-        if not any(result.status is CheckStatus.FAIL for result in found[-2:]):
-            yield from drives.motion(servos, cams_of(rig))
+        moved: list[CheckResult] = []
+        for check in (_torque, _limits, _motion, _swapped):
+            for result in check(servos, rig, ask):
+                moved.append(result)
+                yield result
+            if any(result.status is CheckStatus.FAIL for result in moved):
+                return
+
+
+def _torque(servos: AkdServos, _: RigFile, __: Ask) -> Iterator[CheckResult]:
+    return drives.torque(servos)
+
+
+def _limits(servos: AkdServos, _: RigFile, __: Ask) -> Iterator[CheckResult]:
+    return limits(servos)
+
+
+def _motion(servos: AkdServos, rig: RigFile, _: Ask) -> Iterator[CheckResult]:
+    return drives.motion(servos, cams_of(rig))
+
+
+def _swapped(servos: AkdServos, rig: RigFile, ask: Ask) -> Iterator[CheckResult]:
+    return swapped(servos, cams_of(rig), ask, rig.patience)

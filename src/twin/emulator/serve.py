@@ -93,11 +93,16 @@ class VirtualRig:
         """Do something to it while it runs: press its STO button, take the ball away, ...
 
         Args:
-            word: sto, release, lift, put, unplug, plug, or touch and where, in mm.
+            word: sto, release, lift, put, unplug, plug, or touch and where, in mm; watch and edge:
+                the ball is lifted, and which edges of the plate dipped since, short or long.
 
         Returns:
-            What was done, or for an unknown word what can be.
+            What was done or seen, or for an unknown word what can be.
         """
+        if word in {"watch", "edge"}:
+            with self.server.lock:
+                self.plant.present = False
+                return self.plant.edge()
         known: dict[str, tuple[str, Callable[[], None]]] = {
             "sto": ("STO open: both drives without torque", self._open_sto),
             "release": ("STO closed; reset the faults to go on", self._close_sto),
@@ -129,8 +134,11 @@ class VirtualRig:
             drive.close_sto()
 
     def _put(self, present: bool, finger: tuple[float, float] | None = None) -> None:
+        back = present and not self.plant.present
         self.plant.present = present
         self._finger = finger
+        if back and not any(drive.enabled for drive in self.drives):
+            self.plant.restart()  # whoever puts it back puts it where it was, on a level plate
 
     def _ball(self) -> tuple[tuple[float, float], ...]:
         with self.server.lock:

@@ -47,6 +47,7 @@ class EmulatedPlant:
         self.present = True
         """Whether there is a ball that the screen can sense."""
         self._owed = 0.0
+        self._dipped = np.zeros(2)
         self._drives: Sequence[EmulatedDrive] = ()
 
     transmission: Transmission
@@ -82,7 +83,14 @@ class EmulatedPlant:
         x, y = self.devices.read().position[0].tolist()
         return ((x, y),)
 
+    def edge(self) -> str:
+        """Which edges of the plate dipped most since the last call: ``short`` or ``long``."""
+        phi, theta = self._dipped
+        self._dipped = np.zeros(2)
+        return "short" if phi > theta else "long"
+
     def _sense(self) -> None:
         motor, plate = self.devices.motor()[0].tolist(), self.devices.plate()[0].tolist()
         for drive, shaft, angle in zip(self._drives, motor, plate, strict=True):
             drive.sense(shaft, angle)
+        self._dipped = np.maximum(self._dipped, np.abs(self.devices.plate()[0]))
