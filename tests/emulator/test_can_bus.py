@@ -1,5 +1,9 @@
 """The emulated bus: what it does to frames, and the bus itself on another python-can interface."""
 
+import subprocess
+import sys
+import time
+
 import can
 import pytest
 
@@ -108,3 +112,35 @@ def test_a_delayed_frame_comes_later_and_once(bus):
     assert bus.to_host() == []
     bus.step(0.002)
     assert [frame.cob_id for frame in bus.to_host()] == [0x581]
+
+
+@pytest.mark.real_time
+def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
+    with VirtualPort(bus, "starved") as port, BusServer(bus, port) as server:
+        with server.lock:
+            time.sleep(0.08)
+        deadline = time.monotonic() + 10.0
+        while server.lag.longest < 0.06 and time.monotonic() < deadline:
+            time.sleep(0.005)
+        assert server.lag.longest > 0.06
+
+
+FORWARD = """
+import os
+from twin.emulator.serve import PRIORITY, come_forward
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    allowed = True
+except OSError:
+    allowed = False
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+come_forward()
+assert (os.sched_getscheduler(0) == os.SCHED_FIFO) is allowed
+assert not allowed or os.sched_getparam(0).sched_priority == PRIORITY
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no SCHED_FIFO here")
+def test_an_emulator_in_a_process_of_its_own_comes_before_ordinary_ones():
+    done = subprocess.run([sys.executable, "-c", FORWARD], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()

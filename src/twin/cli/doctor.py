@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from twin.cli.options import JSON, SETTING
-from twin.cli.output import console, print_json
+from twin.cli.output import console, errors, print_json
 from twin.cli.rigs import EMULATED
 from twin.devices.lumio.panels import UDEV_RULES
 from twin.doctor.check import Ask, CheckResult, CheckStatus
@@ -81,6 +81,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
         return
     with emulated(scenario) as virtual:
         yield check_rig(virtual.tables, EMULATED), virtual.tell
+        errors.print(virtual.tell("lag"), style="dim", highlight=False)
 
 
 def _ask(word: str) -> str:

@@ -38,8 +38,8 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     """Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys.
 
     It simulates a scenario's plant in real time. Type sto and release for its STO button, lift
-    and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen; Ctrl-C ends
-    it.
+    and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
+    far it is behind the clock; Ctrl-C ends it.
     """
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
         text = toml(rig.tables())

@@ -74,6 +74,7 @@ def chosen(
     with emulated(scenario) as virtual:
         tables = check_rig(virtual.tables, EMULATED)
         yield connect(scenario, tables, reset=reset, transmission=known)
+        errors.print(virtual.tell("lag"), style="dim", highlight=False)
 
 
 def print_timing(rig: HardwareRig) -> None:

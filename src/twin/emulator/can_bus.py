@@ -17,6 +17,7 @@ from typing import Protocol, Self
 import can
 from can.exceptions import CanOperationError
 
+from twin.devices.timing import LatencyHistogram
 from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.drive import EmulatedDrive
 
@@ -226,6 +227,8 @@ class BusServer:
         self.port = port
         self.lock = threading.Lock()
         """Hold it to look at, or meddle with, several things at one time."""
+        self.lag = LatencyHistogram()
+        """How late the bus's time was at each round: an emulator that starves answers late."""
         self._step = step
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -238,6 +241,7 @@ class BusServer:
             with self.lock:
                 self.port.pump()
                 now = time.monotonic()
+                self.lag.add(max(0.0, now - stepped - self._step))
                 stepped = max(stepped, now - self.BACKLOG)
                 while stepped + self._step <= now:
                     stepped += self._step
