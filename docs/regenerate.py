@@ -43,6 +43,7 @@ PAGES = {
     "view": Page(("view-*.png",), ("screenshots.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
+    "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),

@@ -16,6 +16,7 @@ from twin.doctor.cams import measure
 from twin.doctor.check import CheckStatus, failed, passed, warned
 from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time, delay
+from twin.doctor.examine import _drives
 from twin.doctor.limits import limits
 from twin.doctor.swapped import swapped
 from twin.doctor.verdict import next_step
@@ -290,7 +291,9 @@ def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
 def test_after_the_limits_were_tried_the_usual_ones_hold_again():
     with LockstepDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
-        assert {each.status for each in limits(rig.servos)} == {CheckStatus.PASS}
+        found = list(limits(rig.servos))
+        assert {each.status for each in found} == {CheckStatus.PASS}
+        assert "(bit 11) shown" in found[0].seen
         assert [drive.store.get(0x3622) for drive in rig.drives] == [77_000] * 2
         assert not any(drive.enabled for drive in rig.drives)
 
@@ -390,3 +393,12 @@ def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
         rig.bus.moved = fail
         found = by_name(limits(rig.servos))
     assert "drive fault" in found["phi limits"].seen
+
+
+def test_a_fault_is_reset_on_request_without_leave_to_move():
+    with LockstepDrives() as rig:
+        rig.drives[0].fail(129)
+        found = list(_drives(rig.servos, RIG, lambda _: "", move=False, reset=True))
+        assert "F129" in by_name(found)["drive phi (node 1) fault"].seen
+        assert rig.drives[0].fault_numbers == ()
+        assert not any(drive.enabled for drive in rig.drives)

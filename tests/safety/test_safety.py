@@ -113,6 +113,8 @@ OUTSIDE = {
     "quick stop ignored",
     "fault reset refused",
     "bad rate command",
+    "second master on the bus",
+    "safety net relaxed",
     # of a screen with other contacts or another protocol: tests/devices/lumio
     "position jumped and stayed",
     "protocol not recognised",

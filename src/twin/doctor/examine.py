@@ -13,6 +13,7 @@ from twin.doctor.computer import computer
 from twin.doctor.delay import dead_time
 from twin.doctor.limits import limits
 from twin.doctor.panels import calibrated, plugged_in
+from twin.doctor.steps import exchange
 from twin.doctor.swapped import swapped
 from twin.doctor.touch import touch
 from twin.run.connect import cams_of, connect
@@ -71,6 +72,7 @@ def _drives(
         yield result
     if reset and servos.axes:
         servos.reset_faults()
+        exchange(servos, 0.2)
     failed = any(result.status is CheckStatus.FAIL for result in found)
     if move and servos.axes and (reset or not failed):
         moved: list[CheckResult] = []

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.conditions import RUNAWAY
+from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY
 from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import CheckResult, CheckStatus, failed, passed, warned
 from twin.doctor.steps import enable, exchange
@@ -35,16 +35,22 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
     The drives are left started with the limits of their configuration, without torque.
     """
     usual = servos.config
-    servos.config = replace(usual, rate_limit=RATE, ramp=RAMP)
+    # A lower limit would narrow what counts as a plausible step of the encoder, too.
+    watch = replace(usual.watch, jump=10.0, slack=(0.1, 0.1))
+    servos.config = replace(usual, rate_limit=RATE, ramp=RAMP, watch=watch)
     try:
         servos.start()
         enable(servos)
         for index, axis in enumerate(servos.axes):
             times, rates = _asked(servos, index, ASKED)
             _asked(servos, index, -ASKED)
-            stop = _stop(servos)
+            faults = servos.faults()
+            stop = _stop(faults)
             if stop is None or stop.condition is RUNAWAY:
+                shown = any(each.condition is INTERNAL_LIMIT for each in faults)
                 result = _judged(axis.config.name, times, rates)
+                bit = f"internal limit (bit 11) {'shown' if shown else 'not shown'}"
+                result = result._replace(seen=f"{result.seen}; {bit}")
             else:
                 result = failed(f"{axis.config.name} limits", str(stop), "see the fault")
             yield result
@@ -74,10 +80,9 @@ def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
     return times, rates
 
 
-def _stop(servos: AkdServos) -> Fault | None:
+def _stop(faults: Iterable[Fault]) -> Fault | None:
     """The fault that took the drives off, if one did."""
-    stops = (each for each in servos.faults() if each.condition.severity is Severity.STOP)
-    return next(stops, None)
+    return next((each for each in faults if each.condition.severity is Severity.STOP), None)
 
 
 def _judged(name: str, times: Array, rates: Array) -> CheckResult:
