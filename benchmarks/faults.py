@@ -118,8 +118,8 @@ FAULTS = (
     Fault(
         "braking_not_kept",
         "src/twin/hal/limits.py",
-        "np.minimum(np.maximum(requested, -down), up)",
-        "np.maximum(requested, -down)",
+        "by.where(back, -size, size)",
+        "by.where(back, -size, requested)",
         "seam: nothing keeps the plate from running into its upper angle limit",
         ("hal/test_supervisor.py",),
     ),

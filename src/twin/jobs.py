@@ -103,7 +103,8 @@ class SecondProcess:
 
 def cores() -> int:
     """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    allowed = getattr(os, "sched_getaffinity", None)  # systems other than Linux have none
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 def handed_out(

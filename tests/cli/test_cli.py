@@ -8,6 +8,7 @@ from pathlib import Path
 from time import sleep
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from twin import jobs
 from twin.cli import main, output
@@ -24,17 +25,14 @@ KEYS = {
 }  # fmt: skip
 
 
-class Unarranged:
-    """Leaves the panels of a picture where they are; arranging them is most of its time."""
-
-    def execute(self, figure):
-        pass
+ARRANGE = ConstrainedLayoutEngine.execute
 
 
 @pytest.fixture
 def ballplate(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(overview_plot, "ConstrainedLayoutEngine", Unarranged)
+    # arranging the panels is most of a picture's time
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:
@@ -278,6 +276,8 @@ def written(ballplate, monkeypatch, processors, out, *arguments):
 
 
 def test_a_run_writes_the_same_bytes_on_one_processor_and_on_two(ballplate, monkeypatch):
+    # the second process draws, too, and arranges its panels
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", ARRANGE)
     begun = []
     begin = jobs.SecondProcess.begin
 
