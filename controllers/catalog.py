@@ -123,12 +123,14 @@ def outside() -> list[ModuleType]:
 
 def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
-    found: dict[str, type[Kind]] = {}
-    for module in _modules()[0]:
-        for item in _classes(module):
-            if issubclass(item, kind):
-                found[item.name] = item
+    found = {item.name: item for item in _all_classes(_modules()[0]) if issubclass(item, kind)}
     return dict(sorted(found.items()))
+
+
+@cache
+def _all_classes(modules: tuple[ModuleType, ...]) -> list[type[Law | Observer | Reference]]:
+    """The classes of all modules; looking through them takes longer than most that asks."""
+    return [item for module in modules for item in _classes(module)]
 
 
 def _classes(module: ModuleType) -> list[type[Law | Observer | Reference]]:

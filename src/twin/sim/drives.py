@@ -1,4 +1,4 @@
-"""What lies between a commanded motor rate and the motor's motion: bandwidth, play, vibration."""
+"""What lies between a commanded motor rate and the plate's: bandwidth, lost motion, vibration."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.arrays import Array, Number
 from twin.settings import Unit, setting
+from twin.sim.drive_train import Hysteresis, Play, Resonance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +21,10 @@ class DriveModel:
     Attributes:
         bandwidth: Corner frequency in Hz of a first-order lag of the speed loop.
         backlash: Angle in rad that the drive turns without moving the plate, as plate angle.
+        hysteresis: Angle in rad, as plate angle, by which the plate is left behind after a
+            reversal, the more gradually the softer what holds it: elastic parts against friction.
+        resonance: Frequency in Hz at which the plate swings on a soft drive train when it is moved.
+        resonance_damping: Its damping ratio.
         vibration: Amplitude in rad/s^2 of a vibration of both plate axes, a quarter turn apart.
         vibration_frequency: Its frequency in Hz.
         disturbance: Variances of white plate accelerations that are added to the commanded ones,
@@ -28,6 +33,9 @@ class DriveModel:
 
     bandwidth: Number = setting("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
     backlash: Number = setting("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
+    hysteresis: Number = setting("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
+    resonance: Number = setting("plant.servo.resonance_hz", 0.0, ge=0, le=100)
+    resonance_damping: Number = setting("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
     vibration: Number = setting("plant.servo.vibration", 0.0, ge=0, le=100)
     vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
     disturbance: tuple[float, float] | Array = setting(
@@ -54,17 +62,20 @@ class SimulatedDrives:
         left = [math.exp(-share) if share else 0.0 for share in shares]
         mean = [-math.expm1(-share) / share if share else 0.0 for share in shares]
         self._left, self._mean = np.array(left)[:, None], np.array(mean)[:, None]
-        self._half = each(model.backlash) * ratio / 2
         omega = 2 * math.pi * each(model.vibration_frequency)
         self._swing = ratio * each(model.vibration) / omega
         self._turn = omega * period
-        self._playing, self._vibrating = bool(self._half.any()), bool(self._swing.any())
-        self.ideal = not (any(shares) or self._playing or self._vibrating)
+        self._vibrating = bool(self._swing.any())
+        parts: tuple[Play | Hysteresis | Resonance, ...] = (
+            Play(each(model.backlash) * ratio),
+            Hysteresis(each(model.hysteresis) * ratio),
+            Resonance(each(model.resonance), each(model.resonance_damping), period),
+        )
+        self._parts = [part for part in parts if part.present]
+        self.ideal = not (any(shares) or self._parts or self._vibrating)
         """Whether the shafts follow every command at once."""
         self._period = period
         self._rate: Array = np.zeros((rigs, 2))
-        self._motor: Array = np.zeros((rigs, 2))
-        self._shaft: Array = np.zeros((rigs, 2))
         self._tick = 0
 
     def follow(self, rate: Array) -> Array:
@@ -72,19 +83,10 @@ class SimulatedDrives:
         lacking = self._rate - rate
         mean: Array = rate + self._mean * lacking
         self._rate = rate + self._left * lacking
-        if self._playing:
-            mean = self._with_play(mean)
+        for part in self._parts:
+            mean = part.follow(mean * self._period) / self._period
         if self._vibrating:
             self._tick += 1
             phase = self._turn * self._tick
             mean = mean + self._swing * np.concatenate((np.sin(phase), np.cos(phase)), axis=1)
         return mean
-
-    def _with_play(self, rate: Array) -> Array:
-        self._motor = self._motor + self._period * rate
-        moved = np.minimum(
-            np.maximum(self._shaft, self._motor - self._half), self._motor + self._half
-        )
-        followed = (moved - self._shaft) / self._period
-        self._shaft = moved
-        return np.where(self._half > 0, followed, rate)

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from twin.sim.drive_train import Hysteresis, Play, Resonance
+from twin.sim.drives import DriveModel, SimulatedDrives
+
+
+def column(*values):
+    return np.array(values, float)[:, None]
+
+
+def loop(part, reach, turns=6, steps=400):
+    """Input and output of a part along a settled triangle between -reach and reach."""
+    path = np.concatenate([np.linspace(-reach, reach, steps), np.linspace(reach, -reach, steps)])
+    path = np.tile(path, turns)
+    start = part.follow(np.full((1, 2), path[0]))[0, 0]
+    output = start + np.cumsum([part.follow(np.full((1, 2), d))[0, 0] for d in np.diff(path)])
+    return path[-2 * steps + 1 :], output[-2 * steps + 1 :]
+
+
+@pytest.mark.parametrize("kind", [Play, Hysteresis])
+def test_a_triangle_shows_a_loop_as_wide_as_the_lost_motion(kind):
+    width, reach = 0.004, 0.03
+    given, came = loop(kind(column(width)), reach)
+    up, down = given[1:] > given[:-1], given[1:] < given[:-1]
+    rising = np.interp(0.0, given[1:][up], came[1:][up])
+    falling = np.interp(0.0, -given[1:][down], came[1:][down])
+    assert falling - rising == pytest.approx(width, rel=0.01)
+
+
+def test_hysteresis_follows_its_differential_equation_and_play_stands_in_its_gap():
+    width, reach = 0.004, 0.03
+    given, came = loop(Hysteresis(column(width)), reach)
+    lost = given - came
+    turn = np.diff(given)
+    middle = (lost[1:] + lost[:-1]) / 2
+    expected = (1 - middle * np.sign(turn) / (width / 2)) / 2
+    moving = np.abs(turn) > 0
+    assert np.abs(np.diff(lost)[moving] / turn[moving] - expected[moving]).max() < 2e-3
+    given, came = loop(Play(column(width)), reach)
+    share = np.diff(came)[given[1:] > given[:-1]] / np.diff(given)[given[1:] > given[:-1]]
+    assert ((share < 1e-6) | (share > 1 - 1e-6)).mean() > 0.99
+
+
+def test_a_soft_train_swings_as_its_equation_says():
+    f, zeta, period = 1.4, 0.1, 0.002
+    w = 2 * np.pi * f
+    part = Resonance(column(f), column(zeta), period)
+    ends, whole = [], 0.0
+    for _ in range(500):
+        whole += part.follow(np.full((1, 2), 0.02 * period))[0, 0]
+        ends.append(whole)
+    # the motor turns at 0.02 rad/s from t = 0 on; the plate is its spring's
+    exact = solve_ivp(
+        lambda t, q: (q[1], -2 * zeta * w * (q[1] - 0.02) - w**2 * (q[0] - 0.02 * t)),
+        (0, 1), (0.0, 0.0), t_eval=period * np.arange(1, 501), rtol=1e-10, atol=1e-13,
+    ).y[0]  # fmt: skip
+    assert np.abs(np.array(ends) - exact).max() < 1e-9
+
+
+def test_rigs_side_by_side_keep_their_own_parts_and_a_stiff_one_follows_at_once():
+    model = DriveModel(
+        hysteresis=np.array([0.0, 0.004]), resonance=np.array([0.0, 2.0]), backlash=np.zeros(2)
+    )
+    drives = SimulatedDrives(model, 0.002, 5.0, 2)
+    assert not drives.ideal
+    rates = np.random.default_rng(0).normal(size=(50, 2, 2))
+    followed = np.array([drives.follow(rate) for rate in rates])
+    assert np.abs(followed[:, 0] - rates[:, 0]).max() < 1e-13
+    assert np.abs(followed[:, 1] - rates[:, 1]).max() > 0.1
+    alone = SimulatedDrives(DriveModel(hysteresis=0.004, resonance=2.0), 0.002, 5.0, 1)
+    single = np.array([alone.follow(rate[1:]) for rate in rates])
+    assert np.array_equal(single[:, 0], followed[:, 1])
