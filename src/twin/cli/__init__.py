@@ -23,6 +23,7 @@ COMMANDS = {
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
     "identify": "twin.cli.identify:identify",
+    "fit": "twin.cli.fit:fit",
     "study": "twin.cli.study:study",
     "doctor": "twin.cli.doctor:doctor",
     "emulate": "twin.cli.emulate:emulate",
@@ -50,6 +51,7 @@ HELP = {
         "Attribute the tracking error to effects: run with all, without each, and with each alone."
     ),
     "identify": "Fit friction, dead time, drives and level to a recorded run.",
+    "fit": ("Fit parameters to measured indicators of many experiments, where no logs were kept."),
     "study": "Run a study: a shipped one by name, or a TOML file; without a name, list them.",
     "doctor": "Check everything that a rig needs before it is brought up, and say what to do.",
     "emulate": (

@@ -26,7 +26,12 @@ from twin.thesis.reproduce.tables import tables as simulated_tables
     help="Also write the comparison of one chapter, with figures, to this Markdown file.",
 )
 @click.option("--fit", is_flag=True, help="Chapter 9 only: refit the friction to Table 9.3.")
-@click.option("--keep", is_flag=True, help="With --fit: predict with the result from now on.")
+@click.option(
+    "--explained",
+    is_flag=True,
+    help="Chapter 9 only: few numbers fitted to all tables; with --fit, fit them again.",
+)
+@click.option("--keep", is_flag=True, help="With --fit: use the result from now on.")
 @PROCESSES
 @JSON
 def reproduce(
@@ -35,6 +40,7 @@ def reproduce(
     processes: int | None,
     *,
     fit: bool,
+    explained: bool,
     keep: bool,
     as_json: bool,
 ) -> int:
@@ -44,6 +50,8 @@ def reproduce(
     8.1 to 8.21 were simulated, 9.1 to 9.9 measured on the rig: those the twin predicts.
     """
     of_8, of_9 = _chapters(tables)
+    if explained:
+        return _explained(of_8, of_9, doc, processes, fit=fit, keep=keep, as_json=as_json)
     if fit or keep:
         if of_8 or not fit:
             raise ScenarioError("--fit belongs to chapter 9, and --keep to --fit: reproduce 9")
@@ -73,6 +81,38 @@ def reproduce(
         if doc is not None:
             console.print(f"written to {doc}")
     return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
+
+
+def _explained(
+    of_8: list[str],
+    of_9: list[str],
+    doc: Path | None,
+    processes: int | None,
+    *,
+    fit: bool,
+    keep: bool,
+    as_json: bool,
+) -> int:
+    """What --explained asks for.
+
+    Raises:
+        ScenarioError: If the options do not go together.
+    """
+    from twin.cli import explanation
+
+    whole = len(of_9) == len(measured_tables())
+    if of_8 or not of_9:
+        raise ScenarioError("--explained belongs to chapter 9: reproduce 9 --explained")
+    if keep and not fit:
+        raise ScenarioError("--keep belongs to --fit")
+    if (fit or doc is not None) and not whole:
+        raise ScenarioError("--explained with --fit or --doc needs all tables of chapter 9: 9")
+    if doc is not None:
+        check_writable(doc.parent, "--doc")
+        return explanation.document(doc)
+    if fit:
+        return explanation.fit(processes, keep=keep, as_json=as_json)
+    return explanation.show(of_9, as_json=as_json, whole=whole)
 
 
 def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:

@@ -25,6 +25,9 @@ LEAST = {"mujoco": 16, "lagrange": 2}
 PAIR = 2
 """Rigs per law from which on its matrix products are rounded in the same way."""
 
+SEEN_EVERY = 5
+"""Control periods from one instant to the next of what the rig's computer sees."""
+
 
 def alike(scenario: Scenario) -> dict[str, Any]:
     """What scenarios must have in common to share a batch that changes none of their bits.
@@ -48,8 +51,13 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def simulate(scenarios: Sequence[Scenario]) -> list[Metrics]:
+def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metrics]:
     """The indicators of each scenario, all of them alike.
+
+    Args:
+        scenarios: What to run.
+        seen: Whether to judge what the rig's computer sees, the ball as estimated and the plate
+            as its encoders count, every few periods; by default the truth of every period.
 
     Raises:
         KeyboardInterrupt: If the user interrupts.
@@ -59,7 +67,13 @@ def simulate(scenarios: Sequence[Scenario]) -> list[Metrics]:
     first = scenarios[0]
     rig, controller = assemble([scenarios[i] for i in order], threads=1)
     ticks = round(first.duration / first.rig.period)
-    record = Recorder(ticks, len(order), first.rig.period, keep=("state", "applied"))
+    record = Recorder(
+        ticks,
+        len(order),
+        first.rig.period,
+        keep=("estimate", "measured", "applied") if seen else ("state", "applied"),
+        every=SEEN_EVERY if seen else 1,
+    )
     with np.errstate(all="ignore"):
         outcomes = drive(rig, controller, first.duration, record)
     if any(outcome.interrupted for outcome in outcomes):
@@ -76,7 +90,7 @@ def simulate(scenarios: Sequence[Scenario]) -> list[Metrics]:
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
             continue
         judged = scenario.metrics
-        motion = Motion.of(record, desired[paths[at]], at)
+        motion = (Motion.seen if seen else Motion.of)(record, desired[paths[at]], at)
         found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
     return found
 

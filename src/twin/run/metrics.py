@@ -49,6 +49,17 @@ class Motion:
             reference=desired,
         )
 
+    @classmethod
+    def seen(cls, record: Recorder, desired: Array, rig: int = 0) -> Motion:
+        """The same as the rig's computer sees it: ball as estimated, plate by its encoders."""
+        return cls(
+            time=record.time,
+            ball=record["estimate"][:, rig, 0::4].copy(),
+            plate=record["measured"][:, rig, 1::2].copy(),
+            u=record["applied"][:, rig].copy(),
+            reference=desired,
+        )
+
     @property
     def error(self) -> Array:
         """Reference minus ball in m, shape (K, 2), (C.5) and (C.6)."""

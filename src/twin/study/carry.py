@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from typing import Protocol
 
 import pyarrow as pa
 
 from twin.errors import TwinError
 from twin.jobs import AHEAD, cores, handed_out, results
 from twin.study.store import Store
-from twin.study.work import Job, Row, Task, Work, carry_out
+from twin.study.work import Job, Row, Task, carry_out
 
 LARGE = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
@@ -29,11 +30,27 @@ RETRIES = 3
 Do = Callable[[Sequence[Job]], list[Row]]
 
 
-def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) -> list[list[Task]]:
+class HandedOut(Protocol):
+    """Runs to be carried out.
+
+    Attributes:
+        tasks: Which they are.
+    """
+
+    tasks: list[Task]
+
+    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+        """Some of them as they are handed out."""
+
+
+def missing(
+    tasks: Sequence[Task], done: Collection[str], processes: int = 1, *, whole: bool = False
+) -> list[list[Task]]:
     """The runs that are not finished, each once, in chunks of such as can share a batch.
 
     Chunks are smaller where there are not enough runs for every process to have one, and larger
-    where there are very many.
+    where there are very many. With ``whole`` they are as large as they can be with one for every
+    process: the fastest for runs on the exact equations, of which a kill then costs all.
     """
     left: dict[str, dict[str, Task]] = {}
     for task in tasks:
@@ -41,7 +58,7 @@ def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) ->
             left.setdefault(task.alike, {})[task.key] = task
     total = sum(map(len, left.values()))
     share = math.ceil(total / processes)
-    most = max(LEAST, min(share, CHUNK), min(share // TURNS, LARGE))
+    most = max(LEAST, share if whole else 0, min(share, CHUNK), min(share // TURNS, LARGE))
     chunks = []
     for alike in left.values():
         # runs under one law side by side: they are calculated together
@@ -51,13 +68,14 @@ def missing(tasks: Sequence[Task], done: Collection[str], processes: int = 1) ->
 
 
 def carry(
-    work: Work,
+    work: HandedOut,
     store: Store,
     *,
     executor: Executor | None = None,
     processes: int | None = None,
     do: Do = carry_out,
     progress: Callable[[int, int], None] = lambda *_: None,
+    whole: bool = False,
 ) -> pa.Table:
     """Finish all runs and return their rows, in the order of the tasks.
 
@@ -68,12 +86,13 @@ def carry(
         processes: So many of them, or of its workers; None for one a processor.
         do: What carries out a chunk; a function of a module, because it goes to other processes.
         progress: Told how many runs are finished, and how many of those did not end well.
+        whole: Whether chunks are as large as can be, see ``missing``.
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
     count = processes or cores()
-    known, chunks = remaining(work.tasks, store, count)
+    known, chunks = remaining(work.tasks, store, count, whole=whole)
     finished = known.num_rows
     failed = finished - known["outcome"].to_pylist().count("finished")
     progress(finished, failed)
@@ -92,15 +111,15 @@ def carry(
 
 
 def remaining(
-    tasks: Sequence[Task], store: Store, processes: int
+    tasks: Sequence[Task], store: Store, processes: int, *, whole: bool = False
 ) -> tuple[pa.Table, list[list[Task]]]:
     """The rows of the runs that are finished, each once, and the chunks that are left."""
     known = store.rows(list({task.key for task in tasks}))
-    return known, missing(tasks, set(known["key"].to_pylist()), processes)
+    return known, missing(tasks, set(known["key"].to_pylist()), processes, whole=whole)
 
 
 def _elsewhere(
-    work: Work, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+    work: HandedOut, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
 ) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
     for _ in range(RETRIES):

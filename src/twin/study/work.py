@@ -120,9 +120,10 @@ class Work:
         return scenario.model_copy(update={"title": ""})
 
 
-def carry_out(jobs: Sequence[Job]) -> list[Row]:
+def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     """Carry out some runs, all those that can share a batch together; one row each, in their order.
 
+    With ``seen`` they are judged by what the rig's computer sees, not by the truth.
     A run that cannot be carried out, or whose numbers run away, is an outcome, too.
     """
     rows: dict[str, Row] = {}
@@ -139,7 +140,7 @@ def carry_out(jobs: Sequence[Job]) -> list[Row]:
             continue
         ready.setdefault(job.alike, []).append((job.key, scenario))
     for batch in ready.values():
-        rows |= {row["key"]: row for row in _together(batch)}
+        rows |= {row["key"]: row for row in _together(batch, seen=seen)}
     return [rows[job.key] for job in jobs]
 
 
@@ -156,15 +157,15 @@ def _refusal(scenario: Scenario) -> TwinError | None:
     return None
 
 
-def _together(batch: Sequence[tuple[str, Scenario]]) -> Iterator[Row]:
+def _together(batch: Sequence[tuple[str, Scenario]], *, seen: bool) -> Iterator[Row]:
     try:
-        found = simulate([scenario for _, scenario in batch])
+        found = simulate([scenario for _, scenario in batch], seen=seen)
     except TwinError as error:
         if len(batch) == 1:
             yield _refused(batch[0][0], error)
             return
         for item in batch:
-            yield from _together([item])
+            yield from _together([item], seen=seen)
         return
     for (key, _), metrics in zip(batch, found, strict=True):
         yield _row(key, metrics)

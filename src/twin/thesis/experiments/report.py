@@ -10,6 +10,7 @@ import numpy as np
 from controllers.ballplate import BallPlate
 from twin.markdown import table
 from twin.run.record import write_whole
+from twin.thesis.experiments.explained_page import explanation
 from twin.thesis.experiments.figure import draw
 from twin.thesis.experiments.fit import FrictionFit, identified
 from twin.thesis.experiments.hypotheses import HypothesisResult
@@ -65,7 +66,8 @@ def write_doc(
         *_single_runs(),
         *_all_cells(rows),
     ]
-    text = "\n".join(parts).rstrip() + "\n"
+    old = path.read_text(encoding="utf-8") if path.exists() else ""
+    text = "\n".join(parts).rstrip() + "\n" + explanation(old)
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 

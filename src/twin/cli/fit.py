@@ -1,0 +1,70 @@
+"""The command fit: parameters from a table of measured indicators."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from twin.cli.options import JSON, check_writable
+from twin.cli.output import console, print_json, progress
+from twin.fit.fit import fit as fit_table
+from twin.fit.report import row, sentences, write
+from twin.fit.runs import Runs
+from twin.fit.schema import read
+from twin.fit.workers import workers
+from twin.study.cluster import Cluster
+from twin.study.store import Store
+
+
+@click.command()
+@click.argument("table")
+@click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
+@click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
+@JSON
+def fit(
+    table: str,
+    processes: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    *,
+    no_leave_out: bool,
+    as_json: bool,
+) -> int:
+    """Fit parameters to measured indicators of many experiments, where no logs were kept.
+
+    TABLE is a TOML file: scenarios with what was measured and how certain that is, and the
+    parameters to find, with their ranges. Finished runs are kept: an interrupted fit continues
+    where it stopped. Writes report.html and fit.json; exit code 1 if no parameter is seen.
+    """
+    about = read(table)
+    folder = out or Path("runs") / f"fit-{Path(table).stem}"
+    check_writable(folder)
+    store = Store(folder)
+    with ExitStack() as stack:
+        if scheduler is None:
+            processes = processes or os.cpu_count() or 1
+            executor = stack.enter_context(workers(processes))
+        else:
+            executor = cluster = stack.enter_context(Cluster(scheduler))
+            processes = processes or cluster.workers
+        runs = Runs(about, store, executor=executor, processes=processes)
+        with progress(about.title, 1.0) as advance:
+            found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
+    write(found, folder)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        shown = Table("parameter", "value", "95 %", "without one group", "unit", "verdict")
+        for each in found.estimates:
+            shown.add_row(*row(each))
+        console.print(shown)
+        for line in (sentences(found)[0], *sentences(found)[len(found.estimates) + 1 :]):
+            console.print(line, markup=False)
+        console.print(f"written to {folder}/: report.html, fit.json")
+    return int(all(each.verdict != "seen" for each in found.estimates))

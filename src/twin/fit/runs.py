@@ -1,0 +1,160 @@
+"""The runs of a fit: every experiment with the parameters of every sample, each run once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import partial
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.fit.schema import Experiment, FitTable
+from twin.run.batch import alike
+from twin.scenario import Scenario
+from twin.study.build import Builder
+from twin.study.carry import carry
+from twin.study.store import Store
+from twin.study.work import Job, Task, carry_out, code, digest
+
+Sample = tuple[float, ...]
+"""A value for each parameter, in the order of the table."""
+Wanted = tuple[Sample, int]
+"""A sample, and which experiment is to be run with it."""
+
+
+class Runs:
+    """Carries out experiments with given parameters; what a folder holds is not run again.
+
+    Args:
+        table: The experiments.
+        store: Where finished runs are kept.
+        executor: Anything with the interface of ``concurrent.futures``; None for this process.
+        processes: How many of its workers.
+        progress: Told how many runs have been finished altogether, and how many did not end well.
+
+    Raises:
+        ScenarioError: If a scenario or key does not exist, or a value is out of range.
+    """
+
+    def __init__(
+        self,
+        table: FitTable,
+        store: Store,
+        *,
+        executor: Executor | None = None,
+        processes: int = 1,
+        progress: Callable[[int, int], None] = lambda *_: None,
+    ) -> None:
+        self.table = table
+        self._store, self._executor, self._processes = store, executor, processes
+        self._progress = progress
+        self._builders = {
+            name: Builder(name) for name in dict.fromkeys(e.scenario for e in table.experiments)
+        }
+        self._known: dict[Wanted, dict[str, float]] = {}
+        self._failed = 0
+        middle = tuple((p.low + p.high) / 2 for p in table.parameters.values())
+        for experiment in table.experiments:
+            self.scenario(middle, experiment)
+
+    @property
+    def finished(self) -> int:
+        """How many different runs have been asked for."""
+        return len(self._known)
+
+    def scenario(self, sample: Sample, experiment: Experiment) -> Scenario:
+        """An experiment with the parameters of a sample.
+
+        Raises:
+            ScenarioError: If a key does not exist, or a value is out of range.
+        """
+        point: dict[str, float | str] = {}
+        factors: dict[str, float] = {}
+        for value, parameter in zip(sample, self.table.parameters.values(), strict=True):
+            if parameter.groups and experiment.own_group not in parameter.groups:
+                continue
+            key = parameter.key
+            if not parameter.relative:
+                point[key] = value
+            elif key in point:
+                point[key] = value * float(point[key])
+            else:
+                factors[key] = value * factors.get(key, 1.0)
+        build = self._builders[experiment.scenario]
+        fixed = (*self.table.set, *experiment.set)
+        found = build(fixed, {**point, **factors}, factors)
+        return found.model_copy(update={"title": ""})
+
+    def indicators(self, wanted: Iterable[Wanted]) -> Mapping[Wanted, Mapping[str, float]]:
+        """The indicators of runs, as the rig's computer sees them; nan where a run has none.
+
+        Raises:
+            TwinError: If a process is killed, or a chunk of runs is lost too often.
+        """
+        asked = list(dict.fromkeys(wanted))
+        missing = [each for each in asked if each not in self._known]
+        if missing:
+            batch = _Batch(self, missing)
+            before = len(self._known)
+            rows = carry(
+                batch,
+                self._store,
+                executor=self._executor,
+                processes=self._processes,
+                do=partial(carry_out, seen=True),
+                whole=True,
+                progress=lambda done, failed: self._progress(before + done, self._failed + failed),
+            ).to_pylist()
+            self._failed += sum(row["outcome"] != "finished" for row in rows)
+            for each, row in zip(missing, rows, strict=True):
+                self._known[each] = {
+                    name: float("nan") if row[name] is None else row[name]
+                    for name in self.table.experiments[each[1]].measured
+                }
+        return {each: self._known[each] for each in asked}
+
+
+class _Batch:
+    """Runs that are wanted at once, as a study's are handed out."""
+
+    def __init__(self, runs: Runs, wanted: Sequence[Wanted]) -> None:
+        experiments = runs.table.experiments
+        self._scenarios = [runs.scenario(sample, experiments[i]) for sample, i in wanted]
+        self.tasks = [self._task(n, scenario) for n, scenario in enumerate(self._scenarios)]
+
+    @staticmethod
+    def _task(number: int, scenario: Scenario) -> Task:
+        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
+        key = digest(f"seen {code()} {scenario.model_dump_json()}")
+        return Task(key, kind, scenario.controller.model_dump_json(), number, 0)
+
+    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+        """Runs as they are handed out."""
+        return [
+            Job(task.key, task.alike, self._scenarios[task.point].model_dump_json())
+            for task in tasks
+        ]
+
+
+def rounded(share: Array, table: FitTable) -> Sample:
+    """The sample at shares between 0 and 1 of the parameters' ranges, shape (parameters,).
+
+    Rounded to a ten-thousandth of the range: what is printed is what was run.
+    """
+    found = []
+    for at, parameter in zip(np.clip(share, 0, 1), table.parameters.values(), strict=True):
+        step = 10.0 ** (np.floor(np.log10(parameter.high - parameter.low)) - 4)
+        value = parameter.low + float(at) * (parameter.high - parameter.low)
+        found.append(
+            float(f"{np.clip(round(value / step) * step, parameter.low, parameter.high):.12g}")
+        )
+    return tuple(found)
+
+
+def shares(sample: Sample, table: FitTable) -> Array:
+    """Where a sample lies in the ranges, each 0 to 1, shape (parameters,)."""
+    ends = np.array([(p.low, p.high) for p in table.parameters.values()])
+    found: Array = (np.array(sample) - ends[:, 0]) / (ends[:, 1] - ends[:, 0])
+    return found

@@ -1,0 +1,176 @@
+"""What a table to be fitted may say, checked."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from twin.data_file import DataError, is_file, read_toml
+from twin.errors import ScenarioError, nearest, shortened
+from twin.fit.indicators import factor
+
+STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
+
+
+class FittedParameter(BaseModel):
+    """A number to be found.
+
+    Attributes:
+        key: Dotted scenario key; ``key.0`` is the first number of a list.
+        low: Least value.
+        high: Largest.
+        relative: Whether the value is a factor on what the experiment, or a parameter named before
+            this one, says of the key.
+        groups: Experiments that it concerns, by their groups; all if empty.
+        unit: For the reader.
+    """
+
+    model_config = STRICT
+
+    key: str
+    low: float
+    high: float
+    relative: bool = False
+    groups: tuple[str, ...] = ()
+    unit: str = ""
+
+    @model_validator(mode="after")
+    def _range(self) -> FittedParameter:
+        if not self.low < self.high:
+            raise ValueError(f"empty range: {self.low:g} is not below {self.high:g}")
+        return self
+
+
+class Measured(BaseModel):
+    """A measured indicator and its standard uncertainty, absolute or as a share of the value.
+
+    One with ``relative`` is judged by the logarithm of the ratio.
+    """
+
+    model_config = STRICT
+
+    value: float
+    uncertainty: Annotated[float, Field(gt=0)] | None = None
+    relative: Annotated[float, Field(gt=0, le=10)] | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Measured:
+        if (self.uncertainty is None) == (self.relative is None):
+            raise ValueError("give exactly one of uncertainty, relative")
+        if self.relative is not None and self.value <= 0:
+            raise ValueError(f"value: must be above 0 with relative, got {self.value:g}")
+        return self
+
+
+class Experiment(BaseModel):
+    """A scenario that was carried out, and what was measured."""
+
+    model_config = STRICT
+
+    scenario: str
+    name: str = ""
+    group: str = ""
+    set: tuple[str, ...] = ()
+    measured: dict[str, Measured]
+
+    @model_validator(mode="after")
+    def _units(self) -> Experiment:
+        for name, each in self.measured.items():
+            factor(name, each.unit)
+        if not self.measured:
+            raise ValueError("measured: name at least one indicator")
+        return self
+
+    @property
+    def label(self) -> str:
+        """What to call it."""
+        return self.name or self.scenario
+
+    @property
+    def own_group(self) -> str:
+        """The group it is left out with: its own if it names none."""
+        return self.group or self.label
+
+
+class FitTable(BaseModel):
+    """Experiments with their indicators, and the parameters that are to explain them.
+
+    Attributes:
+        title: What it is about.
+        set: Overrides ``key=value`` of all experiments.
+        parameters: By name; those that are ``relative`` after what they are relative to.
+        experiments: At least one.
+        population: Samples of a generation; 0 for what the method recommends.
+        generations: Most of a search.
+        restarts: Searches of all experiments that begin with different random numbers.
+    """
+
+    model_config = STRICT
+
+    title: str
+    set: tuple[str, ...] = ()
+    parameters: dict[str, FittedParameter]
+    experiments: tuple[Experiment, ...]
+    population: Annotated[int, Field(ge=0, le=1000)] = 0
+    generations: Annotated[int, Field(ge=1, le=1000)] = 12
+    restarts: Annotated[int, Field(ge=1, le=20)] = 2
+
+    @model_validator(mode="after")
+    def _sensible(self) -> FitTable:
+        if not self.parameters:
+            raise ValueError("parameters: name at least one")
+        count = sum(len(each.measured) for each in self.experiments)
+        if count < len(self.parameters):
+            raise ValueError(
+                f"experiments: {count} measured indicators cannot tell "
+                f"{len(self.parameters)} parameters; give at least as many"
+            )
+        names = Counter(each.label for each in self.experiments)
+        twice = next((name for name, number in names.items() if number > 1), None)
+        if twice is not None:
+            raise ValueError(f"experiments: two of them are called '{twice}'; give each a name")
+        for name, parameter in self.parameters.items():
+            for group in parameter.groups:
+                if group not in self.groups:
+                    raise ValueError(
+                        f"parameters.{name}.groups: no '{group}'{nearest(group, self.groups)}"
+                    )
+        return self
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of experiments, in their order; each is left out once."""
+        return tuple(dict.fromkeys(each.own_group for each in self.experiments))
+
+
+def read(name: str) -> FitTable:
+    """The table of a TOML file.
+
+    Raises:
+        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+    """
+    path = Path(name)
+    if not is_file(path):
+        raise ScenarioError(f"table '{shortened(name)}': not found")
+    try:
+        return FitTable.model_validate(read_toml(path))
+    except DataError as error:
+        raise ScenarioError(f"{path.name}: {error}") from error
+    except ValidationError as error:
+        raise ScenarioError(f"{path.name}: {_one_line(error)}") from None
+
+
+def _one_line(error: ValidationError) -> str:
+    # an unknown key explains a missing one beside it, so it comes first
+    first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"{place}: unknown key"
+    if first["type"] == "missing":
+        return f"{place}: missing; it has no default"
+    text = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
+    return f"{place}: {text}" if place else text
