@@ -18,7 +18,14 @@ from twin.run.execute import run
 ROOT = Path(__file__).parent.parent
 EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
-WRITTEN = {"extending.md", "glossary.md", "studies.md", "regenerate.py", "screenshots.py"} | {
+WRITTEN = {
+    "extending.md",
+    "fit.md",
+    "glossary.md",
+    "studies.md",
+    "regenerate.py",
+    "screenshots.py",
+} | {
     "bring_up.py",
     "bring-up.template.md",
 }

@@ -13,7 +13,7 @@ from twin.fit.fit import fit
 from twin.fit.indicators import UNITS
 from twin.fit.misfit import LOST, cells
 from twin.fit.runs import Runs, rounded
-from twin.fit.schema import FitTable, FittedParameter, read
+from twin.fit.schema import FitTable, FittedParameter, read, shipped
 from twin.fit.search import Descent, Search, searched
 from twin.fit.uncertainty import bootstrap, correlation, estimates
 from twin.run.batch import simulate
@@ -157,8 +157,7 @@ def test_a_mistake_in_a_table_is_one_line(made, folder, old, new, message):
     path = folder / "bad.toml"
     path.write_text(made.read_text().replace(old, new, 1))
     with pytest.raises(ScenarioError) as caught:
-        about = read(str(path))
-        Runs(about, Store(folder / "runs"))
+        Runs(read(str(path)), Store(folder / "runs"))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -268,6 +267,15 @@ def test_both_searches_find_the_bottom_of_a_formula():
     held = Descent(table, cells(table), (1.5, 1.5), ("q",))
     searched([held], Bowl(table))
     assert held.best[0] == 1.5
+
+
+def test_the_shipped_tables_can_be_run(folder):
+    for name in shipped():
+        about = read(name)
+        middle = tuple((p.low + p.high) / 2 for p in about.parameters.values())
+        runs = Runs(about, Store(folder / "runs"))
+        assert all(runs.scenario(middle, each) for each in about.experiments)
+    assert len(shipped()) > 0
 
 
 def test_a_sample_is_rounded_to_what_is_printed():

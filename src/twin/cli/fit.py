@@ -38,9 +38,10 @@ def fit(
 ) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
-    TABLE is a TOML file: scenarios with what was measured and how certain that is, and the
-    parameters to find, with their ranges. Finished runs are kept: an interrupted fit continues
-    where it stopped. Writes report.html and fit.json; exit code 1 if no parameter is seen.
+    TABLE is a shipped name or a TOML file: scenarios with what was measured and how certain that
+    is, and the parameters to find, with their ranges. Finished runs are kept: an interrupted fit
+    continues where it stopped. Writes report.html and fit.json; exit code 1 if no parameter is
+    seen.
     """
     about = read(table)
     folder = out or Path("runs") / f"fit-{Path(table).stem}"

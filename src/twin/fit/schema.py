@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from twin.data_file import DataError, is_file, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.fit.indicators import factor
+from twin.shipped import folder
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 
@@ -147,15 +148,21 @@ class FitTable(BaseModel):
         return tuple(dict.fromkeys(each.own_group for each in self.experiments))
 
 
+def shipped() -> dict[str, Path]:
+    """The shipped tables by name."""
+    return {path.stem: path for path in sorted((folder() / "fits").glob("*.toml"))}
+
+
 def read(name: str) -> FitTable:
-    """The table of a TOML file.
+    """The table of a shipped name or a TOML file.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    path = Path(name)
+    known = shipped()
+    path = known.get(name) or Path(name)
     if not is_file(path):
-        raise ScenarioError(f"table '{shortened(name)}': not found")
+        raise ScenarioError(f"table '{shortened(name)}': not found{nearest(name, known)}")
     try:
         return FitTable.model_validate(read_toml(path))
     except DataError as error:

@@ -116,6 +116,16 @@ HIDDEN = {
         "plant.plate.offset_mm", "mm",
         "measure motor torque at rest in many poses, spring taken off",
     ),
+    "lost_motion": IdentifiedParameter(
+        "plant.servo.backlash_deg", "deg",
+        "turn the plate by a slow triangle of 1 deg without the ball and plot its encoders over "
+        "the motors': the width of the loop; flat corners are play, round ones hysteresis",
+    ),
+    "start": IdentifiedParameter(
+        "reference.start", "s",
+        "record the reference beside the ball: a fit sees the plate's motion, not what asked for "
+        "it, and the largest angles and efforts of a run may be those of its start",
+    ),
     "ball_centre": IdentifiedParameter(
         "plant.ball.offset_mm", "mm",
         "roll the ball from rest on a level plate and see where it settles",

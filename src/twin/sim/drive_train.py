@@ -1,7 +1,8 @@
 """What lies between a motor's angle and the plate's: play, hysteresis, a soft drive train.
 
 Each part takes the angle by which its input turns in a control period and gives that by which its
-output turns, both (N, 2) in rad; the output begins where the input does.
+output turns, both (N, 2) in rad; the output begins where the input does. ``acts`` says which rigs
+have the part, shape (N, 1); of the others what it gives means nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class Play:
 
     def __init__(self, width: Array) -> None:
         self._half = width / 2
-        self.present = bool(width.any())
+        self.acts = width > 0
         self._input: Array = np.zeros((len(width), 2))
         self._output: Array = np.zeros((len(width), 2))
 
@@ -34,7 +35,7 @@ class Play:
         )
         followed = moved - self._output
         self._output = moved
-        return np.where(self._half > 0, followed, turn)
+        return followed
 
 
 class Hysteresis:
@@ -49,7 +50,7 @@ class Hysteresis:
     """
 
     def __init__(self, width: Array) -> None:
-        self.present = bool(width.any())
+        self.acts = width > 0
         self._width = width
         self._way = np.where(width > 0, width, 1.0)
         self._lost: Array = np.zeros((len(width), 2))
@@ -76,14 +77,13 @@ class Resonance:
     """
 
     def __init__(self, frequency: Array, damping: Array, period: float) -> None:
-        self.present = bool(frequency.any())
+        self.acts = frequency > 0
         w = 2 * math.pi * frequency
         decay, swing = damping * w, w * np.sqrt(1 - damping**2)
         fade = np.exp(-decay * period)
         cos = fade * np.cos(swing * period)
         # sin(swing t) / swing, which at 0 is t
         sine = fade * period * np.sinc(swing * period / math.pi)
-        self._stiff = frequency == 0
         self._period = period
         self._angle = cos + decay * sine, sine
         self._rate = -(w**2) * sine, cos - decay * sine
@@ -98,4 +98,5 @@ class Resonance:
         self._motor_rate = motor_rate
         (a, b), (c, e) = self._angle, self._rate
         self._d, self._d_rate = a * d + b * d_rate, c * d + e * d_rate
-        return np.where(self._stiff, turn, turn + (self._d - d))
+        followed: Array = turn + (self._d - d)
+        return followed

@@ -71,7 +71,7 @@ class SimulatedDrives:
             Hysteresis(each(model.hysteresis) * ratio),
             Resonance(each(model.resonance), each(model.resonance_damping), period),
         )
-        self._parts = [part for part in parts if part.present]
+        self._parts = [part for part in parts if part.acts.any()]
         self.ideal = not (any(shares) or self._parts or self._vibrating)
         """Whether the shafts follow every command at once."""
         self._period = period
@@ -84,7 +84,9 @@ class SimulatedDrives:
         mean: Array = rate + self._mean * lacking
         self._rate = rate + self._left * lacking
         for part in self._parts:
-            mean = part.follow(mean * self._period) / self._period
+            # a rig without the part keeps its rate to the last bit
+            followed = part.follow(mean * self._period) / self._period
+            mean = np.where(part.acts, followed, mean)
         if self._vibrating:
             self._tick += 1
             phase = self._turn * self._tick

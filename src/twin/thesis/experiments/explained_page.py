@@ -211,8 +211,8 @@ def _variants(variants: Sequence[VariantResult]) -> list[str]:
         f"The explanation with one thing left out ({len(LEFT_OUT)} variants), then with another "
         f"hypothesis put in ({len(OTHERS)} variants; {len(HYPOTHESES)} more stand above, each "
         "beside friction alone), all that remains fitted again to all tables. *Gap*: errors "
-        "without predictor less those with, measured +2.1. *Angles*, *efforts*: median of computed "
-        "over measured maxima; measured e_ss 15 mm.\n",
+        "without predictor less those with, all laws, measured +2.4. *Angles*, *efforts*: median "
+        "of computed over measured maxima; measured e_ss 15 mm.\n",
         table(head, lines),
     ]
 
