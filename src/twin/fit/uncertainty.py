@@ -21,6 +21,9 @@ WIDE = 0.5
 """Share of its range from which on the interval of a parameter says that it is not seen."""
 CORRELATED = 0.9
 """Correlation from which on two parameters are confounded."""
+FEW = 5
+"""Groups from which on the spread is that between them; with fewer it is that of the uncertainties
+that the table states."""
 FAINT = 1e-9
 """Curvature of chi-squared, relative to the largest, below which a direction is taken as flat."""
 
@@ -85,9 +88,14 @@ def bootstrap(J: Array, r: Array, groups: Sequence[str]) -> Array:  # noqa: N803
     """How far the best shares move when groups are drawn anew, shape (draws, parameters).
 
     Groups, not single cells, as the cells of a group share what is wrong with the model. The
-    residuals are taken as linear in the parameters.
+    residuals are taken as linear in the parameters. With fewer than ``FEW`` groups the shares are
+    drawn as if every residual were what the table states as its uncertainty.
     """
     names = list(dict.fromkeys(groups))
+    if len(names) < FEW:
+        covariance = np.linalg.inv(J.T @ J + FAINT * np.trace(J.T @ J) * np.eye(J.shape[1]))
+        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(J.T)), covariance, DRAWS)
+        return np.asarray(drawn)
     member = np.array([[group == name for group in groups] for name in names], float)
     curvature = np.einsum("gc,ci,cj->gij", member, J, J)
     slope = np.einsum("gc,ci,c->gi", member, J, r)
