@@ -24,8 +24,8 @@ from twin.study.store import Store
 GIVEN = """
 title = "two numbers"
 set = ["plant.kind=lagrange", "plant.step=0.002", "duration=3", "metrics.start=0.0"]
-population = 6
-generations = 3
+population = 8
+generations = 8
 restarts = 1
 
 [parameters.friction]

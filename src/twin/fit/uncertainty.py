@@ -39,7 +39,7 @@ class Estimate:
         high: Upper end.
         fold_low: Least value of the fits that left a group out; None without them.
         fold_high: Largest.
-        verdict: ``seen``, ``not seen``, or ``confounded with`` others.
+        verdict: ``seen``; or ``confounded with`` others, or ``not seen`` at all.
         unit: Of all values.
     """
 
@@ -94,8 +94,8 @@ def bootstrap(J: Array, r: Array, groups: Sequence[str]) -> Array:  # noqa: N803
     names = list(dict.fromkeys(groups))
     if len(names) < FEW:
         covariance = np.linalg.inv(J.T @ J + FAINT * np.trace(J.T @ J) * np.eye(J.shape[1]))
-        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(J.T)), covariance, DRAWS)
-        return np.asarray(drawn)
+        middle = np.zeros(J.shape[1])
+        return np.asarray(np.random.default_rng(0).multivariate_normal(middle, covariance, DRAWS))
     member = np.array([[group == name for group in groups] for name in names], float)
     curvature = np.einsum("gc,ci,cj->gij", member, J, J)
     slope = np.einsum("gc,ci,c->gi", member, J, r)
@@ -136,9 +136,7 @@ def estimates(
         if ends[1, k] - ends[0, k] < WIDE and (J[:, k] ** 2).sum() > 1:
             verdict = "seen"
         else:
-            verdict = "not seen"
-        if rivals:
-            verdict = f"confounded with {', '.join(rivals)}"
+            verdict = f"confounded with {', '.join(rivals)}" if rivals else "not seen"
         own = [fold[k] for fold in folds]
         found.append(
             Estimate(

@@ -138,16 +138,16 @@ def goals(rows: Sequence[dict[str, Any]], key: str = "held_out") -> list[Goal]:
         found.append(
             Goal(f"{name}: median within 10 %", f"{middle:.2f}", abs(math.log(middle)) <= 0.0954)
         )
-    gap = _gap(rows, key, LATE[:-1], EARLY[:-1])
-    found.append(
-        Goal(
-            "errors without predictor less with, sliding mode aside, +1.5 to +2.5 points "
-            f"(measured {_gap(rows, 'thesis', LATE[:-1], EARLY[:-1]):+.2f})",
-            f"{gap:+.2f}; of all laws {_gap(rows, key, LATE, EARLY):+.2f} "
-            f"(measured {_gap(rows, 'thesis', LATE, EARLY):+.2f})",
-            1.5 <= gap <= 2.5,
+    for name, late, early in (
+        ("all laws", LATE, EARLY),
+        ("sliding mode aside", LATE[:-1], EARLY[:-1]),
+    ):
+        gap, measured = (_gap(rows, which, late, early) for which in (key, "thesis"))
+        sentence = (
+            f"errors without predictor less with, {name}: +1.5 to +2.5 points "
+            f"(measured {measured:+.2f})"
         )
-    )
+        found.append(Goal(sentence, f"{gap:+.2f}", 1.5 <= gap <= 2.5))
     return found
 
 
