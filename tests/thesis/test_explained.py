@@ -73,7 +73,7 @@ def test_goals_are_judged_by_what_was_held_out():
     assert [goal.reached for goal in perfect] == [True] * 9
     far = {goal.sentence.split(":")[0]: goal for goal in goals(made(error=1.7, angle=1.2))}
     assert not far["24 tracking errors"].reached
-    assert far["24 tracking errors"].found == "1.70"
+    assert far["24 tracking errors"].found == "1.700"
     assert not far["plate angles"].reached
     every, aside = goals(made(late=1.0))[-2:]
     assert (every.found, aside.found) == ("+3.39", "+3.17")

@@ -159,7 +159,7 @@ def _gap(
 
 
 def _most(what: str, value: float, most: float) -> Goal:
-    return Goal(f"{what}: at most {most:g}", f"{value:.2f}", value <= most)
+    return Goal(f"{what}: at most {most:g}", f"{value:.3f}", value <= most)
 
 
 def write(found: FitResult, path: Path) -> None:
