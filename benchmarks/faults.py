@@ -70,8 +70,8 @@ FAULTS = (
     Fault(
         "play_twice",
         "src/twin/sim/drives.py",
-        "each(model.backlash) * ratio / 2",
-        "each(model.backlash) * ratio",
+        "Play(each(model.backlash) * ratio)",
+        "Play(2 * each(model.backlash) * ratio)",
         "drives: the play is twice what is asked for",
         ("sim/test_drives.py",),
     ),

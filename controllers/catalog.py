@@ -105,14 +105,14 @@ def add(file: Path) -> None:
         raise ValueError(f"{file}: not a Python file")
     before = os.environ.get(ADDED, "")
     os.environ[ADDED] = os.pathsep.join(filter(None, (before, str(path))))
-    _modules.cache_clear()
+    forget()
     wrong = next((line for line in broken() if line.startswith(str(path))), "")
     found = [module for module in outside() if module.__file__ == str(path)]
     if not wrong and not any(map(_classes, found)):
         wrong = f"{file}: no law, observer or reference in it has a name"
     if wrong:
         os.environ[ADDED] = before
-        _modules.cache_clear()
+        forget()
         raise ValueError(wrong)
 
 
@@ -123,14 +123,20 @@ def outside() -> list[ModuleType]:
 
 def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
-    found = {item.name: item for item in _all_classes(_modules()[0]) if issubclass(item, kind)}
+    found = {item.name: item for item in _all_classes() if issubclass(item, kind)}
     return dict(sorted(found.items()))
 
 
+def forget() -> None:
+    """Look through all modules again when next asked."""
+    _modules.cache_clear()
+    _all_classes.cache_clear()
+
+
 @cache
-def _all_classes(modules: tuple[ModuleType, ...]) -> list[type[Law | Observer | Reference]]:
+def _all_classes() -> list[type[Law | Observer | Reference]]:
     """The classes of all modules; looking through them takes longer than most that asks."""
-    return [item for module in modules for item in _classes(module)]
+    return [item for module in _modules()[0] for item in _classes(module)]
 
 
 def _classes(module: ModuleType) -> list[type[Law | Observer | Reference]]:

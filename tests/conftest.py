@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, settings
 
+from controllers.catalog import forget
 from twin.scenario.load import check, override
 
 TABLES = {
@@ -48,6 +49,18 @@ def descriptors():
     """Report descriptors by what they are of."""
     texts = {"hid-0006": PANEL_0006, "hid-0007": PANEL_0007, "mouse": MOUSE}
     return {name: bytes.fromhex(text) for name, text in texts.items()}
+
+
+@pytest.fixture
+def take_in(monkeypatch):
+    """Takes a law, observer or reference into the catalog."""
+
+    def take(cls):
+        monkeypatch.setattr(f"controllers.state_feedback.{cls.__name__}", cls, raising=False)
+        forget()
+
+    yield take
+    forget()
 
 
 @pytest.fixture

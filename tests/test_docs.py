@@ -94,9 +94,9 @@ def dropped(tmp_path, monkeypatch):
     page = EXTENDING
     for kind, name in re.findall(r"`ballplate new (observer|reference) (\w+)`", page):
         assert CliRunner().invoke(new, [kind, name]).exit_code == 0
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
     yield
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
 
 
 def test_the_observer_of_the_page_is_found_and_drives_the_ball_to_its_place(dropped, scenario):

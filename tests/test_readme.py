@@ -27,9 +27,9 @@ def snippet(tmp_path, monkeypatch):
     (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     (tmp_path / "cascade.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
     yield code
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
 
 
 def test_the_readmes_law_has_at_most_forty_lines(snippet):
@@ -66,11 +66,11 @@ def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch)
     importlib.invalidate_caches()
     entry = EntryPoint("outside", "outside_laws", catalog_module.GROUP)
     monkeypatch.setattr(catalog_module, "entry_points", lambda group: [entry])
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
     try:
         assert "outside" in catalog(Law)
     finally:
-        catalog_module._modules.cache_clear()
+        catalog_module.forget()
 
 
 def test_the_readmes_rig_file_is_one():

@@ -27,9 +27,9 @@ def folder(tmp_path, monkeypatch):
     """An empty working folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(ADDED, "")
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
     yield tmp_path
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
 
 
 def ballplate(*arguments):
@@ -58,7 +58,7 @@ def test_what_it_writes_is_found_by_its_name_and_runs(kind, folder, capsys):
     key = f"{TABLES[kind]}.kind=my_own"
     assert "laws/my_own.py; try: ballplate run" in said
     assert key in said
-    catalog_module._modules.cache_clear()
+    catalog_module.forget()
     cls = catalog(BASES[kind])["my_own"]
     assert cls.__name__ == "MyOwn"
     assert run(load("hold", (key, *SHORT))).outcome.ending == "finished"

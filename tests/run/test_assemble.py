@@ -216,8 +216,8 @@ class Previewing(LQR):
         return super().control(t, x, reference, q) + 0.1 * ahead
 
 
-def test_a_law_that_looks_ahead_does_the_same_in_a_batch(monkeypatch):
-    monkeypatch.setattr("controllers.state_feedback.Previewing", Previewing, raising=False)
+def test_a_law_that_looks_ahead_does_the_same_in_a_batch(take_in):
+    take_in(Previewing)
     exact = [*SHORT, "plant.kind=lagrange"]
     laws = (["controller.kind=previewing"], ["controller.kind=afl"])
     scenarios = [

@@ -74,8 +74,8 @@ def thrown() -> object:
     return load("circle", ["plant.start.x=0.34", "plant.start.x_rate=2.0"]).plant.start
 
 
-def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour(monkeypatch) -> None:
-    monkeypatch.setattr("controllers.state_feedback.Broken", Broken, raising=False)
+def test_a_law_that_asks_for_nonsense_is_stopped_and_spoils_no_neighbour(take_in) -> None:
+    take_in(Broken)
     good, bad = scenarios("lagrange", 4, 0.3)[::3]
     broken = load("circle", ["controller.kind=broken"]).controller
     found = simulate([good, bad.model_copy(update={"controller": broken})])

@@ -204,14 +204,13 @@ def test_flush_means_of_the_prompt_bus_what_it_means_of_the_library_s(serial_lin
 
 
 def test_a_second_opener_of_an_adapter_is_refused_before_it_sends_a_byte(serial_line):
-    first = slcan(PromptSlcanBus, serial_line)
     options = {"sleep_after_open": 0.0}
     config = BusConfig(interface="slcan", channel=serial_line[1], options=options)
-    with pytest.raises(DriveError, match="is used by another program"):
-        open_bus(config)
-    with pytest.raises(BlockingIOError):
-        os.read(serial_line[0], 100)
-    first.shutdown()
+    with slcan(PromptSlcanBus, serial_line):
+        with pytest.raises(DriveError, match="is used by another program"):
+            open_bus(config)
+        with pytest.raises(BlockingIOError):
+            os.read(serial_line[0], 100)
     written(serial_line, b"C\r")
     open_bus(config).shutdown()
 

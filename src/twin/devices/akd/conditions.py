@@ -29,8 +29,9 @@ _NEED_RESTART = {_RESTART, _ALONE}
 
 
 def _start(name: str, recovery: str) -> Condition:
-    # Of two drives, one may leave its request unanswered for 2 s (`AkdConfig.answer`).
-    return Condition(name, _STOP, 2.2, _REFUSED, recovery)
+    # Each of two drives may leave its request unanswered for 2 s (`AkdConfig.answer`): one that is
+    # wrong does not spare the other, which may have torque.
+    return Condition(name, _STOP, 4.4, _REFUSED, recovery)
 
 
 ADAPTER_GONE = Condition("CAN adapter gone", _STOP, 0.02, _OFF, _RESTART)
