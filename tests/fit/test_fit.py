@@ -85,6 +85,7 @@ def made(folder):
     return path
 
 
+@pytest.mark.long
 def test_known_effects_are_found_again_within_their_spread(made, folder):
     about = read(str(made))
     found = fit(about, Runs(about, Store(folder / "runs")))
@@ -97,6 +98,7 @@ def test_known_effects_are_found_again_within_their_spread(made, folder):
     assert set(found.folds) == {"a", "b", "c"}
 
 
+@pytest.mark.long
 def test_a_fit_without_a_group_never_sees_its_numbers(made, folder):
     about = read(str(made))
     wrong = made.read_text().replace('name = "fast"', 'name = "fast"').split("[[experiments]]")
