@@ -66,6 +66,14 @@ def test_the_axis_of_the_error_has_a_floor(error, top):
     assert panels["Tracking error"].get_ylim() == (0, pytest.approx(top))
 
 
+def test_numbers_that_ran_away_are_drawn_as_far_as_they_go():
+    lost = motion(error=0.02)
+    lost.ball[50:] = np.inf
+    lost.ball[60:] = np.nan
+    _, panels = drawn(run=lost)
+    assert panels["Tracking error"].get_ylim() == (0, pytest.approx(21.0))
+
+
 def test_of_many_runs_the_running_effort_is_drawn():
     step = np.where(TIME < 2.0, 0.0, 1.0)
 

@@ -175,7 +175,8 @@ def _running_rms(values: Array, time: Array) -> Array:
 
 def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
     error = panels["error"]
-    top = max(float(np.nanmax(line.get_ydata())) for line in error.lines)
+    distances = np.concatenate([np.asarray(line.get_ydata(), float) for line in error.lines])
+    top = float(distances[np.isfinite(distances)].max(initial=0.0))
     error.set(
         ylabel="distance from reference [mm]",
         xlabel="time [s]",
