@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import controllers
@@ -30,8 +31,21 @@ def find(name: str) -> Path:
     Raises:
         ScenarioError: If there is no such file.
     """
-    known = shipped()
+    return chosen("scenario", name, shipped())
+
+
+def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
+    """The file of a shipped name, or of a path.
+
+    Args:
+        what: What it is called in the message.
+        name: The name or path.
+        known: The shipped files by name.
+
+    Raises:
+        ScenarioError: If there is no such file.
+    """
     path = known.get(name) or Path(name)
     if not is_file(path):
-        raise ScenarioError(f"scenario '{shortened(name)}': not found{nearest(name, known)}")
+        raise ScenarioError(f"{what} '{shortened(name)}': not found{nearest(name, known)}")
     return path

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +15,7 @@ from twin.fit.report import row, sentences
 from twin.fit.report import write as write_report
 from twin.fit.runs import Runs
 from twin.fit.workers import workers
+from twin.jobs import cores
 from twin.report.numbers import shown
 from twin.study.store import Store
 from twin.thesis.experiments import deciding, explained, explained_page, ingredients
@@ -29,7 +29,7 @@ FOLDER = Path("runs") / "explained"
 def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
     """Fit chapter 9, once whole and once without each table, and print the result."""
     about = table()
-    count = processes or os.cpu_count() or 1
+    count = processes or cores()
     store = Store(FOLDER)
     with workers(count) as executor, progress(about.title, 1.0) as advance:
         runs = Runs(about, store, executor=executor, processes=count)

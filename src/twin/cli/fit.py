@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from pathlib import Path
 
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON, PROCESSES, check_writable
 from twin.cli.output import console, print_json, progress
 from twin.fit.fit import fit as fit_table
 from twin.fit.report import row, sentences, write
 from twin.fit.runs import Runs
 from twin.fit.schema import read
 from twin.fit.workers import workers
+from twin.jobs import cores
 from twin.study.cluster import Cluster
 from twin.study.store import Store
 
@@ -23,7 +23,7 @@ from twin.study.store import Store
 @click.command()
 @click.argument("table")
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
-@click.option("--processes", type=click.IntRange(min=1), help="Processors to use [all].")
+@PROCESSES
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
 @JSON
@@ -49,7 +49,7 @@ def fit(
     store = Store(folder)
     with ExitStack() as stack:
         if scheduler is None:
-            processes = processes or os.cpu_count() or 1
+            processes = processes or cores()
             executor = stack.enter_context(workers(processes))
         else:
             executor = cluster = stack.enter_context(Cluster(scheduler))

@@ -8,10 +8,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from twin.data_file import DataError, is_file, read_toml
-from twin.errors import ScenarioError, nearest, shortened
+from twin.data_file import DataError, read_toml
+from twin.errors import ScenarioError, nearest
 from twin.fit.indicators import factor
-from twin.shipped import folder
+from twin.shipped import chosen, folder
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 
@@ -159,10 +159,7 @@ def read(name: str) -> FitTable:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    known = shipped()
-    path = known.get(name) or Path(name)
-    if not is_file(path):
-        raise ScenarioError(f"table '{shortened(name)}': not found{nearest(name, known)}")
+    path = chosen("table", name, shipped())
     try:
         return FitTable.model_validate(read_toml(path))
     except DataError as error:

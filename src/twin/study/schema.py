@@ -12,10 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.data_file import DataError, is_file, read_toml
+from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest
 from twin.run.metrics import Metrics
-from twin.shipped import folder
+from twin.shipped import chosen, folder
 
 STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
@@ -184,10 +184,7 @@ def read(name: str, **given: Any) -> Study:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    known = shipped()
-    path = known.get(name) or Path(name)
-    if not is_file(path):
-        raise ScenarioError(f"study '{name[:200]}': not found{nearest(name, known)}")
+    path = chosen("study", name, shipped())
     try:
         tables = read_toml(path)
         tables |= {key: value for key, value in given.items() if value is not None}
