@@ -99,6 +99,7 @@ def dropped(tmp_path, monkeypatch):
     catalog_module.forget()
 
 
+@pytest.mark.long
 def test_the_observer_of_the_page_is_found_and_drives_the_ball_to_its_place(dropped, scenario):
     assert "alpha_beta" in catalog(Observer)
     done = run(scenario(SMOOTH, "observer.kind=alpha_beta", "duration=8", "metrics.start=6"))
@@ -111,6 +112,7 @@ def test_the_settings_of_the_observer_of_the_page_are_checked_like_all_others(dr
         scenario("observer.kind=alpha_beta", "observer.bal=[0.1, 0.1]")
 
 
+@pytest.mark.long
 def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
     assert "drift" in catalog(Reference)
     done = run(scenario(SMOOTH, "reference.kind=drift", "reference.rate=[0.01, 0]", "duration=6"))

@@ -55,6 +55,7 @@ def test_without_a_second_process_work_is_done_here_and_only_when_it_is_asked_fo
         assert done == [1]
 
 
+@pytest.mark.long
 def test_work_of_a_second_process_that_is_killed_is_done_here():
     with SecondProcess(wanted=True) as beside:
         first = beside.begin(killed_elsewhere, os.getpid())
@@ -85,6 +86,7 @@ def test_a_second_process_leaves_ctrl_c_to_the_first_even_while_it_starts():
         assert result() == process.pid
 
 
+@pytest.mark.long
 def test_a_second_process_does_not_outlive_the_first():
     first = subprocess.Popen([sys.executable, "-c", ORPHAN], stdout=subprocess.PIPE, text=True)
     second = int(first.stdout.readline())

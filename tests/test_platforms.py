@@ -64,10 +64,12 @@ def printed(folder):
     return dict(zip(CALLS, done.stdout.split("\f"), strict=False))
 
 
+@pytest.mark.long
 def test_the_scenarios_are_listed_without_posix(printed):
     assert "circle" in printed["list"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("printed")
 def test_a_run_and_its_report_are_made_without_posix(folder):
     assert (folder / "runs" / "hold" / "run.parquet").is_file()

@@ -62,6 +62,7 @@ def call(tmp_path):
     return run
 
 
+@pytest.mark.long
 def test_tests_by_the_clock_run_once_each_alone_after_all_others(call, tmp_path):
     (tmp_path / "test_ordinary.py").write_text(
         "open('imported', 'a').write('.')\ndef test_ordinary(): pass"
@@ -78,6 +79,7 @@ def test_tests_by_the_clock_run_once_each_alone_after_all_others(call, tmp_path)
     assert imported == "..", "a file without such tests is collected once by each process"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("failing", ["any", "alone"])
 def test_a_failure_on_either_side_fails_the_command(call, failing):
     code, ran, _ = call("-n", "2", failing=[failing], files=1)
@@ -85,6 +87,7 @@ def test_a_failure_on_either_side_fails_the_command(call, failing):
     assert len(ran) == 6
 
 
+@pytest.mark.long
 def test_without_tests_by_the_clock_there_is_no_second_session(call):
     code, ran, out = call("-n", "2", "-k", "any", files=1)
     assert code == 0, out
@@ -96,6 +99,7 @@ def test_this_suite_is_run_so(pytestconfig):
     assert pytestconfig.pluginmanager.hasplugin("real_time_session")
 
 
+@pytest.mark.long
 def test_in_one_process_and_by_a_mark_the_same_tests_run(call):
     code, ran, out = call("-n", "0", files=1)
     assert code == 0, out

@@ -30,6 +30,7 @@ def wheel(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {

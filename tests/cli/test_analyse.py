@@ -29,6 +29,7 @@ def quick(monkeypatch, content):
     monkeypatch.setattr(module, "check_claims", lambda _: [])
 
 
+@pytest.mark.long
 def test_json_is_one_object_with_every_part(content):
     parts = {"scenario", "structure", "designs", "neglected", "loop"}
     assert set(content) == parts
@@ -61,6 +62,7 @@ def test_the_neglected_terms_are_small_beside_the_main_ones(content):
     assert all(0 < row["rms_ratio"] < 0.05 for row in rows)
 
 
+@pytest.mark.long
 def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, content):
     monkeypatch.setattr(module, "design_rows", lambda *_: content["designs"])
     text = call("sine", *SHORT)

@@ -118,6 +118,7 @@ def test_compare_sets_variants_side_by_side(ballplate, tmp_path):
     assert (tmp_path / "runs" / "compare" / "compare.png").is_file()
 
 
+@pytest.mark.long
 def test_compare_takes_several_scenarios(ballplate):
     code, out, _ = ballplate("compare", "hold", "step", *QUICK, "--json")
     assert code == 0
@@ -161,6 +162,7 @@ def test_without_arguments_it_says_how_to_begin(ballplate):
     assert "ballplate run circle" in out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "more"),
     [
@@ -215,6 +217,7 @@ def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp
     assert kept == {f"plant.friction.rolling_mm-{value}" for value in ("0", "0.1", "0.18", "0.3")}
 
 
+@pytest.mark.long
 def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
     _, out, _ = ballplate(
         *("compare", "hold", "step", *QUICK),
@@ -275,6 +278,7 @@ def written(ballplate, monkeypatch, processors, out, *arguments):
     return files, [line for line in err.splitlines() if line.endswith("...")]
 
 
+@pytest.mark.long
 def test_a_run_writes_the_same_bytes_on_one_processor_and_on_two(ballplate, monkeypatch):
     # the second process draws, too, and arranges its panels
     monkeypatch.setattr(ConstrainedLayoutEngine, "execute", ARRANGE)
@@ -296,6 +300,7 @@ def test_a_run_writes_the_same_bytes_on_one_processor_and_on_two(ballplate, monk
     assert one[1] == ["honest twin ...", "clean model ..."]
 
 
+@pytest.mark.long
 def test_a_comparison_writes_the_same_bytes_on_one_process_and_on_two(ballplate, monkeypatch):
     command = ("compare", "circle", "--vary", "seed=[1,2]", "--vary")
     command += ("plant.friction.rolling_mm=[0,0.2]", "--set", "duration=0.5")

@@ -61,6 +61,7 @@ def test_help_lists_and_mistakes_need_no_numerical_library(tmp_path, arguments, 
     assert not imported & HEAVY
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("run", "unused"),
     [
@@ -75,6 +76,7 @@ def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
     assert not imported & unused
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("module", ["twin.run.execute", "twin.run.batch", "controllers.analysis"])
 def test_what_runs_a_scenario_can_be_imported_without_what_it_uses_later(tmp_path, module):
     assert not modules(tmp_path, f"import {module}")[1] & (UNUSED | LATE)

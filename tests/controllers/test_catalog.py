@@ -67,6 +67,7 @@ def broken(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_each_broken_file_or_entry_point_is_one_line_and_the_others_laws_run(broken):
     metadata = broken / "outside-1.0.dist-info"
     metadata.mkdir()

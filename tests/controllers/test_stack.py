@@ -70,6 +70,7 @@ def test_the_true_plate_rate_never_reaches_the_law():
     assert not controller.observer.x[0, 3::4].any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("observer", ["luenberger", "kalman", "ekf", "ideal"])
 def test_no_observer_lets_the_plate_resonance_ring_up(observer):
     chosen = load(

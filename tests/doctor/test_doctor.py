@@ -76,6 +76,7 @@ def test_units_and_limits_of_the_drives_are_said_in_words():
     assert "limits in rpm (365Fh), 0.001 rpm a count" in found["drive phi (node 1) units"].seen
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "advice"),
     [
@@ -219,6 +220,7 @@ def test_a_measured_table_is_read_back_from_its_file(tmp_path):
     assert found["cam table"].status is CheckStatus.PASS
 
 
+@pytest.mark.long
 def test_relaxed_nets_are_a_warning_of_the_doctor(scenario):
     assert by_name(computer(scenario(), RIG))["safety nets"].status is CheckStatus.PASS
     loose = check_rig({"touch": {"port": "x"}, "drives": {"watch": {"stale": 100}}}, "test")
@@ -227,6 +229,7 @@ def test_relaxed_nets_are_a_warning_of_the_doctor(scenario):
     assert "drives.watch.stale = 100" in found.seen
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("index", "value", "what", "advice"),
     [
@@ -244,6 +247,7 @@ def test_a_precondition_in_the_drive_is_a_warning_with_what_to_set(index, value,
     assert found[f"drive theta (node 2) {what}"].status is CheckStatus.PASS
 
 
+@pytest.mark.long
 def test_a_drive_without_such_a_setting_is_brought_up_all_the_same():
     def older(rig):
         rig.drives[0].sdo_aborts[0x3506, 0] = 0x06020000
@@ -253,11 +257,13 @@ def test_a_drive_without_such_a_setting_is_brought_up_all_the_same():
     assert found["phi encoder"].status is CheckStatus.PASS
 
 
+@pytest.mark.long
 def test_what_no_object_tells_is_listed(scenario):
     found = by_name(computer(scenario(), RIG))["to be looked at by hand"]
     assert all(word in found.seen for word in ("DRV.TYPE", "DRV.CMDSOURCE", "60 ohm"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rate", "status"), [(500_000, "warn"), (1_000_000, "pass")])
 def test_a_bus_that_is_nearly_full_is_a_warning(scenario, rate, status):
     rig = check_rig({"touch": {"port": "x"}, "bus": {"bitrate": rate}}, "test")
@@ -318,6 +324,7 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
     return plant
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("nodes", [(1, 2), (2, 1)])
 def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario, nodes):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
@@ -335,6 +342,7 @@ def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario,
         assert found.advice == "exchange phi.node and theta.node in the rig file"
 
 
+@pytest.mark.long
 def test_who_does_not_answer_is_asked_to_watch_and_the_drives_do_not_fault(scenario):
     with LockstepDrives() as rig:
         plant = rig_on_a_plant(scenario("plant.kind=lagrange"), rig)

@@ -29,6 +29,7 @@ def config(emulated, **options):
     return LumioConfig(port=str(emulated.path), transport=transport, **options)
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize(
     ("spoken", "set_to"),
@@ -158,6 +159,7 @@ def turned(turn, *, mirrored=1.0, size=(0.68, 0.41), at=(0.012, -0.007)):
     return Calibration(tuple(map(tuple, matrix.tolist())), tuple(origin.tolist()))
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 @pytest.mark.parametrize(
     ("true", "protocol"),
@@ -189,6 +191,7 @@ def test_a_screen_mounted_in_any_way_is_found_again_within_the_noise(true, proto
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 def test_a_point_that_is_not_touched_is_named_in_one_line_and_so_is_a_wrong_protocol():
     hand = Hand()

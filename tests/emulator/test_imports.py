@@ -47,6 +47,7 @@ def test_no_module_needs_a_posix_system_to_be_imported(file):
     assert not POSIX & set(imported(file, everywhere=False))
 
 
+@pytest.mark.long
 def test_without_pseudo_terminals_everything_but_the_ports_can_be_imported():
     names = [f"twin.emulator.{file.stem}" for file in FILES if file.stem != "__init__"]
     code = "import sys; sys.modules['pty'] = sys.modules['tty'] = None; import " + ", ".join(names)

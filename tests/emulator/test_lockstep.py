@@ -38,6 +38,7 @@ def error_percent(time, estimate, reference, start):
     return 100 * np.sqrt((away**2).sum() / (r**2).sum())
 
 
+@pytest.mark.long
 def test_a_run_in_lockstep_is_the_same_every_time(scenario):
     chosen = scenario("plant.kind=lagrange", "duration=0.6")
     one, other = tracked(chosen)[1], tracked(chosen)[1]

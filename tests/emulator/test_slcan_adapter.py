@@ -218,6 +218,7 @@ def test_after_replugging_a_new_start_goes_on(bus, port):
         assert servos.enabled
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
@@ -265,6 +266,7 @@ def test_nothing_is_left_open_when_no_drive_answers(port):
 NEARLY = st.from_regex("[0-9A-F+_ -]{3}[0-9]([0-9A-F]{2}){0,9}", fullmatch=True)
 
 
+@pytest.mark.long
 @given(line=NEARLY | st.text(alphabet="0123456789ABCDEFabcdef+-_ xtFrzZ", max_size=12))
 @settings(max_examples=300)
 def test_only_what_an_adapter_writes_is_a_frame(line):

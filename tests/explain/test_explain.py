@@ -71,6 +71,7 @@ def test_switching_one_effect_off_takes_it_and_no_other_away(effect, full):
     assert gone <= {effect.name} | implied
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     [effect for effect in EFFECTS if effect.name not in {"drive", "limits", "liftoff"}],
@@ -88,6 +89,7 @@ def test_every_effect_alone_changes_what_the_plant_or_the_sensors_do(effect, ful
     assert np.abs(one.error - other.error).max() > 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "limit"),
     [
@@ -175,6 +177,7 @@ def test_on_the_exact_equations_nothing_mechanical_is_left(full):
     assert not any(effect.mechanical for effect in present(scenario))
 
 
+@pytest.mark.long
 def test_the_command_writes_its_files_and_prints_one_json_object(tmp_path):
     settings = (*CLEAN, "plant.kind=lagrange", "plant.friction.rolling_mm=0.2", "duration=1")
     arguments = [part for setting in settings for part in ("--set", setting)]

@@ -117,6 +117,7 @@ def test_a_fit_without_a_group_never_sees_its_numbers(made, folder):
     assert one.held_out[held].tolist() == two.held_out[held].tolist()
 
 
+@pytest.mark.long
 def test_an_interrupted_fit_goes_on_with_the_runs_it_has(made, folder, monkeypatch):
     about = read(str(made))
     fit(about, Runs(about, Store(folder / "runs")), leave_out=False)
@@ -129,6 +130,7 @@ def test_an_interrupted_fit_goes_on_with_the_runs_it_has(made, folder, monkeypat
     assert fit(about, again, leave_out=False).chi2 < 2
 
 
+@pytest.mark.long
 def test_the_command_writes_a_page_and_prints_json(made, folder):
     out = folder / "out"
     arguments = [str(made), "--out", str(out), "--processes", "1", "--no-leave-out", "--json"]
@@ -215,6 +217,7 @@ def test_a_factor_acts_on_its_groups_and_on_what_was_fitted_before(made, folder)
     assert arms == pytest.approx([0.2, 0.3, 0.2])
 
 
+@pytest.mark.long
 def test_what_the_rigs_computer_sees_is_judged_not_the_truth(made, folder):
     about = read(str(made))
     scenario = Runs(about, Store(folder / "runs")).scenario(TRUE, about.experiments[0])

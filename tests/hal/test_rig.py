@@ -138,6 +138,7 @@ def test_measured_and_true_plate_agree_and_the_truth_stays_off_the_measurement(s
         assert measurement.y == pytest.approx(simulated.devices.state[:, 0::2])
 
 
+@pytest.mark.long
 def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simulated):
     drift, gain, added = 0.06, 8.0, 0.0
     simulated.devices._drift = np.full((2, 2), drift * simulated.devices.plant.ratio)

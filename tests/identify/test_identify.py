@@ -75,6 +75,7 @@ def by_name(found):
     return {each.name: each for each in found.verdicts}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TRUTH)
 def test_what_made_the_log_is_found_within_3_percent_or_its_interval(found, name):
     each = by_name(found)[name]
@@ -83,11 +84,13 @@ def test_what_made_the_log_is_found_within_3_percent_or_its_interval(found, name
     assert within or each.value == pytest.approx(TRUTH[name], rel=0.03)
 
 
+@pytest.mark.long
 def test_the_level_is_found_to_a_hundredth_of_a_degree(found):
     for name in ("level_phi", "level_theta"):
         assert by_name(found)[name].value == pytest.approx(0, abs=0.01)
 
 
+@pytest.mark.long
 def test_on_what_was_held_out_a_replay_is_within_a_millimetre_after_a_second(found):
     at = list(found.horizons.ahead).index(1.0)
     assert found.horizons.twin[at] < 1e-3
@@ -95,6 +98,7 @@ def test_on_what_was_held_out_a_replay_is_within_a_millimetre_after_a_second(fou
     assert found.horizons.still[at] > 5e-3
 
 
+@pytest.mark.long
 def test_what_positions_cannot_show_is_said_with_the_experiment_that_would(found):
     spring = by_name(found)["spring"]
     assert spring.word == "not identifiable"
@@ -102,11 +106,13 @@ def test_what_positions_cannot_show_is_said_with_the_experiment_that_would(found
     assert "motor torque" in spring.why
 
 
+@pytest.mark.long
 def test_residuals_of_the_twin_itself_are_white(found):
     assert found.whiteness.misfit == pytest.approx(1, abs=0.15)
     assert found.whiteness.outside <= 4
 
 
+@pytest.mark.long
 def test_any_scenario_can_name_the_parameter_file(found, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text(parameters(found), encoding="utf-8")
@@ -149,6 +155,7 @@ def test_a_parameter_file_that_is_wrong_is_named_in_one_line(tmp_path, text, say
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_the_report_needs_no_other_file(found):
     text = page(found)
     assert text.count("<svg") == 3
@@ -312,6 +319,7 @@ def test_without_friction_none_is_claimed(tmp_path):
     assert rolling.value < 0.003
 
 
+@pytest.mark.long
 def test_the_command_writes_its_files_and_prints_one_json_object(folder, tmp_path):
     table = pq.read_table(folder / "run.parquet")
     pq.write_table(table.slice(0, 7000), tmp_path / "log.parquet")
@@ -360,6 +368,7 @@ def test_a_replay_rolls_as_the_exact_plant_does():
     assert np.abs(places[:, :, 0, 0] - states[:, 0::4]).max() < 0.005 * way
 
 
+@pytest.mark.long
 def test_a_minimisation_says_why_it_stopped(found):
     fit = found.fit
     long = minimise(fit.problem, fit.theta[None], fit.starts, 300)

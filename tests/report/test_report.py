@@ -171,6 +171,7 @@ def test_a_page_names_settings_and_versions(page):
     assert "python 3" in page
 
 
+@pytest.mark.long
 def test_the_same_runs_give_the_same_page(page, runs):
     assert html(runs) == page
 
@@ -213,6 +214,7 @@ def test_an_unknown_format_names_the_known_ones(tmp_path):
     assert "no format 'docx' (known: html, png, pdf, csv, latex)" in ran.output
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line_and_leaves_nothing(scenario, tmp_path, monkeypatch):
     done = run(scenario())
     save(done, tmp_path / "run", {"run": done.motion})
@@ -231,6 +233,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(scenario, tmp_path, monkeypa
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_fallen_run_can_be_reported(scenario, tmp_path):
     done = run(scenario("duration=8", "plant.start.x_rate=1.2", "plant.start.x=0.2"))
     save(done, tmp_path, {"run": done.motion})

@@ -137,6 +137,7 @@ def test_every_setting_of_the_simulated_rig_is_tried():
     assert keys <= OTHER.keys()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("key", "value"), OTHER.items(), ids=OTHER)
 def test_a_rig_that_differs_in_one_setting_is_what_it_is_alone(key, value):
     common = (*SHORT, *BESIDE.get(key, []))

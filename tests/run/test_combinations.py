@@ -24,6 +24,7 @@ OBSERVERS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("observer", OBSERVERS)
 @pytest.mark.parametrize("law", LAWS)
 def test_the_ball_comes_home(scenario, law, observer):

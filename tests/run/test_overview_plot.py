@@ -74,6 +74,7 @@ def test_numbers_that_ran_away_are_drawn_as_far_as_they_go():
     assert panels["Tracking error"].get_ylim() == (0, pytest.approx(21.0))
 
 
+@pytest.mark.long
 def test_of_many_runs_the_running_effort_is_drawn():
     step = np.where(TIME < 2.0, 0.0, 1.0)
 

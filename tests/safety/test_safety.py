@@ -54,6 +54,7 @@ def tables(text):
     return {heading: rows[1:] for heading, rows in found.items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", QUICK)
 def test_a_fault_is_detected_in_time_answered_safely_recorded_and_recovered_from(name):
     row = measured(NUMBER[name])

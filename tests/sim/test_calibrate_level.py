@@ -48,6 +48,7 @@ def identified():
     return {}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("once")
 def test_the_tilt_of_the_base_is_found_to_a_hundredth_of_a_degree(log):
     result = CliRunner().invoke(level, [str(log), "--json"], standalone_mode=False)
@@ -56,6 +57,7 @@ def test_the_tilt_of_the_base_is_found_to_a_hundredth_of_a_degree(log):
     assert [each["value"] for each in found] == pytest.approx(TILT, abs=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("once")
 def test_the_low_side_is_the_one_to_raise(log):
     # positive phi lowers +x, negative theta lowers +y
@@ -65,6 +67,7 @@ def test_the_low_side_is_the_one_to_raise(log):
     assert 1000 * np.tan(np.radians(0.12)) == pytest.approx(2.1, abs=0.05)
 
 
+@pytest.mark.long
 def test_on_a_level_rig_there_is_nothing_to_do(tmp_path):
     log = excite(tmp_path / "excite", "duration=24")
     result = CliRunner().invoke(level, [str(log)], standalone_mode=False)

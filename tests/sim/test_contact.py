@@ -107,6 +107,7 @@ def test_a_frictionless_ball_accelerates_with_its_share_of_gravity(slope):
     assert rows[-1, 1] - rows[0, 1] == pytest.approx(gain, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lever", [0.05e-3, 0.18e-3, 0.4e-3])
 def test_the_ball_breaks_away_at_its_friction_lever_over_its_radius(lever):
     model = mechanism(lever)

@@ -205,6 +205,7 @@ def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_mi
     assert away < 1e-6
 
 
+@pytest.mark.long
 def test_a_minute_of_random_servo_noise_brings_neither_warning_nor_nan():
     rng = np.random.default_rng(3)
     amplitude = np.array([[0.5], [20.0]])

@@ -56,6 +56,7 @@ def test_a_rolling_ball_stops_after_the_distance_that_its_energy_lasts_and_stays
     assert abs(speed[-1, 0]) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", PLANTS)
 def test_on_a_slope_viscous_friction_ends_the_acceleration_at_its_terminal_speed(kind):
     # tan(slope) r = rolling + viscous v
@@ -94,6 +95,7 @@ def test_without_breakaway_the_ball_slips_from_the_rolling_slope_on(kind):
     assert way[-1, 1] == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", PLANTS)
 @pytest.mark.parametrize("rest", [0.2, 1.0])
 def test_a_ball_holds_the_steeper_a_slope_the_longer_it_has_rested(kind, rest):

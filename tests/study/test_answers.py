@@ -59,6 +59,7 @@ def ishigami(a: float, b: float, c: float) -> float:
     return float(np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))
 
 
+@pytest.mark.long
 def test_sobol_indices_of_ishigamis_function_are_those_in_closed_form(tmp_path) -> None:
     # Ishigami and Homma 1990 with a = 7, b = 0.1
     found = answered(study("sobol", 1024), ishigami, tmp_path)
@@ -78,6 +79,7 @@ def test_the_interval_of_an_index_holds_the_truth_in_small_samples(tmp_path) -> 
     assert [index.decided for index in found.indices] == [True, True, False]
 
 
+@pytest.mark.long
 def test_an_undecided_index_is_called_so_and_never_shown_as_a_number(tmp_path) -> None:
     about = study("sobol", 64)
     found = answered(about, lambda a, b, c: a + 2 * b + 0 * c, tmp_path, page=True)
@@ -93,6 +95,7 @@ def test_morris_finds_the_slopes_of_a_linear_function_exactly(tmp_path) -> None:
     assert [index.first for index in found.indices] == pytest.approx([0, 0, 0], abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["lhs", "montecarlo"])
 def test_rank_correlation_of_a_rising_function_of_one_parameter_is_one(tmp_path, method) -> None:
     function = lambda a, b, c: np.exp(a) + 0 * b * c  # noqa: E731
@@ -150,6 +153,7 @@ def test_the_same_study_has_the_same_runs_every_time() -> None:
     assert one.jobs(one.tasks) == again.jobs(again.tasks)
 
 
+@pytest.mark.long
 def test_the_map_of_many_runs_is_no_larger_than_that_of_some() -> None:
     sizes = []
     for samples in (6_000, 24_000):

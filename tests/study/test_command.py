@@ -109,6 +109,7 @@ def test_json_is_one_object_with_the_chance_to_fail_and_no_made_up_number(study)
     assert flung["chance_to_fail"][1] == pytest.approx(1.0)
 
 
+@pytest.mark.long
 def test_a_summary_for_the_documentation_has_its_pictures_beside_it(study, tmp_path) -> None:
     assert study("short.toml", "--processes", "1", "--doc", "pages")[0] == 0
     text = (tmp_path / "pages" / "short.md").read_text(encoding="utf-8")

@@ -137,6 +137,7 @@ def test_a_folder_of_another_version_is_refused_and_left_as_it_is(study, tmp_pat
     assert old.read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_full_disk_is_one_line_and_leaves_what_is_finished(study, tmp_path, monkeypatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -159,6 +160,7 @@ def test_a_scheduler_where_nobody_listens_is_one_line(study) -> None:
     assert "no scheduler answers there" in err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [

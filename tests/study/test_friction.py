@@ -56,6 +56,7 @@ def deceleration() -> np.ndarray:
     return ball.c1 * np.array(ARMS) / 1000 / ball.radius * ball.gravity
 
 
+@pytest.mark.long
 def test_at_low_frequency_the_error_is_k3_over_k1_times_the_friction_acceleration(tmp_path) -> None:
     p0, _, p2, _ = GAINS
     expected = p2 / p0 * deceleration()

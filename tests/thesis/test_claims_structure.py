@@ -128,6 +128,7 @@ def test_symbolic_ranks_at_rest_hold_for_any_ball(brackets, fixed, expected):
     assert at_rest.rank() == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", SINGULAR_CASES[:5], ids=lambda case: case.condition)
 def test_numerical_ranks_with_all_brackets_are_the_symbolic_ones(case, brackets):
     exact = {index: sp.nsimplify(value / math.pi) * sp.pi for index, value in case.fixed.items()}

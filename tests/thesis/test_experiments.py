@@ -74,6 +74,7 @@ def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
         assert scenario.plant.friction.rolling_mm / 1000 == pytest.approx(identified().rolling)
 
 
+@pytest.mark.long
 def test_only_the_three_tracking_errors_of_table_9_3_are_calibration(stabilised):
     assert set(stabilised["e_ss"]) == KEYS
     assert not any(row["calibration"] for row in stabilised.values())
@@ -125,6 +126,7 @@ def test_a_written_fit_reads_back_as_it_was(tmp_path):
     assert FrictionFit(**{**data, "residual": tuple(data["residual"])}) == identified()
 
 
+@pytest.mark.long
 def test_experiments_side_by_side_go_as_each_does_alone():
     pair = [next(row for row in chosen([name])) for name in ("9.3", "9.4")]
     rigs = [{**rolling(arm), **noise(0.0)} for arm in (0.1e-3, 0.2e-3)]

@@ -92,6 +92,7 @@ def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
             assert about.low < values[name] < about.high
 
 
+@pytest.mark.long
 def test_a_table_explained_has_the_keys_and_its_own_fold():
     found = rows([], ["9.1"])
     assert [list(row) for row in found] == [KEYS] * 4

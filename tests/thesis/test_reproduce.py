@@ -61,6 +61,7 @@ def test_every_remark_and_setting_belongs_to_something():
             assert {*row.notes, *row.exceptions} <= set(row.cells)
 
 
+@pytest.mark.long
 def test_table_8_1_agrees_with_the_thesis_in_every_way_of_computing_it(steps):
     for cell in compare(*steps):
         assert cell.verdict is Agreement.AGREES
@@ -69,6 +70,7 @@ def test_table_8_1_agrees_with_the_thesis_in_every_way_of_computing_it(steps):
             assert value.value == pytest.approx(cell.thesis, rel=spread / 100, abs=1e-9)
 
 
+@pytest.mark.long
 def test_table_8_4_agrees_with_the_thesis_to_4_percent():
     for job in plan(chosen(["8.4"])):
         if job.way != "exact":
@@ -129,6 +131,7 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
         call("8.4", "8.22")
 
 
+@pytest.mark.long
 def test_the_document_has_its_tables_notes_and_figures(steps, monkeypatch, tmp_path):
     monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
     path = tmp_path / "docs" / "reproduction.md"

@@ -83,6 +83,7 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
         made.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
 def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, tap, blow):
     end = time.monotonic() + 120
@@ -124,6 +125,7 @@ def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario
             assert ring.taken == 100
 
 
+@pytest.mark.long
 def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
@@ -165,6 +167,7 @@ def test_a_taken_port_is_one_line():
             viewer.page(port)
 
 
+@pytest.mark.long
 def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -175,6 +178,7 @@ def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeyp
     assert (tmp_path / "out" / "run.parquet").is_file()
 
 
+@pytest.mark.long
 def test_a_run_is_done_and_kept_though_the_port_is_taken(quick, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as server:
         done = CliRunner().invoke(run_command, [*quick, "--serve", str(server.getsockname()[1])])
@@ -190,6 +194,7 @@ def test_a_recording_without_a_place_is_refused_before_the_run(quick, tmp_path):
     assert not (tmp_path / "out" / "run.parquet").exists()
 
 
+@pytest.mark.long
 def test_a_recording_is_kept_beside_the_run(quick, tmp_path):
     done = CliRunner().invoke(run_command, [*quick, "--rrd", str(tmp_path / "a.rrd")])
     assert done.exit_code == 0, done.output

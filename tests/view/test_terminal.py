@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from twin.cli.scenarios import run as run_command
@@ -29,6 +30,7 @@ def test_the_summary_says_where_the_run_is(scenario):
     assert told["state"] == "running"
 
 
+@pytest.mark.long
 def test_without_a_terminal_the_summary_is_plain_lines(quick, capfd):
     done = CliRunner().invoke(run_command, [*quick, "--watch"])
     assert done.exit_code == 0, done.output

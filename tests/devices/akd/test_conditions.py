@@ -50,6 +50,7 @@ def test_a_condition_is_detected_within_its_stated_time(rig, cause, condition):
 STOPS = {cause: condition for cause, condition in CASES if condition.severity is Severity.STOP}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("cause", "condition"), STOPS.items(), ids=[a.__name__ for a in STOPS])
 def test_a_stop_brings_every_motor_to_rest_and_takes_the_torque_away(rig, cause, condition):
     cause(rig)
@@ -122,6 +123,7 @@ def test_a_fault_is_not_reset_without_a_request(rig):
         rig.servos.enable()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "cause",
     [
@@ -164,6 +166,7 @@ def test_a_reset_before_the_cause_is_gone_is_refused_and_said_so(rig):
     assert c.STO_OPEN in [each.fault.condition for each in seen]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "cause",
     [

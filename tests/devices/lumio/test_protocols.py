@@ -173,6 +173,7 @@ def test_a_stream_is_understood_again_after_garbage(protocol, garbage, x, y):
     assert len(reports) >= 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @given(places=st.lists(st.tuples(SHARE, SHARE), min_size=16, max_size=20), lost=st.integers(0, 9))
 def test_listening_tells_the_protocol_even_from_the_middle_of_a_packet(protocol, places, lost):
@@ -200,6 +201,7 @@ def test_a_detector_takes_no_protocol_that_leaves_most_bytes_unexplained(data):
         assert decoder.size * decoder.stats.reports >= 0.8 * len(data)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spoken", PROTOCOLS)
 @pytest.mark.parametrize("set_to", PROTOCOLS)
 @given(places=st.lists(st.tuples(SHARE, SHARE), min_size=16, max_size=20), lost=st.integers(0, 9))
