@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -62,7 +63,9 @@ def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> by
     """What ``draw`` writes; arguments as for it."""
     content = BytesIO()
     with mpl.rc_context(LOOK):
-        _arranged(runs, title, area).savefig(content, dpi=DPI, format="png")
+        # savefig would draw everything once more before, only to lay it out
+        canvas = FigureCanvasAgg(_arranged(runs, title, area))
+        canvas.print_png(content)  # type: ignore[no-untyped-call]
     return content.getvalue()
 
 
