@@ -198,7 +198,7 @@ def _at_level(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def _stand_level(model: mujoco.MjModel, time: float = 0.25, rounds: int = 4) -> None:
+def _stand_level(model: mujoco.MjModel, time: float = 0.1, rounds: int = 4) -> None:
     """Set the shafts' heights and the servos' set points so that all angles are 0 at rest.
 
     Raises:
