@@ -9,6 +9,9 @@ import controllers
 from twin.data_file import is_file
 from twin.errors import ScenarioError, nearest, shortened
 
+OTHERS = {"studies", "fits", "families", "tunes"}
+"""Folders of files that are no scenarios."""
+
 
 def folder() -> Path:
     """Where the shipped scenarios lie: beside the controllers, in a checkout and installed."""
@@ -21,7 +24,7 @@ def shipped() -> dict[str, Path]:
     return {
         path.relative_to(root).with_suffix("").as_posix(): path
         for path in sorted(root.rglob("*.toml"))
-        if path.relative_to(root).parts[0] not in {"studies", "fits"}
+        if path.relative_to(root).parts[0] not in OTHERS
     }
 
 

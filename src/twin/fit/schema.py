@@ -6,14 +6,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
-from twin.data_file import DataError, read_toml
-from twin.errors import ScenarioError, nearest
+from twin.errors import nearest
 from twin.fit.indicators import factor
 from twin.shipped import chosen, folder
-
-STRICT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
+from twin.validation import LENIENT, read_model
 
 
 class FittedParameter(BaseModel):
@@ -29,7 +27,7 @@ class FittedParameter(BaseModel):
         unit: For the reader.
     """
 
-    model_config = STRICT
+    model_config = LENIENT
 
     key: str
     low: float
@@ -51,7 +49,7 @@ class Measured(BaseModel):
     One with ``relative`` is judged by the logarithm of the ratio.
     """
 
-    model_config = STRICT
+    model_config = LENIENT
 
     value: float
     uncertainty: Annotated[float, Field(gt=0)] | None = None
@@ -70,7 +68,7 @@ class Measured(BaseModel):
 class Experiment(BaseModel):
     """A scenario that was carried out, and what was measured."""
 
-    model_config = STRICT
+    model_config = LENIENT
 
     scenario: str
     name: str = ""
@@ -110,7 +108,7 @@ class FitTable(BaseModel):
         restarts: Searches of all experiments that begin with different random numbers.
     """
 
-    model_config = STRICT
+    model_config = LENIENT
 
     title: str
     set: tuple[str, ...] = ()
@@ -159,22 +157,4 @@ def read(name: str) -> FitTable:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    path = chosen("table", name, shipped())
-    try:
-        return FitTable.model_validate(read_toml(path))
-    except DataError as error:
-        raise ScenarioError(f"{path.name}: {error}") from error
-    except ValidationError as error:
-        raise ScenarioError(f"{path.name}: {_one_line(error)}") from None
-
-
-def _one_line(error: ValidationError) -> str:
-    # an unknown key explains a missing one beside it, so it comes first
-    first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
-    place = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"{place}: unknown key"
-    if first["type"] == "missing":
-        return f"{place}: missing; it has no default"
-    text = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
-    return f"{place}: {text}" if place else text
+    return read_model(FitTable, chosen("table", name, shipped()))

@@ -7,18 +7,18 @@ import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeGuard, TypeVar, get_args
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from controllers.catalog import broken
 from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 from twin.shipped import find
+from twin.validation import Model, one_line
 
 Tables = dict[str, Any]
-Model = TypeVar("Model", bound=BaseModel)
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
@@ -194,40 +194,7 @@ def validated(
     try:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {prefix}{_one_line(model, error)}") from None
-
-
-def _one_line(model: type[BaseModel], error: ValidationError) -> str:
-    """The first finding of a validation: which key, what is wrong, what is allowed."""
-    # An unknown key explains a missing one beside it, so it comes first.
-    findings = sorted(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
-    first = findings[0]
-    place = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        *path, name = (str(part) for part in first["loc"])
-        return f"{place}: unknown key{nearest(name, _fields(model, path))}"
-    if first["type"] == "missing":
-        return f"{place}: missing; it has no default"
-    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    if first["type"] == "value_error" and not place:
-        return message
-    return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
-
-
-def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
-    for name in path:
-        field = model.model_fields.get(name)
-        annotation = field.annotation if field is not None else None
-        # a table that may be left out is a union of its model and None
-        inner = next(filter(_is_table, get_args(annotation) or (annotation,)), None)
-        if inner is None:
-            break
-        model = inner
-    return list(model.model_fields)
-
-
-def _is_table(annotation: object) -> TypeGuard[type[BaseModel]]:
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+        raise ScenarioError(f"{source}: {prefix}{one_line(model, error)}") from None
 
 
 def _toml_value(text: str) -> Any:

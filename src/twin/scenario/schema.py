@@ -45,7 +45,7 @@ class _TouchChecks(Section):
     @classmethod
     def _frames_come(cls, value: float) -> float:
         if 0 < value < 1:
-            raise ValueError("0 or 1 to 10000")
+            raise ValueError(f"must be 0 or 1 to 10000, got {value:g}")
         return value
 
 

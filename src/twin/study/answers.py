@@ -13,7 +13,8 @@ from SALib.analyze import morris, sobol
 from scipy import stats
 
 from controllers.arrays import Array
-from twin.study.design import LEVELS, SEED, Design, Point, problem, quantiles
+from twin.study.design import LEVELS, SEED, Design, problem, quantiles
+from twin.study.family import Point
 from twin.study.schema import Study
 from twin.study.work import Work
 

@@ -12,7 +12,7 @@ from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
 from twin.scenario.schema import KINDS
-from twin.study.design import Point
+from twin.study.family import Point
 
 _MISSING = object()
 

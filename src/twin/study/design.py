@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from SALib.sample import latin, morris, sobol
 
 from controllers.arrays import Array
-from twin.study.schema import Study, column
-
-Point = dict[str, float | str]
+from twin.study.distribution import column
+from twin.study.family import Point
+from twin.study.schema import Study
 
 LEVELS = 4
 """Levels of Morris's trajectories."""

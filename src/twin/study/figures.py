@@ -14,7 +14,8 @@ from twin.report.numbers import LABELS
 from twin.run.overview_plot import COLOURS, LOOK, STYLES
 from twin.study import interaction
 from twin.study.answers import Answer, Curve, SensitivityIndex
-from twin.study.design import Design, Point
+from twin.study.design import Design
+from twin.study.family import Point
 from twin.study.schema import Study
 
 INDEX = {

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from twin.study.answers import Answer
-from twin.study.design import Point
+from twin.study.family import Point
 from twin.study.figures import metric_label, where_label
 from twin.study.schema import Study
 

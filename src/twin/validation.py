@@ -1,0 +1,81 @@
+"""Tables that somebody wrote as a checked model, or one line: what, where, what is allowed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from twin.data_file import DataError, read_toml
+from twin.errors import ScenarioError, nearest, shortened
+
+Model = TypeVar("Model", bound=BaseModel)
+
+LENIENT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
+"""Of files about many runs: unknown keys and non-finite numbers are refused."""
+
+
+def read_model(model: type[Model], path: Path, **given: Any) -> Model:
+    """The model that a TOML file describes.
+
+    Args:
+        model: What it must be.
+        path: The file.
+        given: Keys in place of the file's own; None for those that are not.
+
+    Raises:
+        ScenarioError: If it cannot be read, or anything in it is unknown or out of range.
+    """
+    try:
+        tables = read_toml(path)
+        tables |= {key: value for key, value in given.items() if value is not None}
+        return model.model_validate(tables)
+    except DataError as error:
+        raise ScenarioError(f"{path.name}: {error}") from error
+    except ValidationError as error:
+        raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
+
+
+def one_line(model: type[BaseModel], error: ValidationError) -> str:
+    """The first finding of a validation: which key, what is wrong, what is allowed.
+
+    Args:
+        model: What the tables were to be.
+        error: What was found.
+    """
+    # An unknown key explains a missing one beside it, so it comes first.
+    first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        *path, name = (str(part) for part in first["loc"])
+        return f"{place}: unknown key{nearest(name, _fields(model, path))}"
+    if first["type"] == "missing":
+        return f"{place}: missing; it has no default"
+    if first["type"] == "value_error":
+        text = first["msg"].removeprefix("Value error, ")
+        return f"{place}: {text}" if place else text
+    message = first["msg"].removeprefix("Input should be ")
+    return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
+
+
+def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
+    """The keys of the table at a path, or of the last one on the way to it."""
+    hint: Any = model
+    for name in path:
+        if _is_table(hint):
+            model = hint
+            field = model.model_fields.get(name)
+            hint = None if field is None else field.annotation
+            if get_origin(hint) in (Union, UnionType):  # a table that may be left out
+                hint = next(filter(_is_table, get_args(hint)), hint)
+        else:  # a key of a dictionary, or a place in a list
+            hint = next(filter(_is_table, get_args(hint)), None)
+    return list((hint if _is_table(hint) else model).model_fields)
+
+
+def _is_table(hint: object) -> TypeGuard[type[BaseModel]]:
+    return isinstance(hint, type) and issubclass(hint, BaseModel)

@@ -1,0 +1,134 @@
+"""The shipped family of uncertain rigs: what is drawn, and that a batch of them is exact."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from twin.cli.study import study as command
+from twin.errors import ScenarioError
+from twin.run.batch import alike, simulate
+from twin.study.build import Builder
+from twin.study.distribution import Parameter
+from twin.study.family import drawn, read
+from twin.study.schema import Study
+
+FAMILY = read("uncertain")
+
+
+def scenarios(kind, rigs):
+    build = Builder("circle")
+    fixed = [f"plant.kind={kind}", "plant.step=0.002", "duration=0.3", "metrics.start=0.1"]
+    fixed += ["plant.start.x_rate=0.05", "plant.start.y_rate=0.05"]  # friction acts at once
+    return [build((*fixed, f"seed={rig.seed}"), rig.point) for rig in rigs]
+
+
+@pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
+def test_whatever_differs_in_the_family_a_rig_gives_the_same_bits_alone_and_in_a_batch(kind):
+    rigs = scenarios(kind, drawn(FAMILY, 5, 12))
+    assert len({str(alike(each)) for each in rigs}) == 1, "they share a batch"
+    whole = simulate(rigs)
+    assert len({each.tracking_error_percent for each in whole}) == 12
+    for some in ([0], [3, 7], [11, 4, 0]):
+        assert simulate([rigs[i] for i in some]) == [whole[i] for i in some]
+
+
+def test_a_rig_does_not_depend_on_how_many_are_drawn_and_no_two_draws_share_one():
+    few, many, others = drawn(FAMILY, 1, 8), drawn(FAMILY, 1, 200), drawn(FAMILY, 2, 200)
+    assert few == many[:8]
+    points = [tuple(rig.point.values()) for rig in (*many, *others)]
+    assert len(set(points)) == 400
+    assert len({rig.seed for rig in (*many, *others)}) == 400
+
+
+def test_rigs_are_distributed_as_the_family_says():
+    rigs = drawn(FAMILY, 3, 400)
+    columns = {key: np.array([rig.point[key] for rig in rigs]) for key in FAMILY.parameters}
+    for key, about in FAMILY.parameters.items():
+        if not about.continuous:
+            continue
+        low, high = about.ends
+        shares = (columns[key] - low) / (high - low)
+        if about.loguniform is not None:
+            shares = np.log(columns[key] / low) / np.log(high / low)
+        assert stats.kstest(shares, "uniform").pvalue > 1e-3, key
+    assert np.mean(columns["sensors.touch.frame_rate"] == 58) == pytest.approx(0.5, abs=0.1)
+    level = stats.pearsonr(columns["plant.level_deg.0"], columns["plant.level_deg.1"])
+    assert level.pvalue > 1e-3, "drawn independently"
+
+
+def test_integers_reach_both_ends_and_nothing_beyond():
+    about = Parameter(integers=(3, 5))
+    assert about.at(np.array([0.0, 0.34, 0.99, 1.0])).tolist() == [3, 4, 5, 5]
+
+
+def test_a_study_takes_the_parameters_of_a_family_and_its_own_over_them():
+    tables = {"title": "t", "scenario": "circle", "method": "montecarlo", "family": "uncertain"}
+    own = {"plant.friction.rolling_mm": {"uniform": [0.3, 0.4]}}
+    study = Study.model_validate({**tables, "parameters": own})
+    assert study.parameters.keys() == FAMILY.parameters.keys()
+    assert study.parameters["plant.friction.rolling_mm"].uniform == (0.3, 0.4)
+    assert Study.model_validate(tables).parameters == FAMILY.parameters
+
+
+STUDY = """
+title = "short"
+scenario = "circle"
+set = ["plant.kind=lagrange", "plant.step=0.002", "duration=0.2", "metrics.start=0.1"]
+method = "montecarlo"
+samples = 6
+family = "uncertain"
+"""
+
+
+def test_a_study_over_the_family_runs(tmp_path):
+    file = tmp_path / "short.toml"
+    file.write_text(STUDY)
+    arguments = [str(file), "--processes", "1", "--out", str(tmp_path / "out"), "--json"]
+    result = CliRunner().invoke(command, arguments)
+    assert result.exit_code == 0, result.output
+    (found,) = json.loads(result.stdout)["variants"].values()
+    assert (found["runs"], found["failed"]) == (6, 0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"uncertain"', '"uncertian"', "short.toml: family 'uncertian': not found; did you mean"),
+        ('"montecarlo"', '"morris"', "morris needs a distribution"),
+        ('family = "uncertain"', "family = 3", "family: must be a valid string, got 3"),
+        ('family = "uncertain"', "", "parameters: name at least one"),
+    ],
+)
+def test_a_mistake_about_the_family_is_one_line(tmp_path, old, new, message):
+    file = tmp_path / "short.toml"
+    file.write_text(STUDY.replace(old, new))
+    result = CliRunner().invoke(command, [str(file)])
+    assert isinstance(result.exception, ScenarioError)
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('title = "t"\n[parameters]\n', "family.toml: parameters: name at least one"),
+        ('title = "t"\nrigs = 3\n[parameters]\n', "rigs: unknown key (known: title, parameters)"),
+        (
+            'title = "t"\n[parameters."duration"]\nunifrom = [1, 2]\n',
+            "parameters.duration.unifrom: unknown key; did you mean 'uniform'",
+        ),
+        (
+            'title = "t"\n[parameters."duration"]\nintegers = [2, 1]\n',
+            "parameters.duration: empty range: 2 is not below 1",
+        ),
+    ],
+)
+def test_a_mistake_in_a_family_is_one_line(tmp_path, text, message):
+    file = tmp_path / "family.toml"
+    file.write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        read(str(file))
+    assert message in str(caught.value)
