@@ -57,6 +57,10 @@ def chosen(
     if scenario.sensors.ideal:
         raise ScenarioError("--rig: no rig measures its full state; set sensors.ideal=false")
     if rig != EMULATED:
+        if scenario.change:
+            raise ScenarioError(
+                f"--rig {rig}: [[change]] changes a simulated rig, never a real one; leave it out"
+            )
         for text in overrides:
             key = text.partition("=")[0].strip()
             if key.startswith(SIMULATION_ONLY):
@@ -66,6 +70,7 @@ def chosen(
                 )
         yield connect(scenario, read_rig(Path(rig)), reset=reset)
         return
+    from twin.emulator.changes import follow_changes
     from twin.emulator.serve import emulated
     from twin.run.plants import build_plant
 
@@ -73,7 +78,9 @@ def chosen(
     known = build_plant([scenario])[1]
     with emulated(scenario) as virtual:
         tables = check_rig(virtual.tables, EMULATED)
-        yield connect(scenario, tables, reset=reset, transmission=known)
+        host = connect(scenario, tables, reset=reset, transmission=known)
+        follow_changes(host, scenario, known, virtual.begin)
+        yield host
         errors.print(virtual.tell("lag"), style="dim", highlight=False)
 
 

@@ -201,7 +201,9 @@ class LockstepRig(HardwareRig):
         self.lockstep = LockstepDrives(config)
         self.plant = plant
         adapter = self.lockstep.adapter
-        self.line = ScreenLine(plant.ball, protocol=protocol, seed=seed, dead_time=plant.dead_time)
+        self.line = ScreenLine(
+            plant.ball, protocol=protocol, seed=seed, dead_time=lambda: plant.dead_time
+        )
         now = adapter.now
         chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
         self.port = LockstepScreenPort(self.line, now)

@@ -34,7 +34,7 @@ class ScreenLine:
         protocol: What it speaks.
         baud: Bits per second of a serial protocol, ten bits per byte.
         frame: Seconds between frames.
-        dead_time: Seconds from looking to arrival.
+        dead_time: Seconds from looking to arrival, or what tells them at each look.
         calibration: How it is mounted: plate to screen units.
         seed: Of everything random in the faults injected.
     """
@@ -49,7 +49,7 @@ class ScreenLine:
         protocol: Protocol = Protocol.MICROTOUCH,
         baud: int = 9600,
         frame: float = FRAME,
-        dead_time: float = DEAD_TIME,
+        dead_time: float | Callable[[], float] = DEAD_TIME,
         calibration: Calibration | None = None,
         seed: int = 0,
     ) -> None:
@@ -61,7 +61,7 @@ class ScreenLine:
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
         self._baud = baud
         self._frame = frame
-        self._dead_time = dead_time
+        self._dead_time = dead_time if callable(dead_time) else lambda: dead_time
         self._calibration = calibration or Calibration.nominal()
         self._next: float | None = None
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -89,15 +89,16 @@ class ScreenLine:
             for name, (x, y) in enumerate(shares, start=1)
             if 0 <= x <= 1 and 0 <= y <= 1
         ]
+        arrival = now + self._dead_time()
         spots = self.damage.contacts(now, seen)
         lifted = () if self.damage.hides_lift(now) else self._lifted(spots)
         self._down = spots
         for packet in ENCODERS[self.protocol]((*spots, *lifted)):
             for number, part in enumerate(self.damage.packet(now, packet)):
-                self._schedule(now + self._dead_time + number * SPLIT_GAP, part)
+                self._schedule(arrival + number * SPLIT_GAP, part)
         if self.damage.active(ScreenFault.FLOOD, now):
             rate = self._baud / 10 if self._byte else 100_000
-            self._schedule(now + self._dead_time, self.damage.noise(int(self._frame * rate)))
+            self._schedule(arrival, self.damage.noise(int(self._frame * rate)))
 
     def _lifted(self, spots: Sequence[Spot]) -> tuple[Spot, ...]:
         """One last report of every contact that touched in the last frame and no longer does."""

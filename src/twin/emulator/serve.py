@@ -30,6 +30,8 @@ STARVED = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
 PRIORITY = 70
 """Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
+BEGIN = "begin"
+"""Word that says that the run's time is zero now; it has no answer."""
 START = 60.0
 """Longest time in s that the process may take to start."""
 
@@ -54,7 +56,10 @@ class VirtualRig:
         self.server = BusServer(self.bus, self.adapter, step=TICK)
         self.screen = EmulatedScreen(
             ScreenLine(
-                self._ball, protocol=protocol, dead_time=self.plant.dead_time, seed=scenario.seed
+                self._ball,
+                protocol=protocol,
+                dead_time=lambda: self.plant.dead_time,
+                seed=scenario.seed,
             )
         )
         self._finger: tuple[float, float] | None = None
@@ -117,6 +122,7 @@ class VirtualRig:
             "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
             "plug": ("touch screen plugged in", self.screen.replug),
+            BEGIN: ("the run begins", self.plant.begin),
         }
         text, act = known.get(word) or self._touch(word)
         with self.server.lock:
@@ -206,7 +212,10 @@ def _listen(pipe: Connection, rig: VirtualRig) -> None:
     """Obey what comes through the pipe until its other end is closed."""
     while True:
         try:
-            pipe.send(rig.obey(pipe.recv()))
+            word = pipe.recv()
+            answer = rig.obey(word)
+            if word != BEGIN:
+                pipe.send(answer)
         except (EOFError, OSError):
             rig.server.stop()
             return
@@ -232,6 +241,10 @@ class Emulator:
         self._pipe.send(word)
         answer: Any = self._pipe.recv()
         return str(answer)
+
+    def begin(self) -> None:
+        """Say that the run's time is zero now; waits for nothing."""
+        self._pipe.send(BEGIN)
 
     @property
     def pid(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Transmission
 from twin.run.assemble import build_devices, start_plant
+from twin.run.changes import change_devices, changing_devices
 from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
 from twin.sim.encoders import EncoderModel
@@ -37,6 +38,7 @@ class EmulatedPlant:
         self._tick = plant.step * max(1, int(TICK / plant.step + 1e-9))
         touch, encoders = scenario.sensors.touch, scenario.sensors.encoders
         self.dead_time = touch.dead_time
+        """Time in s from a touch to its arrival, now."""
         self.devices: SimulatedDevices = build_devices(
             [scenario],
             plant,
@@ -44,6 +46,8 @@ class EmulatedPlant:
             touch=TouchModel(dead_time=0.0, grid=0, variance=touch.variance),
             encoders=EncoderModel(counts=0, variance=encoders.variance),
         )
+        self._changes = changing_devices(self.devices, [scenario], self._change)
+        self._begun: float | None = None
         self.present = True
         """Whether there is a ball that the screen can sense."""
         self._owed = 0.0
@@ -58,6 +62,14 @@ class EmulatedPlant:
         self._drives = drives[:2]
         self._sense()
 
+    def begin(self) -> None:
+        """The run's time is zero now: what its scenario changes is counted from here."""
+        self._begun = self.devices.time
+
+    def _change(self, old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
+        self.dead_time = new[0].sensors.touch.dead_time
+        change_devices(self.devices, old, new, touch={"dead_time": 0.0})
+
     def advance(self, seconds: float) -> None:
         """Let time pass in whole ticks; the rest is kept for the next call."""
         self._owed += seconds
@@ -65,6 +77,8 @@ class EmulatedPlant:
             self._owed -= self._tick
             if not any(drive.enabled for drive in self._drives):
                 self.devices.rest()
+            if self._begun is not None:
+                self._changes(self.devices.time - self._begun)
             self.devices.command(np.array([[drive.rate for drive in self._drives]]))
             self.devices.wait()
             self._sense()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from twin.errors import ScenarioError
 from twin.explain.effects import Effect, exact, present, without
 from twin.jobs import cores, results
 from twin.run.execute import run
@@ -80,7 +81,15 @@ class Explanation:
 
 
 def plan(scenario: Scenario) -> dict[str, Scenario]:
-    """The runs that explain a scenario, by name: ``all``, ``none``, ``exact``, ``-e``, ``+e``."""
+    """The runs that explain a scenario, by name: ``all``, ``none``, ``exact``, ``-e``, ``+e``.
+
+    Raises:
+        ScenarioError: If the scenario changes its plant while it runs.
+    """
+    if scenario.change:
+        raise ScenarioError(
+            "change: explain compares effects that last the whole run; leave [[change]] out"
+        )
     effects = present(scenario)
     none = without(scenario, effects)
     cases = {ALL: scenario, NONE: none}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -64,6 +64,8 @@ class Rig:
         self._period = constant(period)
         self.journal: list[Entry] = []
         """Every condition that was detected, oldest first."""
+        self.changes: Callable[[float], None] | None = None
+        """Is told the time in s before each period passes; changes what the rig is made of."""
         self.supervisor = supervisor
         self._servos = servos
         self._screen = screen
@@ -167,8 +169,15 @@ class Rig:
         self._motor = self._transmission.motor(self._plate)
         self._unanchored = 0.0
 
+    def replace_transmission(self, transmission: Transmission) -> None:
+        """Look the cams up in another transmission from now on; the plate stays where it is."""
+        self._transmission = transmission
+        self._motor = transmission.motor(self._plate)
+
     def wait(self) -> None:
         """Return at the beginning of the next control period."""
+        if self.changes is not None:
+            self.changes(self._clock.time)
         self._clock.wait()
 
     @property

@@ -16,6 +16,7 @@ from controllers.stack import Controller
 from twin.errors import ScenarioError
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
+from twin.run.changes import changing
 from twin.run.control import build_controllers
 from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
@@ -73,6 +74,8 @@ def assemble(
         ideal=first.sensors.ideal,
         anchor=anchor,
     )
+    if any(each_one.change for each_one in each):
+        rig.changes = changing(rig, rig.devices, transmission, each)
     return Experiment(rig, controller)
 
 

@@ -48,6 +48,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
         "level": any(scenario.plant.level_deg),
         "sloping": surface is not None and surface.sloping,
         "patches": None if surface is None else surface.shape,
+        "change": [change.model_dump() for change in scenario.change],
     }
 
 

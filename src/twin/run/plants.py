@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from controllers.ballplate import BallPlate
 from twin.hal.cams import CamTable, FixedRatio
@@ -24,20 +25,62 @@ def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Pla
         ModelError: If the mechanism or its cam table cannot be used.
     """
     plant, known = PLANTS[scenarios[0].plant.kind](scenarios, threads)
+    return plant, mistaken(known, scenarios)
+
+
+def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
+    """A transmission with the errors that the scenarios have of it."""
     error = filled(TransmissionError, scenarios)
-    return plant, WrongTransmission(known, error) if error.any else known
+    return WrongTransmission(known, error) if error.any else known
+
+
+def change_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
+    """Let a running plant go on as the scenarios say.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+    if isinstance(plant, ExactPlant):
+        plant.change(**_equations(scenarios))
+        return
+    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
+
+    assert isinstance(plant, Mechanism)
+    plant.change(build_friction(scenarios) or Friction(), _parts(scenarios))
+
+
+def prepare_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
+    """Do ahead of time what takes long of ``change_plant``.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+    if isinstance(plant, ExactPlant):
+        return
+    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
+
+    assert isinstance(plant, Mechanism)
+    plant.foresee(_parts(scenarios))
+
+
+def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
+    """What of each rig's mechanism differs from the model file."""
+    return [changed(Parts, scenario) for scenario in scenarios]
 
 
 def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
-    first = scenarios[0].plant
-    plant = ExactPlant(
-        BallPlate(mass=first.ball.mass, radius=first.ball.radius, inertia=first.ball.inertia),
-        rigs=len(scenarios),
-        step=first.step,
-        friction=build_friction(scenarios),
-        level=per_rig(settings_of(Parts)["level"], scenarios),
-    )
+    plant = ExactPlant(rigs=len(scenarios), step=scenarios[0].plant.step, **_equations(scenarios))
     return plant, FixedRatio()
+
+
+def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
+    """What scenarios say of the exact equations: ball, friction and level."""
+    ball = scenarios[0].plant.ball
+    return {
+        "model": BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+        "friction": build_friction(scenarios),
+        "level": per_rig(settings_of(Parts)["level"], scenarios),
+    }
 
 
 def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmission]:
@@ -48,7 +91,7 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         step=scenarios[0].plant.step,
         threads=threads,
         friction=build_friction(scenarios) or Friction(),
-        parts=[changed(Parts, scenario) for scenario in scenarios],
+        parts=_parts(scenarios),
     )
     kinds = [scenario.rig.cams for scenario in scenarios]
     cams = {kind: _cams(kind, plant.ratio) for kind in set(kinds)}

@@ -38,5 +38,6 @@ def clean(scenario: Scenario) -> Scenario:
             ),
             "disturbance": DisturbanceTable(variance=none),
             "predictor": None,
+            "change": (),
         }
     )

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import chain
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from docstring_parser import parse_from_object
 from pydantic import BaseModel
@@ -205,9 +205,9 @@ def _type(schema: Mapping[str, Any]) -> str:
     if schema.get("type") == "array":
         inner = schema.get("items") or schema.get("prefixItems", [{}])[0]
         number = f"{schema['minItems']} " if "minItems" in schema else ""
-        several = re.sub(r"\b(number|text|list)\b", r"\1s", _type(inner))
+        several = re.sub(r"\b(number|text|list|table)\b", r"\1s", _type(inner))
         return f"list of {number}{several}"
-    return WORDS.get(str(schema.get("type")), "value")
+    return "table" if "$ref" in schema else WORDS.get(str(schema.get("type")), "value")
 
 
 def _range(schema: Mapping[str, Any]) -> str:
@@ -229,7 +229,9 @@ def _range(schema: Mapping[str, Any]) -> str:
 
 
 def _table(annotation: object) -> type[BaseModel] | None:
-    """The model of a table, of one that may be left out too; None for a value."""
+    """The model of a table, of one that may be left out too; None for a value or a list."""
+    if get_origin(annotation) is tuple:
+        return None
     found = [
         each
         for each in (annotation, *get_args(annotation))

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from controllers.catalog import broken
 from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
+from twin.scenario import change
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 from twin.shipped import find
 from twin.validation import Model, one_line
@@ -174,7 +175,31 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
                 + "".join(f"; not imported: {line}" for line in broken())
             )
         validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+    _check_changes(scenario, source)
     return scenario
+
+
+def _check_changes(scenario: Scenario, source: str) -> None:
+    """Make sure that a plant can follow every change, on the whole way to its new values.
+
+    Raises:
+        ScenarioError: If it cannot.
+    """
+    if not scenario.change:
+        return
+    tables: Tables = scenario.model_dump(mode="json", exclude={"change"})
+    for number, each in sorted(enumerate(scenario.change), key=lambda item: item[1].at):
+        if wrong := each.problem():
+            raise ScenarioError(f"{source}: change.{number}.set: {wrong}")
+        tables = put(tables, each.set.items())
+        validated(Scenario, tables, source, f"change.{number}.set: ")
+    if wrong := change.problem(scenario):
+        raise ScenarioError(f"{source}: {wrong}")
+    for number, each in enumerate(scenario.change):
+        for share in (0.001, 0.999) if each.over else ():
+            between = change.at_time(scenario, each.at + share * each.over)
+            on_the_way = between.model_dump(mode="json", exclude={"change"})
+            validated(Scenario, on_the_way, source, f"change.{number}: on the way: ")
 
 
 def validated(

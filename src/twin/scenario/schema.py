@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from controllers.catalog import catalog
 from controllers.interfaces import Law, Observer, Reference
 from twin.hal.limits import Limits
+from twin.scenario.change import Change
 from twin.scenario.plant import PlantTable
 from twin.scenario.tables import Section, model_of, table
 from twin.sim.drives import DriveModel
@@ -130,6 +131,9 @@ class Scenario(Section):
     """Which noise is drawn: the same seed gives the same run to the last bit."""
     baseline: bool = False
     """Whether `ballplate run` also runs the clean model, to compare with."""
+    change: tuple[Change, ...] = ()
+    """What changes of the rig while it runs: each table says at which time (at), how long it takes
+    (over, 0 for at once) and the new values by their quoted keys (set)."""
     plant: PlantTable = PlantTable()
     rig: RigTable = RigTable()
     sensors: SensorsTable = SensorsTable()

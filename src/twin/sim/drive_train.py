@@ -8,10 +8,29 @@ have the part, shape (N, 1); of the others what it gives means nothing.
 from __future__ import annotations
 
 import math
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
+
+
+class TrainPart(Protocol):
+    """A part of the drive train of N rigs."""
+
+    acts: NDArray[np.bool_]
+
+    def go_on(self, before: Any, rate: Array) -> None:
+        """Begin in the state of another one of its kind.
+
+        Args:
+            before: That one.
+            rate: Rates of the input in rad/s now, shape (N, 2).
+        """
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input, both (N, 2)."""
 
 
 class Play:
@@ -26,6 +45,11 @@ class Play:
         self.acts = width > 0
         self._input: Array = np.zeros((len(width), 2))
         self._output: Array = np.zeros((len(width), 2))
+
+    def go_on(self, before: Play, rate: Array) -> None:
+        """Begin in the state of another one."""
+        del rate
+        self._input, self._output = before._input, before._output
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -54,6 +78,11 @@ class Hysteresis:
         self._width = width
         self._way = np.where(width > 0, width, 1.0)
         self._lost: Array = np.zeros((len(width), 2))
+
+    def go_on(self, before: Hysteresis, rate: Array) -> None:
+        """Begin in the state of another one."""
+        del rate
+        self._lost = before._lost
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -90,6 +119,11 @@ class Resonance:
         self._d: Array = np.zeros((len(frequency), 2))
         self._d_rate: Array = np.zeros((len(frequency), 2))
         self._motor_rate: Array = np.zeros((len(frequency), 2))
+
+    def go_on(self, before: Resonance, rate: Array) -> None:
+        """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
+        self._d, self._d_rate = before._d, before._d_rate
+        self._motor_rate = np.where(before.acts, before._motor_rate, rate)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the plate in rad for one of the motor."""

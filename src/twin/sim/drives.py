@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.arrays import Array, Number
 from twin.settings import Unit, setting
-from twin.sim.drive_train import Hysteresis, Play, Resonance
+from twin.sim.drive_train import Hysteresis, Play, Resonance, TrainPart
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +54,31 @@ class SimulatedDrives:
     """
 
     def __init__(self, model: DriveModel, period: float, ratio: float, rigs: int) -> None:
+        self._period, self._ratio, self._rigs = period, ratio, rigs
+        self._rate: Array = np.zeros((rigs, 2))
+        self._tick = 0
+        self._every: tuple[TrainPart, ...] = ()
+        self._equip(model)
+
+    def change(self, model: DriveModel, rate: Array) -> None:
+        """Have the imperfections of another model from now on.
+
+        Args:
+            model: The imperfections.
+            rate: Motor rates in rad/s that were commanded for the period that has passed, (N, 2).
+        """
+        if self.ideal:
+            self._rate = rate
+        before = self._every
+        self._equip(model)
+        for old, new in zip(before, self._every, strict=True):
+            new.go_on(old, rate)
+
+    def _equip(self, model: DriveModel) -> None:
+        period, ratio = self._period, self._ratio
+
         def each(value: Number) -> Array:
-            return np.broadcast_to(np.asarray(value, float), (rigs,))[:, None]
+            return np.broadcast_to(np.asarray(value, float), (self._rigs,))[:, None]
 
         shares = (2 * math.pi * each(model.bandwidth) * period)[:, 0].tolist()
         # Of the step from old rate to new, what is left at the end of a period and in its mean.
@@ -66,17 +89,14 @@ class SimulatedDrives:
         self._swing = ratio * each(model.vibration) / omega
         self._turn = omega * period
         self._vibrating = bool(self._swing.any())
-        parts: tuple[Play | Hysteresis | Resonance, ...] = (
+        self._every = (
             Play(each(model.backlash) * ratio),
             Hysteresis(each(model.hysteresis) * ratio),
             Resonance(each(model.resonance), each(model.resonance_damping), period),
         )
-        self._parts = [part for part in parts if part.acts.any()]
+        self._parts = [part for part in self._every if part.acts.any()]
         self.ideal = not (any(shares) or self._parts or self._vibrating)
         """Whether the shafts follow every command at once."""
-        self._period = period
-        self._rate: Array = np.zeros((rigs, 2))
-        self._tick = 0
 
     def follow(self, rate: Array) -> Array:
         """Mean rates over the next period for the commanded ones, both rad/s, shape (N, 2)."""

@@ -48,6 +48,10 @@ class SimulatedEncoders:
         self._counting, self._mixed = bool(counts.any()), bool(self._exact.any())
         self._count = constant(2 * math.pi / np.where(self._exact, 1.0, counts))
 
+    def change(self, model: EncoderModel) -> None:
+        """Have the noise of another model from now on."""
+        self._noise.change(model.variance)
+
     def read(self, plate: Array) -> Array:
         """Measured plate angles in rad for the true ones, both (N, 2)."""
         if not self._noise.silent:

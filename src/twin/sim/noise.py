@@ -29,15 +29,25 @@ class Noise:
     def __init__(
         self, variance: ArrayLike, seeds: Sequence[np.random.SeedSequence], hold: HeldPeriods = 1
     ) -> None:
-        scale = np.sqrt(np.asarray(variance, dtype=float))
-        self._scale = np.broadcast_to(scale, (len(seeds), scale.shape[-1]))
         self._streams = [np.random.default_rng(seed) for seed in seeds]
         self._hold = hold
+        self._rows = np.arange(len(seeds))
+        shape = self.BLOCK, len(seeds), np.shape(variance)[-1]
+        self._drawn, self._block = np.zeros(shape), np.zeros(shape)
+        self._tick = 0
+        self.change(variance)
+
+    def change(self, variance: ArrayLike) -> None:
+        """Have another variance from now on; what is drawn differs by its scale alone.
+
+        Args:
+            variance: One per channel, shape (channels,), or (N, channels).
+        """
+        scale = np.sqrt(np.asarray(variance, dtype=float))
+        self._scale = np.broadcast_to(scale, self._block.shape[1:])
+        self._block = self._drawn * self._scale
         self.silent = not scale.any()
         """Whether every variance is zero."""
-        self._rows = np.arange(len(seeds))
-        self._block = np.empty((self.BLOCK, *self._scale.shape))
-        self._tick = 0
 
     def draw(self) -> Array:
         """The noise of the next control period, shape (N, channels)."""
@@ -57,4 +67,5 @@ class Noise:
 
     def _fill(self, rig: int) -> None:
         drawn = self._streams[rig].standard_normal((self.BLOCK, self._scale.shape[1]))
+        self._drawn[:, rig] = drawn
         self._block[:, rig] = drawn * self._scale[rig]

@@ -48,13 +48,39 @@ class SimulatedDevices:
         self._screen = SimulatedScreen(touch, period, seeds, hold)
         self._encoders = SimulatedEncoders(encoders, seeds, hold)
         self._drives = SimulatedDrives(drives, period, plant.ratio, plant.rigs)
-        # Accelerations of the plate, drawn as steps of the motor rates they add up to.
-        step = (plant.ratio * period) ** 2 * np.asarray(drives.disturbance)
-        self._disturbance = Noise(step, [s.spawn(1)[0] for s in seeds], hold)
+        shaken = self._shaken(drives)
+        self._disturbance = Noise(shaken, [s.spawn(1)[0] for s in seeds], hold)
         self._drift: Array = np.zeros((plant.rigs, 2))
         self._rate: Array = np.zeros((plant.rigs, 2))
+        self._followed: Array = self._rate
         self._tick = 0
         self._look()
+
+    def _shaken(self, drives: DriveModel) -> Array:
+        """Variances of the steps of the motor rates whose sum are the plate's accelerations."""
+        return (self.plant.ratio * self._period) ** 2 * np.asarray(drives.disturbance)
+
+    def change(
+        self,
+        *,
+        touch: TouchModel | None = None,
+        encoders: EncoderModel | None = None,
+        drives: DriveModel | None = None,
+    ) -> None:
+        """Have other imperfections from now on; None leaves what there is.
+
+        Args:
+            touch: Dead time and noise of the touch screen; all else of it stays.
+            encoders: Noise of the plate encoders; their counts stay.
+            drives: Imperfections of the drives.
+        """
+        if touch is not None:
+            self._screen.change(touch)
+        if encoders is not None:
+            self._encoders.change(encoders)
+        if drives is not None:
+            self._drives.change(drives, self._followed)
+            self._disturbance.change(self._shaken(drives))
 
     @property
     def time(self) -> float:
@@ -64,6 +90,7 @@ class SimulatedDevices:
     def wait(self) -> None:
         """Simulate one control period."""
         rate = self._rate if self._drives.ideal else self._drives.follow(self._rate)
+        self._followed = self._rate
         if not self._disturbance.silent:
             self._drift += self._disturbance.draw()
             rate = rate + self._drift

@@ -67,6 +67,7 @@ class SimulatedScreen:
             return np.broadcast_to(np.asarray(value, float), (rigs,))
 
         self._period = period
+        self._model = model
         self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
         rate = each(model.frame_rate)
         self._framed = rate > 0
@@ -74,10 +75,8 @@ class SimulatedScreen:
         self._frame = np.divide(1.0, rate, out=np.zeros(rigs), where=self._framed)
         phase = [np.random.default_rng(s.spawn(1)[0]).random() for s in seeds]
         self._phase = np.array(phase) * self._frame
-        self._delay, spread = each(model.dead_time), each(model.spread)
-        # As far back as is kept: a sample may be late by four standard deviations at most.
-        self._latest = self._delay + 4 * spread
-        self._length = 2 + math.ceil((self._latest + self._frame).max() / period)
+        spread = each(model.spread)
+        self._wait(each(model.dead_time), spread)
         # Streams of their own, beside those spawned: with and without spread, all else is the same.
         apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
         self._spread = Noise(spread[:, None] ** 2, apart, hold)
@@ -88,12 +87,41 @@ class SimulatedScreen:
         rotation = each(model.rotation)
         self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
         self._rows = np.arange(rigs)
-        self._whole, self._share = self._periods(self._delay)
-        # one dead time for all: their samples lie side by side
-        self._together = int(self._whole[0]) if len(set(self._delay.tolist())) == 1 else None
         self._fresh = np.zeros(rigs)
         self._shown = np.full(rigs, np.nan)
         self._tick = -1
+        self._past: Array = np.empty((0, rigs, 2))
+        self._felt: Mask = np.empty((0, rigs), bool)
+
+    def _wait(self, delay: Array, spread: Array) -> None:
+        """Let samples take dead times in s, shape (N,), and a spread of them."""
+        self._delay = delay
+        # As far back as is kept: a sample may be late by four standard deviations at most.
+        self._latest = delay + 4 * spread
+        self._length = 2 + math.ceil((self._latest + self._frame).max() / self._period)
+        self._whole, self._share = self._periods(delay)
+        # one dead time for all: their samples lie side by side
+        self._together = int(self._whole[0]) if len(set(delay.tolist())) == 1 else None
+
+    def change(self, model: TouchModel) -> None:
+        """Have the dead time and the noise of another model from now on.
+
+        Where samples take longer than before, the oldest that has arrived stays until the next one
+        has.
+        """
+        self._noise.change(model.variance)
+        if np.array_equal(model.dead_time, self._model.dead_time):
+            return
+        self._model = model
+        delay, spread = np.broadcast_arrays(model.dead_time, model.spread, self._frame)[:2]
+        kept = self._length
+        self._wait(np.asarray(delay, float), np.asarray(spread, float))
+        age = np.minimum(np.arange(self._length), kept - 1)
+        old, new = (self._tick - age) % kept, (self._tick - np.arange(self._length)) % self._length
+        # which of the rows that were kept stands where in the new ring
+        order = np.empty(self._length, int)
+        order[new] = old
+        self._past, self._felt = self._past[order], self._felt[order]
 
     def see(self, position: Array, touching: Mask) -> None:
         """Take in the true ball positions (N, 2) of a new control period."""

@@ -46,16 +46,25 @@ class BallContact:
         self.varying = not friction.constant and not (free.all() and friction.map is None)
         """Whether ``feel`` has to be called."""
         self._sloping = friction.map is not None and friction.map.sloping
+        ball = model.body("ball").id
+        self._force = batch.bind("xfrc_applied")[:, ball, :3]
         if self._sloping:
-            ball = model.body("ball").id
-            self._force = batch.bind("xfrc_applied")[:, ball, :3]
             mass = batch.expanded("body_mass")
             masses = model.body_mass if mass is None else mass
             self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
 
     def start(self, x: Array) -> None:
         """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
-        self._age = self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
+        self._age = self._settled(x)
+
+    def _settled(self, x: Array) -> Array:
+        """Age of contacts that have long been in the state x, shape (N,)."""
+        return self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
+
+    def go_on(self, before: BallContact, x: Array) -> None:
+        """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
+        self._age = before._age if before.friction.ageing else self._settled(x)
+        self._force[:] = 0.0
 
     def feel(self, x: Array, time: float) -> None:
         """Set friction and slope for the state x, shape (N, 8), which will last a time in s."""

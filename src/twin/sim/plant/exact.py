@@ -50,10 +50,23 @@ class ExactPlant:
         friction: Friction | None = None,
         level: ArrayLike = (0.0, 0.0),
     ) -> None:
-        self.model = model or BallPlate()
         self.rigs = rigs
         self.step = step
-        self.friction = friction
+        self._age: Array | None = None
+        self._equip(model or BallPlate(), friction, level)
+        self.start(np.zeros((rigs, 4)))
+
+    def change(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
+        """Go on with another ball, friction and level; arguments as when it was made."""
+        self._equip(model, friction, level)
+        ageing = friction is not None and friction.ageing
+        if not ageing:
+            self._age = None
+        elif self._age is None:
+            self._age = self._settled()
+
+    def _equip(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
+        self.model, self.friction = model, friction
         surface = None if friction is None else friction.map
         self._slope = surface if surface is not None and surface.sloping else None
         self._gravity: Any = tilted_gravity(level, self.model.gravity).T
@@ -61,13 +74,17 @@ class ExactPlant:
         """Deceleration by friction over the normal acceleration, where it is constant."""
         if friction is not None and friction.constant:
             self._grip = self.model.c1 * (np.asarray(friction.rolling) / self.model.radius)
-        self._single = rigs == 1 and (friction is None or friction.constant)
+        self._single = self.rigs == 1 and (friction is None or friction.constant)
         """Whether plain numbers do."""
         self._by = NUMBERS if self._single else ARRAYS
         if self._single:
             self._gravity = self._gravity.ravel().tolist()
             self._grip = None if self._grip is None else self._grip.item()
-        self.start(np.zeros((rigs, 4)))
+
+    def _settled(self) -> Array:
+        """Age of contacts that have long been as they are, shape (N,)."""
+        assert self.friction is not None
+        return self.friction.settled(np.hypot(self._x[:, 1], self._x[:, 5]))
 
     def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4).
@@ -81,9 +98,9 @@ class ExactPlant:
             raise ModelError("the exact equations have a ball that never spins")
         self._x: Array = np.zeros((self.rigs, 8))
         self._x[:, (0, 1, 4, 5)] = ball
-        self._age: Array | None = None
+        self._age = None
         if self.friction is not None and self.friction.ageing:
-            self._age = self.friction.settled(np.hypot(self._x[:, 1], self._x[:, 5]))
+            self._age = self._settled()
         self._fallen = np.zeros(self.rigs, bool)
 
     def advance(self, motor_rate: Array, steps: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from twin.errors import ModelError
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.kinematics import ball_in_plate
+from twin.sim.plant.level import tilted_gravity
 from twin.sim.plant.model import NAMES, differing, load_model
 from twin.sim.plant.parts import Parts
 
@@ -75,33 +77,83 @@ class Mechanism:
             raise ModelError(f"rigs must be 1 or more, got {rigs}")
         if step is not None and not 0 < step <= 0.002:
             raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
-        each = [parts] * rigs if parts is None or isinstance(parts, Parts) else list(parts)
+        one = Parts() if parts is None else parts
+        each = [one] * rigs if isinstance(one, Parts) else list(one)
         if len(each) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
-        models = {part: load_model(path, part, drawn=False) for part in dict.fromkeys(each)}
-        for model in models.values():
-            model.opt.disableflags |= _UNUSED | (0 if rigs < _MANY else _ISLANDS)
-            if step is not None:
-                model.opt.timestep = step
-        model = models[each[0]]
         self.rigs = rigs
+        self._path, self._parts = path, each
+        self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
+        models = {part: self._load(part, step) for part in dict.fromkeys(each)}
+        model = models[each[0]]
+        self._models = [models[part] for part in each]
+        """The mechanism of each rig as it was built."""
+        self._now = self._models
+        """The same with what has been exchanged since."""
         self.step = float(model.opt.timestep)
         lever = np.abs(model.geom("wheel_phi").pos[0])
         self.ratio = float(lever / np.hypot(*model.geom("cam_phi").pos[[0, 2]]))
         self._sensing = rigs < _MANY
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
-        for name, values in differing([models[part] for part in each]).items():
+        for name, values in differing(self._models).items():
             self._batch.expand(name)[:] = values
         self._resolve(model)
         height = model.joint("ball").qposadr[0] + 2
-        self._height = np.array([models[part].key("level").qpos[height] for part in each])
+        self._height = np.array([each.key("level").qpos[height] for each in self._models])
         self._radius = self._height - self._surface
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
         self._varying = self._contact is not None and self._contact.varying
         self.start(np.zeros((rigs, 4)))
+
+    def _load(
+        self, parts: Parts, step: float | None, stands: mujoco.MjModel | None = None
+    ) -> mujoco.MjModel:
+        model = load_model(self._path, parts, drawn=False, stands=stands)
+        model.opt.disableflags |= _UNUSED | (0 if self.rigs < _MANY else _ISLANDS)
+        if step is not None:
+            model.opt.timestep = step
+        return model
+
+    def foresee(self, parts: Sequence[Parts]) -> None:
+        """Make ready for a ``change`` to other parts, one a rig, so that it takes no time.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        for own, stands, other in zip(self._parts, self._models, parts, strict=True):
+            wanted = _at_level_of(own, other)
+            if (own, wanted) not in self._exchanged:
+                as_it_was = stands if wanted == own else self._load(wanted, self.step, stands)
+                self._exchanged[own, wanted] = as_it_was
+
+    def change(self, friction: Friction, parts: Sequence[Parts]) -> None:
+        """Go on with other friction and parts, one a rig; nothing is levelled again.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        self.foresee(parts)
+        models = [
+            self._exchanged[own, _at_level_of(own, other)]
+            for own, other in zip(self._parts, parts, strict=True)
+        ]
+        fields = differing([*self._models, *self._now, *models])
+        fields.pop("opt.gravity", None)
+        for name, values in fields.items():
+            self._batch.expand(name)[:] = values[-self.rigs :]
+        self._now = models
+        levels = [part.level or (0.0, 0.0) for part in parts]
+        gravity = float(np.linalg.norm(models[0].opt.gravity))
+        self._batch.expand("opt.gravity")[:] = tilted_gravity(levels, gravity)
+        before, self._contact = self._contact, BallContact(self._batch, friction)
+        if before is not None:
+            self._contact.go_on(before, self.state)
+        self._varying = self._contact.varying
+        if self._sensing:
+            self._batch.forward(None, _VELOCITY_STAGE)
 
     def _resolve(self, model: mujoco.MjModel) -> None:
         """Find, once, where everything of interest stands in the batch's arrays."""
@@ -230,6 +282,11 @@ def _keep_quiet() -> None:
     config = mujoco.MjLogConfig.get()
     config.logto_console = config.logto_file = False
     config.set()
+
+
+def _at_level_of(own: Parts, other: Parts) -> Parts:
+    """Other parts on a rig's own base, which may tilt without anything being exchanged."""
+    return replace(other, level=own.level)
 
 
 def _columns(ids: Sequence[int]) -> slice | list[int]:

@@ -48,7 +48,11 @@ _AXES = ("phi", "theta")
 
 
 def load_model(
-    path: Path | None = None, parts: Parts | None = None, *, drawn: bool = True
+    path: Path | None = None,
+    parts: Parts | None = None,
+    *,
+    drawn: bool = True,
+    stands: mujoco.MjModel | None = None,
 ) -> mujoco.MjModel:
     """Compile a mechanism and check that it has every name the plant needs.
 
@@ -56,6 +60,8 @@ def load_model(
         path: The MJCF file; None for the packaged one.
         parts: What differs from the file.
         drawn: Whether it is to be seen; without what only a viewer needs it moves by the same bits.
+        stands: A mechanism from before parts were exchanged: it is not levelled again, its shafts
+            stay at their heights. None levels one whose balance the parts change.
 
     Raises:
         ModelError: If the file cannot be read or compiled, or lacks names.
@@ -69,7 +75,7 @@ def load_model(
         model = spec.compile()
         _check(model, path)
         if parts is not None and parts != Parts():
-            model = _build(spec, model, parts)
+            model = _build(spec, model, parts, stands)
     except ValueError as error:
         if isinstance(error, ModelError):
             raise
@@ -110,8 +116,10 @@ def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
     return found
 
 
-def _build(spec: mujoco.MjSpec, before: mujoco.MjModel, parts: Parts) -> mujoco.MjModel:
-    """The mechanism with other parts than before, standing level."""
+def _build(
+    spec: mujoco.MjSpec, before: mujoco.MjModel, parts: Parts, stands: mujoco.MjModel | None
+) -> mujoco.MjModel:
+    """The mechanism with other parts than before, standing level, or as it stands."""
     higher = _shape(spec, parts)
     model = spec.compile()
     model.key_qpos[:, model.joint("ball").qposadr[0] + 2] += higher
@@ -132,7 +140,10 @@ def _build(spec: mujoco.MjSpec, before: mujoco.MjModel, parts: Parts) -> mujoco.
         model.actuator_ctrlrange[:] = -parts.speed, parts.speed
     if parts.level is not None:
         model.opt.gravity = tilted_gravity(parts.level, -model.opt.gravity[2])
-    if not parts.balanced:
+    if stands is not None:
+        model.body_pos[:] = stands.body_pos
+        model.key_qpos[:], model.key_act[:] = stands.key_qpos, stands.key_act
+    elif not parts.balanced:
         _stand_level(model)
     return model
 

@@ -1,0 +1,168 @@
+"""What of a simulated rig changes while it runs: at a time, at once or along a ramp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from twin.scenario.tables import Section
+from twin.settings import value_of
+
+if TYPE_CHECKING:
+    from twin.scenario.schema import Scenario
+
+RAMPS = (
+    "plant.friction.rolling_mm",
+    "plant.friction.breakaway_ratio",
+    "plant.friction.stribeck_speed",
+    "plant.friction.dwell_time",
+    "plant.friction.viscous_mm",
+    "plant.level_deg",
+    "plant.servo.bandwidth_hz",
+    "plant.servo.backlash_deg",
+    "plant.servo.hysteresis_deg",
+    "plant.servo.resonance_hz",
+    "plant.servo.resonance_damping",
+    "plant.servo.vibration",
+    "disturbance.variance",
+    "sensors.touch.dead_time",
+    "sensors.touch.variance",
+    "sensors.encoders.variance",
+    "rig.cam_error_percent",
+    "rig.cam_coupling_percent",
+)
+"""What may change at once or along a ramp."""
+JUMPS = (
+    "plant.ball.mass",
+    "plant.ball.inertia",
+    "plant.friction.sliding",
+    "plant.friction.spinning_mm",
+    "plant.servo.torque_limit",
+    "plant.servo.speed_limit",
+    "plant.surface.spread_percent",
+    "plant.surface.slope_deg",
+    "plant.surface.patch_mm",
+    "plant.surface.seed",
+    "plant.surface.relative",
+    "plant.surface.height_um",
+)
+"""What changes at once: another ball of the same size, another screen, other drives."""
+NONE_AT_ZERO = ("plant.servo.bandwidth_hz", "plant.servo.resonance_hz")
+"""What is absent at 0 and the stronger the closer to it, so that no ramp leads there."""
+FOLLOWED = 0.02
+"""Time in s in whose steps a ramp is followed."""
+SLACK = 1e-9
+"""Times in s that are no further apart are one."""
+
+
+class Change(Section):
+    """One change of the plant, its drives or its sensors while they run."""
+
+    at: Annotated[float, Field(ge=0)]
+    """When it begins, time of the run in s; before the first period there is none."""
+    over: Annotated[float, Field(ge=0)] = 0.0
+    """How long the way to the new values takes, in s; 0 for at once."""
+    set: Annotated[dict[str, Any], Field(min_length=1)]
+    """The new values, each under its quoted key, as "plant.friction.rolling_mm"."""
+
+    @property
+    def end(self) -> float:
+        """When the new values are reached, s."""
+        return self.at + self.over
+
+    def times(self) -> Iterator[float]:
+        """When something has to be done for it, s."""
+        for step in range(int((self.over - SLACK) / FOLLOWED) + 1 if self.over else 0):
+            yield self.at + step * FOLLOWED
+        yield self.end
+
+    def problem(self) -> str:
+        """What no plant can do of it, in one line; empty if all can be done."""
+        for key in self.set:
+            if key not in RAMPS + JUMPS:
+                return (
+                    f"{key}: cannot change while a plant runs (what can: "
+                    f"{', '.join(RAMPS + JUMPS)})"
+                )
+            if self.over and key in JUMPS:
+                return f"{key}: changes at once; leave out over = {self.over:g}"
+        return ""
+
+
+def at_time(scenario: Scenario, time: float) -> Scenario:
+    """The scenario with the values that its plant, drives and sensors have at a time in s."""
+    values: dict[str, Any] = {}
+    for change in sorted(scenario.change, key=lambda each: each.at):
+        passed = time - change.at
+        if passed < -SLACK:
+            break
+        share = passed / change.over if passed < change.over - SLACK else 1.0
+        for key, goal in change.set.items():
+            old = values[key] if key in values else value_of(scenario, key)
+            values[key] = _between(old, _tuples(goal), share)
+    return reduce(lambda model, item: _with(model, *item), values.items(), scenario)
+
+
+def times(scenarios: Sequence[Scenario]) -> list[float]:
+    """When something changes in any of some scenarios, s, in order."""
+    every = (time for each in scenarios for change in each.change for time in change.times())
+    return sorted({round(time, 9) for time in every})
+
+
+def problem(scenario: Scenario) -> str:
+    """What is wrong with a scenario's changes taken together, in one line; empty if nothing is.
+
+    Each of them is known to be possible by itself.
+    """
+    for number, change in enumerate(scenario.change):
+        found = _ramp_problem(scenario, change)
+        if found:
+            return f"change.{number}.set: {found}"
+        if change.at >= scenario.duration:
+            return (
+                f"change.{number}.at: {change.at:g} s is not before the end at duration = "
+                f"{scenario.duration:g} s"
+            )
+    for key in RAMPS + JUMPS:
+        its = sorted((c for c in scenario.change if key in c.set), key=lambda each: each.at)
+        for one, other in pairwise(its):
+            if other.at < one.end or other.at == one.at:
+                return (
+                    f"change: {key}: changes again at {other.at:g} s, before what began at "
+                    f"{one.at:g} s is over"
+                )
+    return ""
+
+
+def _ramp_problem(scenario: Scenario, change: Change) -> str:
+    """Why no ramp leads from the old values to the new ones; empty if one does."""
+    before = at_time(scenario, change.at - 2 * SLACK)
+    for key in NONE_AT_ZERO if change.over else ():
+        if key in change.set and not (change.set[key] and value_of(before, key)):
+            return f"{key}: 0 stands for none, so no ramp leads there; leave out over"
+    return ""
+
+
+def _between(old: Any, new: Any, share: float) -> Any:
+    """What lies between two numbers or tuples of them, at a share of the way."""
+    if share == 1.0:
+        return new
+    if isinstance(old, tuple):
+        return tuple(_between(*pair, share) for pair in zip(old, new, strict=True))
+    return old + share * (new - old)
+
+
+def _tuples(value: Any) -> Any:
+    """Lists as the tuples that a scenario has."""
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+
+
+def _with(model: Any, key: str, value: Any) -> Any:
+    """A table with another value under a dotted key."""
+    name, _, rest = key.partition(".")
+    inner = _with(getattr(model, name), rest, value) if rest else value
+    return model.model_copy(update={name: inner})

@@ -1,0 +1,64 @@
+"""[[change]] on the emulated rig: its plant, its screen and what the host knows change."""
+
+import numpy as np
+import pytest
+
+from twin.emulator.changes import follow_changes
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.serve import BEGIN, VirtualRig
+from twin.emulator.virtual import EmulatedPlant
+from twin.run.assemble import build_limits
+from twin.run.control import build_controller
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.scenario.load import load
+
+AT = 0.4
+
+
+def measured(change):
+    scenario = load("circle", ["duration=0.8", f"change={change}"])
+    plant = EmulatedPlant(scenario)
+    limits = build_limits(scenario.rig.limits)
+    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+    follow_changes(rig, scenario, plant.transmission, plant.begin)
+    record = Recorder(400, 1, rig.period)
+    drive(rig, build_controller(scenario), scenario.duration, record)
+    return record["measured"][:, 0]
+
+
+@pytest.fixture(scope="module")
+def unchanged():
+    return measured("[]")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        '"plant.friction.rolling_mm"=0.6',
+        '"plant.level_deg"=[1.0, 1.0]',
+        '"sensors.touch.dead_time"=0.07',
+        '"rig.cam_error_percent"=[10.0, 10.0]',
+        '"plant.servo.backlash_deg"=0.5',
+        '"plant.ball.mass"=0.1, "plant.ball.inertia"=1e-5',
+    ],
+)
+def test_the_emulated_rig_is_another_from_the_time_of_a_change_on(unchanged, values):
+    found = measured(f"[{{at={AT}, set={{{values}}}}}]")
+    same = (found == unchanged).all(axis=1)
+    # what happens in one period of the bus is seen at the end of the next at the latest
+    assert same[: round(AT / 0.002)].all()
+    assert not same[round(AT / 0.002) + 60 :].all()
+    assert np.isfinite(found).all()
+
+
+def test_the_virtual_rig_counts_from_when_it_is_told_that_the_run_begins():
+    later = load("circle", [f"change=[{{at={AT}, set={{'sensors.touch.dead_time'=0.07}}}}]"])
+    with VirtualRig(later) as rig:
+        rig.plant.advance(1.0)
+        assert rig.plant.dead_time == 0.042
+        rig.obey(BEGIN)
+        rig.plant.advance(AT / 2)
+        assert rig.plant.dead_time == 0.042
+        rig.plant.advance(AT)
+        assert rig.plant.dead_time == 0.07

@@ -1,0 +1,166 @@
+"""[[change]]: what a scenario changes of its rig while it runs, on both plants."""
+
+import numpy as np
+import pytest
+
+from controllers.ballplate import BallPlate
+from twin.errors import ScenarioError
+from twin.run.assemble import assemble
+from twin.run.execute import run
+from twin.run.loop import drive
+from twin.run.plants import build_plant, change_plant
+from twin.run.record import Recorder
+from twin.scenario.change import at_time
+from twin.scenario.load import load
+
+PLANTS = ("lagrange", "mujoco")
+QUIET = (
+    "sensors.touch.variance=[0.0, 0.0]",
+    "sensors.touch.grid=0",
+    "disturbance.variance=[0.0, 0.0]",
+)
+
+
+def scenario(plant, change, *more, duration=1.5):
+    return load(
+        "circle", [f"plant.kind={plant}", f"duration={duration}", f"change={change}", *more]
+    )
+
+
+def one(key, value, at=1.0, over=0.0):
+    return f'[{{at={at}, over={over}, set={{"{key}"={value}}}}}]'
+
+
+def columns(found, name):
+    return found.record[name][:, 0]
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_until_a_change_begins_the_run_is_the_one_without_it_to_the_bit(plant):
+    without = run(scenario(plant, "[]"))
+    changed = run(scenario(plant, one("plant.friction.rolling_mm", 0.36)))
+    before = without.record.time <= 1.0
+    for name in ("state", "measured", "estimate", "applied"):
+        assert np.array_equal(columns(without, name)[before], columns(changed, name)[before])
+    assert not np.array_equal(columns(without, "state"), columns(changed, "state"))
+
+
+def speed_after(plant, speed, change):
+    """Speeds at both ends of 0.1 s of a ball that rolls along x on a held plate after a change.
+
+    The mechanism's contact takes some 25 ms to pass on what has changed.
+    """
+    base = load("circle", [f"plant.kind={plant}", "duration=10", *QUIET])
+    simulated, _ = build_plant([base])
+    simulated.start(np.array([[0.0, speed, 0.0, 0.0]]))
+    simulated.advance(np.zeros((1, 2)), 100)
+    change_plant(simulated, [at_time(scenario(plant, change, *QUIET), 1.0)])
+    simulated.advance(np.zeros((1, 2)), 200)
+    first = simulated.state[0, 1]
+    simulated.advance(np.zeros((1, 2)), 100)
+    return first, simulated.state[0, 1]
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_rolling_ball_is_slowed_by_the_friction_it_was_changed_to(plant):
+    first, last = speed_after(plant, 0.3, one("plant.friction.rolling_mm", 0.36))
+    ball = BallPlate()
+    slowed = ball.c1 * 0.36e-3 / ball.radius * ball.gravity
+    assert (first - last) / 0.1 == pytest.approx(slowed, rel=0.01)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_base_that_tilts_lets_the_ball_roll_down_and_the_plate_where_it_is(plant):
+    first, last = speed_after(plant, 0.3, one("plant.level_deg", [1.0, 0.0]))
+    ball = BallPlate()
+    friction = ball.c1 * 0.18e-3 / ball.radius * ball.gravity
+    down = ball.c1 * ball.gravity * np.sin(np.radians(1.0))
+    assert (last - first) / 0.1 == pytest.approx(down - friction, rel=0.01)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_ball_of_another_inertia_rolls_down_with_its_own_acceleration(plant):
+    solid = 0.4 * 0.05 * 0.02**2
+    change = (
+        '[{at=1.0, set={"plant.level_deg"=[1.0, 0.0], "plant.ball.mass"=0.05, '
+        f'"plant.ball.inertia"={solid}}}}}]'
+    )
+    first, last = speed_after(plant, 0.3, change)
+    ball = BallPlate(mass=0.05, inertia=solid)
+    friction = ball.c1 * 0.18e-3 / ball.radius * ball.gravity
+    down = ball.c1 * ball.gravity * np.sin(np.radians(1.0))
+    assert (last - first) / 0.1 == pytest.approx(down - friction, rel=0.01)
+
+
+@pytest.mark.parametrize("longer", [0.052, 0.030])
+def test_samples_come_late_by_the_dead_time_that_is_in_force(longer):
+    found = run(scenario("lagrange", one("sensors.touch.dead_time", longer), *QUIET))
+    seen, true = columns(found, "measured")[:, 0], columns(found, "state")[:, 0]
+    before, after = round(0.042 / 0.002), round(longer / 0.002)
+    assert np.array_equal(seen[100:500], true[100 - before : 500 - before])
+    assert np.array_equal(seen[540:700], true[540 - after : 700 - after])
+    # what has arrived stays: the ball is never seen further back than it was
+    assert set(seen[500:540]) <= set(true[500 - before : 540])
+
+
+def test_a_ramp_goes_straight_from_the_old_value_to_the_new_one():
+    two = (
+        '[{at=1.0, over=0.4, set={"plant.friction.rolling_mm"=0.38}}, '
+        '{at=1.5, set={"plant.level_deg"=[0.1, 0.0]}}]'
+    )
+    base = scenario("mujoco", two, duration=3)
+    rolling = [at_time(base, t).plant.friction.rolling_mm for t in (0.9, 1.0, 1.1, 1.4, 2.0)]
+    assert rolling == pytest.approx([0.18, 0.18, 0.23, 0.38, 0.38])
+    assert at_time(base, 1.49).plant.level_deg == (0.0, 0.0)
+    assert at_time(base, 1.5).plant.level_deg == (0.1, 0.0)
+
+
+CHANGES = (
+    "[]",
+    one("plant.friction.rolling_mm", 0.36, at=0.2, over=0.1),
+    '[{at=0.2, set={"plant.level_deg"=[0.2, 0.1], "plant.servo.backlash_deg"=0.1}}]',
+    '[{at=0.3, set={"sensors.touch.dead_time"=0.05, "rig.cam_error_percent"=[4.0, 2.0]}}]',
+    '[{at=0.3, set={"sensors.touch.variance"=[1e-6, 1e-6], "plant.servo.bandwidth_hz"=8.0}}]',
+)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_rigs_side_by_side_change_as_each_of_them_does_alone(plant):
+    each = [scenario(plant, change, f"seed={i}", duration=0.6) for i, change in enumerate(CHANGES)]
+    rig, controller = assemble(each)
+    record = Recorder(300, len(each), 0.002)
+    drive(rig, controller, 0.6, record)
+    for number, alone in enumerate(each):
+        state = columns(run(alone), "state")
+        assert np.abs(record["state"][:, number] - state).max() < 1e-9
+
+
+WRONG = {
+    '[{at=1, set={"plant.ball.radius"=0.03}}]': "cannot change while a plant runs (what can: plant",
+    '[{at=1, set={"plant.ball.kind"="steel"}}]': "plant.ball.kind: cannot change while",
+    '[{at=1, set={"controller.kind"="lqr"}}]': "controller.kind: cannot change while",
+    '[{at=1, over=1, set={"plant.ball.mass"=0.03}}]': "plant.ball.mass: changes at once; leave out",
+    '[{at=1, set={"plant.friction.rolling_mm"=-1}}]': "rolling_mm: must be greater than or equal",
+    '[{at=1, set={"plant.friction.rolling_mm"="much"}}]': "rolling_mm: must be a valid number",
+    '[{at=1, set={"plant.servo.torque_limit"=2.0}}]': "the exact equations have ideal motors",
+    '[{at=9, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: 9 s is not before the end",
+    '[{at=-1, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: must be greater",
+    '[{at=1, over=0.5, set={"plant.servo.bandwidth_hz"=5.0}}]': "0 stands for none",
+    "[{at=1, set={}}]": "change.0.set: must",
+    (
+        '[{at=1, over=1, set={"plant.friction.rolling_mm"=0.2}}, '
+        '{at=1.5, set={"plant.friction.rolling_mm"=0.3}}]'
+    ): "changes again at 1.5 s, before what began at 1 s is over",
+}
+
+
+@pytest.mark.parametrize(("change", "says"), WRONG.items())
+def test_what_no_plant_can_change_while_it_runs_is_one_line(change, says):
+    with pytest.raises(ScenarioError, match=r"^circle\.toml: ") as refused:
+        scenario("lagrange", change, duration=5)
+    assert says in str(refused.value)
+
+
+def test_the_engine_has_no_friction_between_none_and_its_least():
+    with pytest.raises(ScenarioError, match=r"on the way: plant\.friction\.rolling_mm: must be 0"):
+        scenario("mujoco", one("plant.friction.rolling_mm", 0.0, over=0.2))
