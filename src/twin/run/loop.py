@@ -28,6 +28,8 @@ class Ending(StrEnum):
     DIVERGED = "diverged"
 
 
+Begin = Callable[[Measurement], Measurement]
+Keep = Callable[[int, Measurement], None]
 INTERRUPTED = "interrupted"
 """The reason of a run that Ctrl-C ended."""
 RAN_AWAY = "the simulation's numbers ran away"
@@ -125,11 +127,24 @@ def drive(
     duration: float,
     recorder: Recorder,
     progress: Callable[[float], None] = lambda _: None,
+    *,
+    begin: Begin | None = None,
+    keep: Keep | None = None,
 ) -> list[Outcome]:
-    """Run the loop for a duration in s and return one outcome per rig.
+    """Run the loop until a time in s and return one outcome per rig.
 
     A rig whose ball fell, was lost or passed a limit has ended; the loop goes on for the others.
     Ctrl-C ends all of them as aborted, with the plate levelled and the record kept.
+
+    Args:
+        rig: The rigs, not switched on.
+        controller: Theirs.
+        duration: Time of the run in s at which it ends.
+        recorder: Takes every period in.
+        progress: Called with the time in s now and then.
+        begin: Begins in the middle of a run: puts rig and controller, just started, into another
+            state and returns the measurement of that moment.
+        keep: Shown number and measurement of every period before anything is done in it.
     """
     monitor = RunMonitor(rig)
     end, reason = Ending.FINISHED, ""
@@ -137,10 +152,14 @@ def drive(
         measurement = rig.read()
         controller.start(measurement)
         rig.start()
+        if begin is not None:
+            measurement = begin(measurement)
         try:
-            for tick in range(round(duration / rig.period)):
+            for tick in range(round(measurement.time / rig.period), round(duration / rig.period)):
                 if measurement.time > duration - rig.period / 2:
                     break
+                if keep is not None:
+                    keep(tick, measurement)
                 step = controller.command(measurement)
                 applied = controller.applied(rig.write(step.rate))
                 recorder.append(

@@ -55,7 +55,8 @@ class BallContact:
 
     def start(self, x: Array) -> None:
         """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
-        self._age = self._settled(x)
+        self.age = self._settled(x)
+        """Age of each contact, shape (N,)."""
 
     def _settled(self, x: Array) -> Array:
         """Age of contacts that have long been in the state x, shape (N,)."""
@@ -63,7 +64,7 @@ class BallContact:
 
     def go_on(self, before: BallContact, x: Array) -> None:
         """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
-        self._age = before._age if before.friction.ageing else self._settled(x)
+        self.age = before.age if before.friction.ageing else self._settled(x)
         self._force[:] = 0.0
 
     def feel(self, x: Array, time: float) -> None:
@@ -71,8 +72,8 @@ class BallContact:
         friction = self.friction
         position, speed = x[:, 0::4], np.hypot(x[:, 1], x[:, 5])
         if friction.ageing:
-            self._age = friction.aged(self._age, speed, time)
-            arm = friction.arm(speed, position, self._age)
+            self.age = friction.aged(self.age, speed, time)
+            arm = friction.arm(speed, position, self.age)
         else:
             arm = friction.arm(speed, position)
         self._arm[:] = np.maximum(arm, LEAST)[:, None]

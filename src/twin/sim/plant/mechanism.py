@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -190,7 +191,8 @@ class Mechanism:
         self._told = np.array([at[sensor] for sensor in _TELEMETRY.values()])
         self._servo = _columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")])
         self._shaft = _columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")])
-        self._sensed: Array = self._batch.bind("sensordata")
+        self._live: Array = self._batch.bind("sensordata")
+        self._sensed: Array = self._live
         self._ctrl: Array = self._batch.bind("ctrl")
         self._qpos: Array = self._batch.bind("qpos")
         self._qvel: Array = self._batch.bind("qvel")
@@ -209,6 +211,7 @@ class Mechanism:
         turn = (-vy / self._radius, vx / self._radius, zero + spin)
         self._qvel[:, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
         batch.forward()
+        self._sensed = self._live
         self._look()
         if self._contact is not None:
             self._contact.start(self.state)
@@ -233,6 +236,7 @@ class Mechanism:
         else:
             self._batch.step(None, steps)
             self._look()
+        self._sensed = self._live
 
     def _look(self) -> None:
         """Work out state and whereabouts of all balls from joint positions and speeds."""
@@ -242,6 +246,24 @@ class Mechanism:
         self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
         inside = np.abs(seen[:2]) <= self._half
         self._inside = inside[0] & inside[1] & (seen[2] >= self._surface)
+
+    def saved_state(self) -> dict[str, Any]:
+        """The engine's integration state and what is read of it, all arrays."""
+        age = {} if self._contact is None else {"age": self._contact.age}
+        state = {"rows": self._batch.state, "warning": self._batch.warning, "sensed": self._sensed}
+        return {name: np.array(each) for name, each in (state | age).items()}
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state that ``saved_state`` gave."""
+        self._batch.state[:] = state["rows"]
+        self._batch.warning[:] = state["warning"]
+        if self._contact is not None:
+            self._contact.age = state["age"]
+        if self._sensing:
+            self._batch.forward(None, _VELOCITY_STAGE)
+        self._look()
+        # forces are those of the step that led here, until the next one
+        self._sensed = state["sensed"]
 
     @property
     def state(self) -> Array:

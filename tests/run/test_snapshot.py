@@ -1,0 +1,139 @@
+"""Snapshots: what goes on after one is restored is the uninterrupted run, to the last bit."""
+
+import numpy as np
+import pytest
+
+from controllers.catalog import catalog
+from controllers.interfaces import Law, Observer
+from twin.errors import RecordError
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
+from twin.run.snapshot import Snapshot, SnapshotError, load, save
+from twin.scenario.load import load as load_scenario
+
+DURATION, AT = 0.3, 0.2
+TICK = round(AT / 0.002)
+RICH = (
+    "sensors.touch.frame_rate=120",
+    "sensors.touch.dead_time_spread=0.002",
+    "sensors.noise_hold=0.006",
+    "plant.servo.bandwidth_hz=20",
+    "plant.servo.backlash_deg=0.02",
+    "plant.servo.hysteresis_deg=0.02",
+    "plant.servo.resonance_hz=20",
+    "plant.servo.vibration=0.5",
+    "plant.friction.breakaway_ratio=1.4",
+    "plant.friction.dwell_time=0.3",
+    "plant.surface.slope_deg=0.1",
+    "plant.start.x=0.05",
+    "plant.start.y=0.03",
+    'change=[{at=0.1, set={"plant.friction.viscous_mm"=1.0}}, '
+    '{at=0.15, over=0.1, set={"plant.level_deg"=[0.1, 0.2], "sensors.touch.dead_time"=0.05}}]',
+)
+"""Every effect that has a state of its own."""
+
+
+def recorded(scenarios, keep_at=None, snapshot=None):
+    rig, controller = assemble(scenarios, threads=1)
+    record = Recorder(round(DURATION / 0.002), len(scenarios), 0.002, rig.channels)
+    kept = []
+
+    def keep(tick, measurement):
+        if tick == keep_at:
+            kept.append(Snapshot.take(rig, controller, measurement))
+
+    drive(
+        rig,
+        controller,
+        DURATION,
+        record,
+        begin=snapshot and (lambda _: snapshot.restore(rig, controller)),
+        keep=keep,
+    )
+    return record, kept
+
+
+def goes_on_the_same(scenarios):
+    whole, (snapshot,) = recorded(scenarios, TICK)
+    rest, _ = recorded(scenarios, snapshot=snapshot)
+    assert rest.length == whole.length - TICK
+    for name in whole.data:
+        assert np.array_equal(whole[name][TICK:], rest[name], equal_nan=True), name
+    assert np.abs(rest["state"]).max() > 0
+
+
+def scenario(*keys):
+    return load_scenario("circle", [f"duration={DURATION}", "metrics.start=0.0", *keys])
+
+
+LAWS = sorted(catalog(Law))
+SLOW = {"feedforward": pytest.mark.long}
+OBSERVERS = sorted(catalog(Observer))
+
+
+@pytest.mark.parametrize(
+    ("plant", "keys"),
+    [
+        *(
+            pytest.param("lagrange", (f"controller.kind={law}",), marks=SLOW.get(law, ()))
+            for law in LAWS
+        ),
+        *(("lagrange", (f"observer.kind={observer}", *RICH)) for observer in OBSERVERS),
+        ("mujoco", ()),
+        ("mujoco", RICH),
+        ("mujoco", ("controller.kind=afl_integral",)),
+    ],
+)
+def test_a_restored_run_goes_on_to_the_bit(plant, keys):
+    ideal = ("sensors.ideal=true",) if "observer.kind=ideal" in keys else ()
+    goes_on_the_same([scenario(f"plant.kind={plant}", "predictor.delay=0.042", *keys, *ideal)])
+
+
+@pytest.mark.parametrize(("plant", "rigs"), [("lagrange", 3), ("mujoco", 3), ("mujoco", 17)])
+def test_rigs_side_by_side_go_on_to_the_bit(plant, rigs):
+    laws = ("controller.kind=lqr", "controller.kind=afl_integral", "seed=3")
+    kinds = ((laws[0],), (laws[1], *RICH), (laws[2], "observer.kind=kalman"))
+    each = [
+        (*kinds[number % 3], f"plant.friction.rolling_mm=0.{number + 10}") for number in range(rigs)
+    ]
+    goes_on_the_same([scenario(f"plant.kind={plant}", *keys) for keys in each])
+
+
+@pytest.mark.parametrize("plant", ["lagrange", "mujoco"])
+def test_what_was_written_to_a_file_is_the_same_snapshot(plant, tmp_path):
+    each = [scenario(f"plant.kind={plant}", *RICH)]
+    whole, (snapshot,) = recorded(each, TICK)
+    save(tmp_path / "snapshots.npz", [snapshot], {"seed": 1})
+    (again,), about = load(tmp_path / "snapshots.npz")
+    rest, _ = recorded(each, snapshot=again)
+    assert about == {"seed": 1}
+    assert np.array_equal(whole["state"][TICK:], rest["state"])
+    assert np.array_equal(whole["measured"][TICK:], rest["measured"])
+
+
+def test_n_futures_go_on_from_one_moment():
+    quiet = scenario("plant.kind=lagrange")
+    _, (snapshot,) = recorded([quiet], TICK)
+    levels = (0.0, 2.0, 4.0)
+    ends = []
+    for level in levels:
+        change = f'change=[{{at={AT}, set={{"plant.level_deg"=[{level}, 0.0]}}}}]'
+        future, _ = recorded([scenario("plant.kind=lagrange", change)], snapshot=snapshot)
+        ends.append(future["state"][-1, 0, 1])
+    assert ends[0] < ends[1] < ends[2]
+
+
+def test_a_snapshot_of_another_rig_is_refused():
+    _, (snapshot,) = recorded([scenario("plant.kind=lagrange")], TICK)
+    rig, controller = assemble([scenario("plant.kind=mujoco")])
+    with pytest.raises(SnapshotError, match="not of such a rig"):
+        snapshot.restore(rig, controller)
+
+
+def test_a_damaged_file_of_snapshots_is_one_line(tmp_path):
+    file = tmp_path / "snapshots.npz"
+    assert load(file) == ([], {})
+    file.write_bytes(b"PK\x03\x04 nothing")
+    with pytest.raises(RecordError, match="not a file of snapshots"):
+        load(file)
