@@ -9,14 +9,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 
-__all__ = ["Array", "Law", "Mask", "Measurement", "Observer", "Reference"]
+__all__ = [
+    "Array",
+    "DelayedObserver",
+    "Feedback",
+    "Law",
+    "Mask",
+    "Measurement",
+    "Observer",
+    "Quantity",
+    "Reference",
+]
 
 
 class Measurement(NamedTuple):
@@ -61,18 +71,61 @@ class Reference(ABC):
         """
 
 
+class Quantity(NamedTuple):
+    """Something an observer estimates beyond the state; a record has it as ``estimated_NAME``."""
+
+    name: str
+    unit: str
+
+
+class Feedback(NamedTuple):
+    """All that a law may act on at a tick; most need no more than ``Law.control`` is given.
+
+    Attributes:
+        time: Seconds since the run started.
+        x: Estimated state, shape (..., 8).
+        equivalent: The same with the plate angles and rates that would move a ball without
+            friction on a level plate alike, shape (..., 8); x of an observer that knows neither.
+        needed: What the law ``needs`` of the observer beyond x, in that order, (..., len(needs)).
+        rate: Plate rates the rig commanded last, after its clamps, rad/s, shape (..., 2).
+        requested: Plate rates requested last, rad/s, shape (..., 2).
+        reference: The path to follow; asked ahead with an array of times.
+        memory: The law's memory q, shape (..., memory).
+        plan: What the law's ``start`` returned.
+    """
+
+    time: float
+    x: Array
+    equivalent: Array
+    needed: Array
+    rate: Array
+    requested: Array
+    reference: Reference
+    memory: Array
+    plan: Any = None
+
+    @property
+    def clamped(self) -> Mask:
+        """Whether a clamp of the rig changed what was requested last, shape (..., 2)."""
+        changed: Mask = np.abs(self.rate - self.requested) > 1e-9
+        return changed
+
+
 @dataclass(frozen=True, kw_only=True)
 class Law(ABC):
     """A state feedback law u = control(t, x, reference, q) with optional memory q.
 
     A subclass is a frozen dataclass whose fields are its settings: the names a scenario may write
-    under ``[controller]``. ``model`` is given by whoever builds the law.
+    under ``[controller]``. ``model`` is given by whoever builds the law. One that acts on more than
+    the state, or plans ahead, overrides ``command`` and ``start``.
     """
 
     name: ClassVar[str]
     """What a scenario calls the law."""
     memory: ClassVar[int] = 0
     """Length of q, the law's own integrator states; 0 for a static law."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Names of the quantities beyond the state without which the law cannot work."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""
@@ -92,6 +145,25 @@ class Law(ABC):
         """Time derivative of the memory q, shape (..., memory)."""
         return np.zeros_like(q)
 
+    def start(self, x: Array, reference: Reference, period: float) -> Any:
+        """What is worked out before the run, as a plan; handed back with every ``Feedback``.
+
+        A law has no state of its own, so that one may drive many runs: its plan is the run's.
+
+        Args:
+            x: First estimate, shape (..., 8).
+            reference: The path to follow.
+            period: Control period in s.
+        """
+        return None
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations u in rad/s^2, shape (..., 2), from all there is to act on.
+
+        By default ``control`` of the equivalent state.
+        """
+        return self.control(now.time, now.equivalent, now.reference, now.memory)
+
 
 @dataclass(kw_only=True)
 class Observer(ABC):
@@ -103,6 +175,8 @@ class Observer(ABC):
 
     name: ClassVar[str]
     """What a scenario calls the observer."""
+    knows: ClassVar[tuple[Quantity, ...]] = ()
+    """What it estimates beyond the state."""
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the observer is designed on."""
@@ -123,3 +197,24 @@ class Observer(ABC):
     @abstractmethod
     def predict(self, u: Array) -> None:
         """Carry the estimate one period ahead under the applied input u, shape (..., 2)."""
+
+    @property
+    def further(self) -> Array:
+        """What it ``knows`` beyond the state, in that order, shape (..., len(knows))."""
+        return self.x[..., :0]
+
+    @property
+    def equivalent(self) -> Array:
+        """The estimate as ``Feedback.equivalent`` has it, shape (..., 8)."""
+        return self.x
+
+
+@dataclass(kw_only=True)
+class DelayedObserver(Observer):
+    """An observer that makes up for the dead time of the ball's position itself.
+
+    It takes the place of a predictor, which must not be put around it.
+    """
+
+    delay: float = 0.0
+    """Dead time of the ball's position in s; given by whoever builds the observer."""

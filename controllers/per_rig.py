@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.interfaces import Feedback, Law, Measurement, Observer, Reference
 from controllers.stack import SampledReference
 
 Member = TypeVar("Member")
@@ -101,6 +101,9 @@ class PerRigLaw(Law):
     def __init__(self, laws: Sequence[Law]) -> None:
         object.__setattr__(self, "groups", Groups(laws))
         object.__setattr__(self, "memory", max(law.memory for law in laws))
+        object.__setattr__(
+            self, "needs", tuple(dict.fromkeys(n for law in laws for n in law.needs))
+        )
         object.__setattr__(self, "model", laws[0].model)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -108,6 +111,29 @@ class PerRigLaw(Law):
         u = np.empty((len(x), 2))
         for own, law in self.groups.each:
             u[own] = law.control(t, x[own], _PartOf(reference, own), q[own, : law.memory])
+        return u
+
+    def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
+        """The plan of each group of rigs."""
+        return [law.start(x[own], _PartOf(reference, own), period) for own, law in self.groups.each]
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (N, 2)."""
+        u = np.empty((len(now.x), 2))
+        for (own, law), plan in zip(self.groups.each, now.plan, strict=True):
+            u[own] = law.command(
+                Feedback(
+                    now.time,
+                    now.x[own],
+                    now.equivalent[own],
+                    now.needed[own][:, [self.needs.index(name) for name in law.needs]],
+                    now.rate[own],
+                    now.requested[own],
+                    _PartOf(now.reference, own),
+                    now.memory[own, : law.memory],
+                    plan,
+                )
+            )
         return u
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -131,6 +157,8 @@ class PerRigObserver(Observer):
     def __init__(self, observers: Sequence[Observer]) -> None:
         self.groups = Groups(observers)
         self.model, self.period = observers[0].model, observers[0].period
+        known = dict.fromkeys(quantity for each in observers for quantity in each.knows)
+        self.knows = tuple(known)  # type: ignore[misc]
 
     def start(self, x: Array) -> None:
         """Begin at the states x, shape (N, 8)."""
@@ -162,3 +190,24 @@ class PerRigObserver(Observer):
             observer.predict(u[own])
             x[own] = observer.x
         self.x = x
+
+    @property
+    def further(self) -> Array:
+        """What the observers know beyond the state; NaN where one does not, shape (N, knows)."""
+        found = np.full((len(self.x), len(self.knows)), np.nan)
+        for own, observer in self.groups.each if self.knows else ():
+            for quantity, values in zip(
+                observer.knows, np.moveaxis(observer.further, -1, 0), strict=True
+            ):
+                found[own, self.knows.index(quantity)] = values
+        return found
+
+    @property
+    def equivalent(self) -> Array:
+        """The estimates as ``Feedback.equivalent`` has them, shape (N, 8)."""
+        if not self.knows:
+            return self.x
+        x = np.empty_like(self.x)
+        for own, observer in self.groups.each:
+            x[own] = observer.equivalent
+        return x

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.arrays import Array, some
-from controllers.interfaces import Measurement, Observer
+from controllers.interfaces import DelayedObserver, Measurement, Observer
 
 BALL = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""
@@ -37,7 +37,7 @@ class Smith(Observer):
     Start with the leading axes of the measurements.
 
     Raises:
-        ValueError: If the delay is negative or not finite.
+        ValueError: If the delay is negative or not finite, or the observer makes up for it itself.
     """
 
     longest_wait: ClassVar[float] = 0.1
@@ -54,7 +54,11 @@ class Smith(Observer):
         """Take over the observer's model and period."""
         if not (math.isfinite(self.delay) and self.delay >= 0):
             raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
+        if isinstance(self.observer, DelayedObserver):
+            name = self.observer.name
+            raise ValueError(f"observer '{name}' makes up for the dead time itself: no predictor")
         self.model, self.period = self.observer.model, self.observer.period
+        self.knows = self.observer.knows  # type: ignore[misc]
         self._back = self.delay / self.period
         self._length = 3 + math.ceil(self._back + self.longest_wait / self.period)
         self._whole = math.floor(self._back + 1e-9)
@@ -93,6 +97,16 @@ class Smith(Observer):
         self.observer.predict(u)
         self.x = self.observer.x
         self._tick += 1
+
+    @property
+    def further(self) -> Array:
+        """What the observer knows beyond the state, shape (..., len(knows))."""
+        return self.observer.further
+
+    @property
+    def equivalent(self) -> Array:
+        """The estimate as ``Feedback.equivalent`` has it, shape (..., 8)."""
+        return self.observer.equivalent
 
     def _look_back(self) -> Array:
         """Estimated ball position a dead time ago, shape (..., 2)."""

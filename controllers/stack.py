@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import constant
-from controllers.interfaces import Array, Law, Measurement, Observer, Reference
+from controllers.interfaces import Array, Feedback, Law, Measurement, Observer, Reference
 
 
 class ControlStep(NamedTuple):
@@ -17,11 +17,13 @@ class ControlStep(NamedTuple):
         estimate: State at the time of the measurement, shape (..., 8).
         acceleration: Requested plate accelerations u in rad/s^2, shape (..., 2).
         rate: Requested plate rates (phi', theta') in rad/s, shape (..., 2).
+        further: What the observer estimates beyond the state, shape (..., len(observer.knows)).
     """
 
     estimate: Array
     acceleration: Array
     rate: Array
+    further: Array
 
 
 class Controller:
@@ -35,9 +37,13 @@ class Controller:
         observer: The estimator (with predictor, if any).
         reference: The path of the ball.
         period: Control period in s.
+
+    Raises:
+        ValueError: If the law needs what the observer does not estimate.
     """
 
     def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
+        self._needed = needed(law, observer)
         self.law = law
         self.observer = observer
         if not isinstance(reference, SampledReference):
@@ -53,18 +59,32 @@ class Controller:
         if measurement.state is not None:
             x = np.array(measurement.state)
         self.observer.start(x)
-        self.rate = np.zeros((*x.shape[:-1], 2))
+        self.rate = self.requested = np.zeros((*x.shape[:-1], 2))
         self.memory = np.zeros((*x.shape[:-1], self.law.memory))
+        self.plan = self.law.start(x, self.reference, self.period)
 
     def command(self, measurement: Measurement) -> ControlStep:
         """The estimate for a measurement, and what is requested of the rig."""
-        t = measurement.time
-        x = self.observer.correct(measurement)
-        u = self.law.control(t, x, self.reference, self.memory)
+        t, observer = measurement.time, self.observer
+        x = observer.correct(measurement)
+        seen, further = observer.equivalent, observer.further
+        now = Feedback(
+            t,
+            x,
+            seen,
+            further[..., self._needed] if self._needed else further[..., :0],
+            self.rate,
+            self.requested,
+            self.reference,
+            self.memory,
+            self.plan,
+        )
+        u = self.law.command(now)
         if self.law.memory:
-            slope = self.law.memory_rate(t, x, self.reference, self.memory)
+            slope = self.law.memory_rate(t, seen, self.reference, self.memory)
             self.memory = self.memory + self._period * slope
-        return ControlStep(x, u, self.rate + self._period * u)
+        self.requested = self.rate + self._period * u
+        return ControlStep(x, u, self.requested, further)
 
     def applied(self, rate: Array) -> Array:
         """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).
@@ -78,8 +98,26 @@ class Controller:
         return acceleration
 
 
+def needed(law: Law, observer: Observer) -> list[int]:
+    """Where what a law needs stands in what an observer knows.
+
+    Raises:
+        ValueError: If the observer does not estimate it: which law, what, which observer.
+    """
+    known = [quantity.name for quantity in observer.knows]
+    for name in law.needs:
+        if name not in known:
+            raise ValueError(
+                f"law '{law.name}' needs an observer that estimates {name}: "
+                f"'{getattr(observer, 'name', 'smith')}' does not"
+            )
+    return [known.index(name) for name in law.needs]
+
+
 class SampledReference(Reference):
     """A reference evaluated ahead in blocks of control periods; elsewhere it is the original.
+
+    The blocks are for who asks tick by tick; who wants to know the future asks with an array.
 
     Args:
         reference: The original.

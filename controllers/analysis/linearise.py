@@ -125,9 +125,11 @@ class _Tick:
             begin += size
         q, y = s[:, begin:n], s[:, n:]
         before = observer.x[:, BALL].copy()
-        x = observer.correct(_measurement(y)).copy()
+        observer.correct(_measurement(y))
+        x = observer.equivalent.copy()
         u = self._law.control(0.0, x, ORIGIN, q)
         q = q + observer.period * self._law.memory_rate(0.0, x, ORIGIN, q)
+        x = observer.x.copy()
         observer.predict(u)
         kept = [getattr(observer, name).reshape(rigs, -1) for name in self._names]
         return np.concatenate([*kept, q, u, x[:, BALL], before], axis=-1)
@@ -137,7 +139,8 @@ class _Tick:
         observer, q = self._started(1), np.zeros((1, self._law.memory))
         s = np.zeros(len(self.A))
         for y in STEP * np.random.default_rng(1).normal(size=(5, 1, 4)):
-            x = observer.correct(_measurement(y)).copy()
+            observer.correct(_measurement(y))
+            x = observer.equivalent.copy()
             real = self._law.control(0.0, x, ORIGIN, q)[0]
             q = q + self.period * self._law.memory_rate(0.0, x, ORIGIN, q)
             observer.predict(real[np.newaxis])

@@ -11,10 +11,10 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Law, Observer, Reference
+from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
 from controllers.smith import Smith
-from controllers.stack import Controller
+from controllers.stack import Controller, needed
 from twin.errors import ScenarioError
 from twin.scenario.schema import Choice, Scenario, checked_settings, choices
 
@@ -33,6 +33,11 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
     laws = _each(scenarios, lambda s: s.controller.model_dump_json(), _law)
     observers = _each(scenarios, _observed, _observer)
     references = _each(scenarios, _referred, build_reference)
+    for law, observer in zip(laws, observers, strict=True):
+        try:
+            needed(law, observer)
+        except ValueError as error:
+            raise ScenarioError(f"controller: {error}") from error
     if len(scenarios) == 1:
         return Controller(laws[0], observers[0], references[0], period)
     return Controller(
@@ -83,11 +88,21 @@ def _observed(scenario: Scenario) -> str:
 
 
 def _observer(scenario: Scenario) -> Observer:
-    model, period = BallPlate(), scenario.rig.period
-    observer: Observer = _build("observer", scenario.observer, model=model, period=period)
-    if scenario.predictor is None:
+    """The observer with what makes up for the dead time: itself, or a predictor around it."""
+    model, period, predictor = BallPlate(), scenario.rig.period, scenario.predictor
+    choice, delay = scenario.observer, 0.0 if predictor is None else predictor.delay
+    if issubclass(choices("observer")[choice.kind], DelayedObserver):
+        if predictor is not None and predictor.kind is not None:
+            raise ScenarioError(
+                f"predictor.kind: observer '{choice.kind}' makes up for the dead time itself; "
+                "leave kind out, predictor.delay then goes to the observer"
+            )
+        own: Observer = _build("observer", choice, model=model, period=period, delay=delay)
+        return own
+    observer: Observer = _build("observer", choice, model=model, period=period)
+    if predictor is None:
         return observer
-    return Smith(observer=observer, delay=scenario.predictor.delay, model=model, period=period)
+    return Smith(observer=observer, delay=delay, model=model, period=period)
 
 
 def _referred(scenario: Scenario) -> str:

@@ -79,7 +79,8 @@ def run(
     else:
         controller = build_controller(scenario)
     period = scenario.rig.period
-    record = Recorder(round(scenario.duration / period), 1, period, rig.channels)
+    ticks, knows = round(scenario.duration / period), controller.observer.knows
+    record = Recorder(ticks, 1, period, rig.channels, knows)
     watch(record)
     begin = time.perf_counter()
     (outcome,) = drive(rig, controller, scenario.duration, record, progress)

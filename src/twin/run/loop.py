@@ -171,6 +171,7 @@ def drive(
                     requested=step.acceleration,
                     applied=applied,
                     supervisor=rig.supervisor.state,
+                    **({"further": step.further} if recorder.further else {}),
                     **rig.telemetry(),
                 )
                 rig.wait()

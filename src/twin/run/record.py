@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from controllers.interfaces import Quantity
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
 
@@ -67,6 +68,7 @@ class Recorder:
         rigs: Number of rigs.
         period: Control period in s.
         plant: Names of the columns of the channel ``plant``, each ending in its unit.
+        further: What the observer estimates beyond the state: the channel ``further``.
         keep: Channels that are kept; none for all.
         every: Control periods from one recorded instant to the next. Between two, the applied
             acceleration that is kept is the largest by amount; the rest is that of the instant.
@@ -80,6 +82,7 @@ class Recorder:
     rigs: int
     period: float
     plant: tuple[str, ...] = ()
+    further: tuple[Quantity, ...] = ()
     keep: tuple[str, ...] = ()
     every: int = 1
     length: int = 0
@@ -134,6 +137,14 @@ class Recorder:
         """What was recorded of a channel, shape (length, N, columns)."""
         return self.data[name][: self.length].reshape(self.length, self.rigs, -1)
 
+    def channel(self, name: str) -> Channel:
+        """Columns and units of a channel."""
+        if name == "further":
+            names = tuple(f"estimated_{quantity.name}" for quantity in self.further)
+            return Channel(names, tuple(quantity.unit for quantity in self.further))
+        units = tuple(column.rpartition("_")[2] for column in self.plant)
+        return CHANNELS.get(name) or Channel(self.plant, units)
+
     def table(self, metadata: Mapping[str, Any]) -> pa.Table:
         """All channels as an Arrow table; with several rigs the rows of one follow the other."""
         import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
@@ -145,9 +156,7 @@ class Recorder:
             fields.append(pa.field("rig", pa.int32(), metadata={"unit": "1"}))
             arrays.append(_arrow(np.repeat(np.arange(self.rigs, dtype=np.int32), rows)))
         for name in self.data:
-            channel = CHANNELS.get(name) or Channel(
-                self.plant, tuple(column.rpartition("_")[2] for column in self.plant)
-            )
+            channel = self.channel(name)
             for column, unit, values in zip(
                 channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
             ):

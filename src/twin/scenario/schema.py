@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from controllers.catalog import catalog
-from controllers.interfaces import Law, Observer, Reference
+from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.limits import Limits
 from twin.scenario.change import Change
 from twin.scenario.plant import PlantTable
@@ -112,12 +112,13 @@ class ObserverChoice(Choice):
 
 
 class Predictor(Section):
-    """The Smith predictor."""
+    """What makes up for the dead time; a scenario without the table has nothing that does."""
 
-    kind: Literal["smith"] = "smith"
-    """Its name; a scenario without the table has none."""
+    kind: Literal["smith"] | None = None
+    """The Smith predictor. Without a name it is the same, but for an observer that makes up for the
+    dead time itself."""
     delay: Annotated[float, Field(ge=0, le=1)] = 0.042
-    """Dead time in s that it assumes."""
+    """Dead time in s that it, or such an observer, assumes."""
 
 
 class Scenario(Section):
@@ -195,7 +196,7 @@ def settings_model(cls: type) -> type[BaseModel]:
     """A strict model of the settings of a law, observer or reference: its dataclass fields."""
     given = {
         item.name
-        for base in (Law, Observer)
+        for base in (Law, Observer, DelayedObserver)
         if issubclass(cls, base)
         for item in dataclasses.fields(base)
     }

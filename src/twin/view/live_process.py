@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from twin.run.record import CHANNELS, Recorder
+from twin.run.record import Recorder
 from twin.view.shared_ring_buffer import SharedRingBuffer
 
 ROWS = 32768
@@ -64,7 +64,7 @@ class LiveProcess:
 
     def watch(self, recorder: Recorder) -> None:
         """Observe a run that is about to begin."""
-        self._plant = recorder.plant
+        self._channel = recorder.channel
         recorder.observers.append(self.observe)
 
     def observe(self, time: float, channels: Mapping[str, NDArray[Any]]) -> None:
@@ -81,8 +81,7 @@ class LiveProcess:
         names = ["time"]
         for rig in self._rigs:
             for channel, values in channels.items():
-                known = CHANNELS.get(channel)
-                columns = known.columns if known else self._plant
+                columns = self._channel(channel).columns
                 if values[rig].size:
                     self._plan.append((channel, rig, len(names), len(names) + len(columns)))
                     names += columns

@@ -1,0 +1,240 @@
+"""Kalman filter on the flat output that estimates friction, disturbance and tilt gain as well."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.arrays import ARRAYS, NUMBERS, Array, every, some
+from controllers.ballplate import SIGN
+from controllers.interfaces import DelayedObserver, Measurement, Quantity
+from controllers.observers.kalman import NOISE, check_positive
+from controllers.observers.rolling_ball import RollingBall, Tilt, components, together
+from controllers.observers.sampling import check_period
+from controllers.observers.slow_plate import SlowPlate
+
+KNOWN = (
+    Quantity("friction", "m/s^2"),
+    Quantity("disturbance_x", "m/s^2"),
+    Quantity("disturbance_y", "m/s^2"),
+    Quantity("tilt_gain_x", "1"),
+    Quantity("tilt_gain_y", "1"),
+    Quantity("friction_spread", "m/s^2"),
+    Quantity("tilt_gain_x_spread", "1"),
+    Quantity("tilt_gain_y_spread", "1"),
+)
+"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations."""
+F = 8
+"""Where the friction stands in the filter's state."""
+LEARNT = slice(6, 9)
+"""Tilt gain and friction, which are learnt in motion alone."""
+LARGEST_GAIN = 0.2
+"""Bound of the error of the tilt gain."""
+
+
+@dataclass(kw_only=True)
+class FrictionKalman(DelayedObserver):
+    """Extended Kalman filter of a ball with rolling friction, driven by the measured plate angle.
+
+    The plate's acceleration drops out of the motion of the flat output eta = (x + c2 phi,
+    y - c2 theta), so that only the measured angle enters, whatever lies between command and plate:
+
+        eta'' = (1 + kappa) k1 (sin phi cos theta, -sin theta) + n + d - F v / sqrt(|v|^2 + vs^2)
+
+    with the ball's velocity v, the remaining terms n of the exact model (5.9), a disturbance d
+    (level, unevenness), one friction F against the velocity, and an error kappa of the tilt gain
+    of either axis. Its nine states are eta, eta', d, kappa and F, the last three as random walks. F
+    and kappa are learnt above ``learning_speed`` only: learnt while the ball sticks, F runs away.
+
+    The filter runs at the time of the touch sample, t - delay, with the plate angles of then, and
+    its estimate is carried to t with the angles measured since, so it needs no predictor. A frame
+    of the screen is taken once, when it is new, and as old as it is.
+
+    A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
+    encoders (``SlowPlate``). The ``equivalent`` angles have friction and disturbance in them,
+
+        phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
+
+    so that a law made for x'' = k1 sin(phi) meets the plant it was designed on.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    name: ClassVar[str] = "friction_kalman"
+    knows: ClassVar[tuple[Quantity, ...]] = KNOWN
+
+    believed_mm: float = 0.18
+    """Rolling resistance arm in mm that is believed at the start."""
+    smooth: float = 0.012
+    """Speed vs in m/s over which the friction changes its sign."""
+    learning_speed: float = 0.02
+    """Speed in m/s above which friction and tilt gain are learnt."""
+    walk: tuple[float, float, float, float] = (0.003, 0.02, 0.002, 0.0005)
+    """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
+    as standard deviation after a second."""
+    spread: tuple[float, float, float] = (0.03, 0.03, 0.02)
+    """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
+    R: tuple[float, float] = (NOISE[0], NOISE[2])
+    """Variances of a touch sample of x and y in m^2; Table B.1."""
+    plate_pole: float = 10.0
+    """Both poles of the plate's estimate, as a rate in 1/s."""
+    most_friction: float = 3.0
+    """Largest friction estimated, as a multiple of the one believed at the start."""
+
+    innovation: Array = field(init=False, repr=False)
+    """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
+    innovation_variance: Array = field(init=False, repr=False)
+    """What the filter takes for its variance, m^2, shape (..., 2)."""
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        check_period(self.period)
+        check_positive("walk", self.walk, 4)
+        check_positive("spread", self.spread, 3)
+        check_positive("R", self.R, 2)
+        numbers = (self.believed_mm, self.smooth, self.learning_speed, self.plate_pole)
+        check_positive("believed_mm, smooth, learning_speed, plate_pole", numbers, 4)
+        check_positive("most_friction", [self.most_friction], 1)
+        if not (math.isfinite(self.delay) and self.delay >= 0):
+            raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
+        model, T = self.model, self.period
+        self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
+        velocity, disturbance, friction, gain = np.square(self.walk) * T
+        self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
+        d, F0, kappa = np.square(self.spread)
+        self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
+        self._A = np.eye(9)
+        self._A[[0, 1], [2, 3]] = self._A[[2, 3], [4, 5]] = T
+        self._diagonal = np.arange(9)
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
+        super().start(x)
+        self._shape = self.x.shape[:-1]
+        rows = self.x.reshape(-1, 8)
+        self._rigs = len(rows)
+        self._by = NUMBERS if self._rigs == 1 else ARRAYS
+        self._ball = RollingBall(self.model, self.smooth, self.period, self.delay, rows)
+        self._plate = SlowPlate(self.plate_pole, self.period, rows)
+        c2 = self.model.c2
+        s = np.zeros((self._rigs, 9))
+        s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
+        s[:, 2:4] = rows[:, 1::4] + c2 * SIGN * rows[:, 3::4]
+        s[:, F] = self._F
+        self._s = components(s)
+        self._P = np.tile(self._begin, (self._rigs, 1, 1))
+        self._age = np.full(self._rigs, np.inf)
+        self._state = components(rows)
+
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in plate angles of now and a ball position of a dead time ago."""
+        y = measurement.y.reshape(-1, 4)
+        angle, rate = self._plate.correct(y[:, 1::2])
+        before = self._state
+        commanded = components(self._plate.commanded)
+        begin, then = self._ball.measured(components(y[:, 1::2]), commanded, before)
+        self._advance(begin, then)
+        self._take(y, measurement, then)
+        ex, ey, vx, vy = self._ball.carry(self._s)
+        (phi, theta), (phi_rate, theta_rate) = components(angle), components(rate)
+        c2 = self.model.c2
+        self._state = (
+            ex - c2 * phi,
+            vx - c2 * phi_rate,
+            phi,
+            phi_rate,
+            ey + c2 * theta,
+            vy + c2 * theta_rate,
+            theta,
+            theta_rate,
+        )
+        self.x = together(self._state, self._rigs).reshape(*self._shape, 8)
+        return self.x
+
+    def predict(self, u: Array) -> None:
+        """Carry the plate one period ahead; the ball follows when the plate is measured."""
+        self._plate.predict(u.reshape(-1, 2))
+
+    @property
+    def P(self) -> Array:
+        """Covariance of eta, eta', d, kappa, F at the touch sample's time, shape (..., 9, 9)."""
+        return self._P.reshape(*self._shape, 9, 9)
+
+    @property
+    def s(self) -> Array:
+        """eta, eta', d, kappa, F at the touch sample's time, shape (..., 9)."""
+        return together(self._s, self._rigs).reshape(*self._shape, 9)
+
+    @property
+    def further(self) -> Array:
+        """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
+        _, _, _, _, dx, dy, kx, ky, friction = self._s
+        sqrt, P = self._by.sqrt, components(self._P[:, (F, 6, 7), (F, 6, 7)])
+        found = together((friction, dx, dy, kx, ky, *map(sqrt, P)), self._rigs)
+        return found.reshape(*self._shape, len(KNOWN))
+
+    @property
+    def equivalent(self) -> Array:
+        """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
+        x, vx, *_, y, vy, _, _ = self._state
+        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._s, self._state)
+        found = (x, vx, phi, phi_rate, y, vy, theta, theta_rate)
+        return together(found, self._rigs).reshape(self.x.shape)
+
+    def _advance(self, begin: Tilt, then: Tilt) -> None:
+        """One period of the filter, from one touch sample's time to the next."""
+        self._s, step = self._ball.step(self._s, begin, then)
+        A = np.empty_like(self._P)
+        A[:] = self._A
+        xx, xy, yy = step.slope
+        A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
+        A[:, 2, F], A[:, 3, F] = step.friction
+        A[:, 2, 6], A[:, 3, 7] = step.gain
+        P = A @ self._P @ A.swapaxes(1, 2)
+        P[:, self._diagonal, self._diagonal] += self._Q
+        self._P = P
+
+    def _take(self, y: Array, measurement: Measurement, then: Tilt) -> None:
+        """Correct by a touch sample, axis by axis, if it is new."""
+        age, touched = measurement.age.reshape(-1), measurement.touched.reshape(-1)
+        new = touched & (age < self._age + self.period / 2)
+        self._age = age
+        self.innovation = np.full((self._rigs, 2), np.nan)
+        self.innovation_variance = np.full((self._rigs, 2), np.nan)
+        if not some(new):
+            return
+        aged, whole, P = some(age), every(new), self._P
+        vx, vy = self._ball.velocity(self._s, then)
+        moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)
+        for axis in range(2):
+            h = np.reshape(self._ball.position(self._s, then)[axis], -1)
+            hP = P[:, axis]
+            variance = hP[:, axis]
+            if aged:
+                # the ball was there an age ago: less the way since
+                h = h - age * np.reshape(self._ball.velocity(self._s, then)[axis], -1)
+                hP = hP - age[:, None] * P[:, 2 + axis]
+                variance = hP[:, axis] - age * hP[:, 2 + axis]
+            e, S = y[:, 2 * axis] - h, variance + self.R[axis]
+            gain = hP / S[:, None]
+            if not whole:
+                gain = np.where(new[:, None], gain, 0.0)
+            fall = gain[:, :, None] * hP[:, None, :]
+            if not every(moving):
+                fall[~moving, LEARNT, LEARNT] = 0.0
+                gain[~moving, LEARNT] = 0.0
+            P = P - fall
+            change = components(gain * e[:, None])
+            self._s = [a + b for a, b in zip(self._s, change, strict=True)]
+            self.innovation[:, axis] = np.where(new, e, np.nan)
+            self.innovation_variance[:, axis] = S
+        self._P = P
+        least, most = self._by.least, self._by.most
+        *_, kx, ky, friction = self._s
+        self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
+        self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
+        self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)

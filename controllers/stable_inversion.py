@@ -1,0 +1,202 @@
+"""Preview by the stable inverse of the reference, friction fed forward, feedback by LQR."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import scipy
+
+from controllers.arrays import Array
+from controllers.ballplate import SIGN, BallPlate
+from controllers.interfaces import Feedback, Law, Reference
+from controllers.preview import Preview
+from controllers.two_sided import Tilts, TwoSided
+
+
+@dataclass(frozen=True, kw_only=True)
+class StableInversion(Law):
+    """Follows a motion of ball and plate that makes the ball itself follow the reference.
+
+    With the slopes a = (phi, -theta), either axis is x'' = (1 + kappa) k1 a - c2 a'' + d - F h
+    with friction F along the heading h, or eta'' = (1 + kappa) k1 a + d - F h with the flat output
+    eta = x + c2 a. The slope that makes x follow r is the bounded solution (``TwoSided``) of
+
+        a* - a*'' / Z^2 = (r'' + F h(r') - d) / k1,    Z^2 = k1 / c2,
+
+    divided by 1 + kappa. It begins before what causes it, so the reference is asked ahead. F, d and
+    kappa come from the observer, h(v) = v / sqrt(|v|^2 + vs^2). About it the law is
+
+        a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
+
+    with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
+
+    Near rest a dither may keep the ball from sticking: a circle of the plate, faster than the ball
+    follows, that fades with the wished speed as 1 / (1 + (|r'| / ``dither_speed``)^2). It costs
+    ``dither_effort`` and is off unless asked for. Resonances of the plate are no place for it.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    name: ClassVar[str] = "stable_inversion"
+    needs: ClassVar[tuple[str, ...]] = (
+        "friction",
+        "disturbance_x",
+        "disturbance_y",
+        "tilt_gain_x",
+        "tilt_gain_y",
+    )
+
+    Q: tuple[float, float, float, float] = (20000.0, 2000.0, 100.0, 10.0)
+    """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
+    preview: float = 1.4
+    """How far the reference is asked ahead, s; 0 for not at all."""
+    spread: float = 1.4
+    """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
+    jumps as they are."""
+    smooth: float = 0.012
+    """Wished speed vs in m/s over which the friction fed forward changes its sign."""
+    dither_deg: float = 0.0
+    """Amplitude of the dither in deg; 0 for none. Play needs three quarters of its own width."""
+    dither_frequency: float = 8.0
+    """Frequency of the dither in Hz."""
+    dither_speed: float = 0.03
+    """Wished speed in m/s at which half of the dither is left."""
+
+    K: Array = field(init=False, repr=False, compare=False)
+    """Gain from eta, its rate, slope and its rate to the slope's acceleration, shape (4,)."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and compute the gain once."""
+        if len(self.Q) != 4 or not all(math.isfinite(w) and w >= 0 for w in self.Q):
+            raise ValueError(f"Q must be 4 finite numbers, none negative, got {list(self.Q)}")
+        if not self.Q[0] > 0:
+            raise ValueError(f"Q must have a positive weight of eta, got {list(self.Q)}")
+        for name in ("smooth", "dither_frequency", "dither_speed"):
+            _check(name, getattr(self, name), least=1e-6)
+        for name in ("preview", "spread", "dither_deg"):
+            _check(name, getattr(self, name), least=0.0)
+        A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
+        A[1, 2] = self.model.k1
+        P = scipy.linalg.solve_continuous_are(A, B, np.diag(self.Q), np.eye(1))
+        object.__setattr__(self, "K", P[3])
+
+    @property
+    def dither_effort(self) -> float:
+        """RMS of the plate acceleration that the dither costs at rest, rad/s^2 on each axis."""
+        return math.radians(self.dither_deg) * self._pulsation**2 / math.sqrt(2)
+
+    @property
+    def _pulsation(self) -> float:
+        return 2 * math.pi * self.dither_frequency
+
+    def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
+        """The motion of ball and plate, its first slice laid."""
+        return InversePlan(self, x, reference, period)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
+        wanted = now.plan.at(now.time)
+        F, d, gain = now.needed[..., :1], now.needed[..., 1:3], 1 + now.needed[..., 3:]
+        free, drag = wanted.free, wanted.drag
+        slope = Tilts(
+            (free.angle + F * drag.angle - d / self.model.k1) / gain,
+            (free.rate + F * drag.rate) / gain,
+            (free.acceleration + F * drag.acceleration) / gain,
+        )
+        if self.dither_deg:
+            slope = self._shaken(slope, now.time, wanted.velocity)
+        return self._about(now.x, wanted.position, wanted.velocity, slope)
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """The same without a plan, for a plant without friction: the flat model's slope."""
+        r = reference(t)
+        k1 = self.model.k1
+        return self._about(x, r[0], r[1], Tilts(r[2] / k1, r[3] / k1, r[4] / k1))
+
+    def _about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
+        """Feedback about a motion."""
+        c2, K = self.model.c2, self.K
+        slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
+        eta = x[..., 0::4] - position + c2 * slope
+        eta_rate = x[..., 1::4] - velocity + c2 * rate
+        u = wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
+        out: Array = SIGN * u
+        return out
+
+    def _shaken(self, slope: Tilts, t: float, velocity: Array) -> Tilts:
+        """Slopes with the dither on them."""
+        w = self._pulsation
+        speed = (velocity * velocity).sum(axis=-1, keepdims=True)
+        size = math.radians(self.dither_deg) / (1 + speed / self.dither_speed**2)
+        circle = size * np.array([math.cos(w * t), math.sin(w * t)])
+        turning = size * np.array([-w * math.sin(w * t), w * math.cos(w * t)])
+        return Tilts(
+            slope.angle + circle, slope.rate + turning, slope.acceleration - w * w * circle
+        )
+
+
+class Wanted(NamedTuple):
+    """What ball and plate are to do at one tick."""
+
+    position: Array
+    """Of the ball, m, shape (..., 2)."""
+    velocity: Array
+    """Of the ball, m/s, shape (..., 2)."""
+    free: Tilts
+    """Slopes that it takes without friction, rad."""
+    drag: Tilts
+    """Slopes that a friction of 1 m/s^2 takes besides, rad per m/s^2."""
+
+
+class InversePlan:
+    """The motion for one run, laid slice by slice.
+
+    Args:
+        law: Whose plan.
+        x: State at the start, shape (..., 8).
+        reference: Path of the ball.
+        period: Control period in s.
+    """
+
+    def __init__(self, law: StableInversion, x: Array, reference: Reference, period: float) -> None:
+        self._law, self._period = law, period
+        self._preview = Preview(reference, x[..., 0::4], period, law.preview, law.spread)
+        self._free, self._drag = (_inverse(law.model, self._preview, period) for _ in range(2))
+        self._first = -self._preview.count
+        self._lay()
+
+    def at(self, t: float) -> Wanted:
+        """What is wanted at a time in s that does not lie before the one asked for last."""
+        tick = round(t / self._period) - self._first
+        while tick >= self._preview.count:
+            self._lay()
+            tick -= self._preview.count
+        laid = self._laid
+        free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
+        return Wanted(laid.position[tick], laid.velocity[tick], free, drag)
+
+    def _lay(self) -> None:
+        """The next slice."""
+        k1, count = self._law.model.k1, self._preview.count
+        position, velocity, acceleration = self._preview.advance()
+        speed = np.sqrt((velocity**2).sum(axis=-1, keepdims=True) + self._law.smooth**2)
+        self._laid = Wanted(
+            position[:count],
+            velocity[:count],
+            self._free.lay(acceleration / k1),
+            self._drag.lay(velocity / (k1 * speed)),
+        )
+        self._first += count
+
+
+def _inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:
+    return TwoSided(math.sqrt(model.k1 / model.c2), period, preview.count, preview.length)
+
+
+def _check(name: str, value: float, *, least: float) -> None:
+    if not (math.isfinite(value) and value >= least):
+        raise ValueError(f"{name} must be a number, {least:g} or more, got {value}")
