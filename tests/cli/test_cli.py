@@ -47,7 +47,9 @@ def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     code, out, _ = ballplate("run", "circle", *QUICK)
     assert code == 0
     assert "tracking error" in out
-    written = {path.name for path in (tmp_path / "runs" / "circle").iterdir()}
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name == "circle-duration=0.2-metrics.start=0-plant=lagrange"
+    written = {path.name for path in folder.iterdir()}
     assert written == {"run.parquet", "metrics.json", "picture.png"}
 
 
@@ -96,10 +98,10 @@ def test_ctrl_c_a_kill_and_a_closed_terminal_end_a_run_in_order(tmp_path):
 
 def test_a_rig_unlike_the_clean_model_is_compared_with_it_all_the_same(ballplate, tmp_path):
     unlike = ("--set", "plant.spring.preload=60.0", "--set", "rig.cams=ratio")
-    code, out, err = ballplate("run", "circle", *QUICK[2:], *unlike)
+    code, out, err = ballplate("run", "circle", *QUICK[2:], *unlike, "--out", "unlike")
     assert code == 0, err
     assert "clean model" in out
-    assert (tmp_path / "runs" / "circle" / "run.parquet").is_file()
+    assert (tmp_path / "unlike" / "run.parquet").is_file()
 
 
 def test_list_shows_every_scenario_with_its_title(ballplate):
@@ -177,9 +179,9 @@ def test_what_was_changed_is_in_the_title_of_everything_a_run_leaves(
     monkeypatch.setattr(overview_plot.Figure, "suptitle", lambda _, text, **__: drawn.append(text))
     title = f"Step to (150, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
     asked = [word for change in changes for word in ("--set", change)]
-    _, out, _ = ballplate("run", "step", *QUICK, *asked)
+    _, out, _ = ballplate("run", "step", *QUICK, *asked, "--out", "made")
     assert out.splitlines()[0] == title
-    folder = tmp_path / "runs" / "step"
+    folder = tmp_path / "made"
     assert json.loads((folder / "metrics.json").read_text())["scenario"] == title
     assert [" ".join(text.split()) for text in drawn] == [title]
     ballplate("report", str(folder))
@@ -234,10 +236,16 @@ def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
 
 
 def test_the_tracking_error_comes_first_in_a_table(ballplate):
-    _, out, _ = ballplate("run", "circle", *QUICK)
-    rows = [line.split("│")[1].strip() for line in out.splitlines() if line.startswith("│")]
-    assert rows[:3] == ["tracking error e_tt", "RMS error, x", "outcome"]
-    assert len(set(rows)) == len(rows)
+    def rows(*more):
+        _, out, _ = ballplate("run", "circle", *QUICK, *more)
+        return [line.split("│")[1].strip() for line in out.splitlines() if line.startswith("│")]
+
+    first = ["tracking error e_tt", "RMS error, x"]
+    assert rows() == first
+    every = rows("--all")
+    assert every[:3] == [*first, "outcome"]
+    assert len(every) > 10
+    assert len(set(every)) == len(every)
 
 
 def test_the_two_runs_of_a_scenario_are_told_apart_while_they_go_on(ballplate):

@@ -70,9 +70,9 @@ def test_help_lists_and_mistakes_need_no_numerical_library(tmp_path, arguments, 
     ],
 )
 def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
-    code, imported = modules(tmp_path, COMMAND, "run", *run, *SHORT)
+    code, imported = modules(tmp_path, COMMAND, "run", *run, *SHORT, "--out", "made")
     assert code == 0
-    assert (tmp_path / "runs" / run[0] / "picture.png").is_file()
+    assert (tmp_path / "made" / "picture.png").is_file()
     assert not imported & unused
 
 

@@ -11,7 +11,7 @@ from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
-from twin.report.summary import summary
+from twin.report.summary import summary, verdict
 from twin.run.execute import run, save
 from twin.run.replay import Replay, open_run
 from twin.scenario.load import check
@@ -100,6 +100,26 @@ def test_a_ball_that_creeps_or_lies_where_it_should_is_not_stuck():
     assert Diagnosis.of(made(lambda t: on_x(0.2e-3 * t), HOLD)).stuck is None
     assert Diagnosis.of(made(lambda t: on_x(np.full(len(t), 0.0295)), HOLD)).stuck is None
     assert Diagnosis.of(made(rest)).stuck is None  # its reference moves
+
+
+def test_the_verdict_is_one_sentence_led_by_the_error():
+    behind = made(lambda t: 0.9 * reference(np.maximum(t - 0.18, 0)))
+    late = np.arange(3000, 10_000) * 0.002
+    error = 0.1 * np.sqrt(2) * (np.sin(late) - 0.9 * np.sin(late - 0.18))  # on x and y alike
+    assert verdict(behind, Diagnosis.of(behind), 0.25).startswith(
+        "Tracking error e_tt 12.5 % (0.25 % on the clean model), "
+        f"{1000 * np.sqrt((error**2).mean()):.3g} mm RMS over x and y from 6 s on: the ball ran 180 ms behind its reference on a path 10.0% smaller"
+    )
+    still = made(rest, HOLD)
+    still.metrics["tracking_error_percent"] = None
+    assert verdict(still, Diagnosis.of(still)).startswith(
+        "30 mm RMS over x and y from 6 s on: at the end the ball lay stuck by friction 30 mm away"
+    )
+    metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
+    fell = Replay(**{**vars(made(reference)), "metrics": metrics})
+    assert verdict(fell, Diagnosis.of(fell)) == (
+        "The ball fell off the plate after 3.25 s: ball left the plate."
+    )
 
 
 def test_a_fall_is_told_first_and_with_its_reason():

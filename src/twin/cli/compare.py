@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from twin.cli.one_run import WORTH_PROCESS, exit_code, warn_of_dangers, watched, with_plant
-from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, check_writable, load_scenario
-from twin.cli.output import console, print_json, print_metrics, progress
+from twin.cli.options import (
+    ALL,
+    JSON,
+    LAW,
+    PLANT,
+    PROCESSES,
+    SETTING,
+    check_writable,
+    load_scenario,
+)
+from twin.cli.output import console, print_json, print_metrics, print_reasons, progress
 from twin.data_file import DataError, parse_toml
 from twin.errors import ScenarioError
 
@@ -35,6 +44,7 @@ if TYPE_CHECKING:
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/compare].")
 @PROCESSES
+@ALL
 @JSON
 def compare(
     scenarios: tuple[str, ...],
@@ -44,6 +54,7 @@ def compare(
     out: Path | None,
     processes: int | None,
     *,
+    everything: bool,
     as_json: bool,
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture."""
@@ -81,7 +92,9 @@ def compare(
         print_json(summaries)
     else:
         console.print(title, style="bold", markup=False)
-        print_metrics({headings[label]: each for label, each in summaries.items()})
+        shown = {headings[label]: each for label, each in summaries.items()}
+        print_metrics(shown, everything=everything)
+        print_reasons(shown)
         console.print(f"written to {folder}/: compare.png and one folder per run")
     return max(interrupted, *(exit_code(done) for done in runs.values()))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,8 @@ LAW = click.option(
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 
+ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
+
 
 def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``KEY=VALUE`` overrides.
@@ -77,15 +80,16 @@ def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
 
 
 def check_writable(folder: Path, option: str = "--out") -> None:
-    """Check before the work that the results can be written.
+    """Check before the work that the results can be written; nothing is left of the check.
 
     Args:
-        folder: Where they go; made if it does not exist.
+        folder: Where they go; it need not exist.
         option: The option that named it.
 
     Raises:
         ScenarioError: If the folder cannot be made or written.
     """
+    above = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".writable"
@@ -93,3 +97,8 @@ def check_writable(folder: Path, option: str = "--out") -> None:
         probe.unlink()
     except OSError as error:
         raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
+    finally:
+        # whatever another command has put there meanwhile stays
+        with suppress(OSError):
+            for each in above:
+                each.rmdir()

@@ -13,18 +13,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from twin.report.numbers import LABELS as INDICATORS
-from twin.report.numbers import shown
-
-FIRST = ("tracking_error_percent", "rms_error")
-"""Indicators at the top of a table."""
-LABELS = {
-    **{key: INDICATORS[key] for key in FIRST},
-    **INDICATORS,
-    "judged_from": ("steady tracking from", "s"),
-    "real_time_factor": ("faster than real time", "×"),
-}
-"""Indicator to the words and the unit it is printed with, in the order of the table."""
+from twin.report.numbers import IndicatorRow, all_rows, first_rows
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -43,27 +32,74 @@ def warn(message: str) -> None:
     click.echo(f"ballplate: warning: {message}", err=True)
 
 
-def print_metrics(runs: Mapping[str, Mapping[str, Any]]) -> None:
-    """A table of indicators, one column per run; indicators that apply to none are left out."""
+def print_metrics(runs: Mapping[str, Mapping[str, Any]], *, everything: bool = False) -> None:
+    """A table of indicators, one column per run; indicators that apply to none are left out.
+
+    Where the columns do not fit side by side, each run has a line, or, of every indicator, the
+    columns stand in several tables.
+
+    Args:
+        runs: Heading to summary.
+        everything: Whether to print every indicator, or those that are asked for first.
+    """
+    headings, summaries = list(runs), list(runs.values())
+    if everything:
+        most = _fitting(headings, all_rows(summaries))
+        for some in range(0, len(headings), most):
+            part = slice(some, some + most)
+            _print_columns(headings[part], all_rows(summaries[part]))
+    else:
+        rows = first_rows(summaries)
+        if _fitting(headings, rows) < len(headings):
+            _print_lines(headings, rows)
+        else:
+            _print_columns(headings, rows)
+
+
+def print_reasons(runs: Mapping[str, Mapping[str, Any]]) -> None:
+    """Why runs ended early, one line each; heading to summary."""
+    for heading, summary in runs.items():
+        if summary.get("reason"):
+            console.print(
+                f"{heading}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
+                f"{summary['reason']}",
+                markup=False,
+            )
+
+
+def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
+    """How many runs fit as columns on the terminal, at least one."""
+    names = max((len(row.label) + len(row.unit) for row in rows), default=0)
+    widest = max(
+        (len(cell) for cells in (headings, *(row.values for row in rows)) for cell in cells),
+        default=0,
+    )
+    return max(1, (console.width - names - 7) // (widest + 3))
+
+
+def _print_columns(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
     from rich.table import Table
 
     table = Table(header_style="bold")
     table.add_column("", overflow="fold")
-    for label in runs:
-        table.add_column(escape(label), justify="right", overflow="fold")
+    for heading in headings:
+        table.add_column(escape(heading), justify="right", overflow="fold")
     table.add_column("unit")
-    for key, (label, unit) in LABELS.items():
-        values = [summary.get(key) for summary in runs.values()]
-        if any(value is not None for value in values):
-            table.add_row(label, *(shown(value, unit) for value in values), unit)
+    for row in rows:
+        table.add_row(row.label, *map(escape, row.values), row.unit)
     console.print(table)
-    for label, summary in runs.items():
-        if summary.get("reason"):
-            console.print(
-                f"{label}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
-                f"{summary['reason']}",
-                markup=False,
-            )
+
+
+def _print_lines(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
+    from rich.table import Table
+
+    table = Table(header_style="bold")
+    table.add_column("", overflow="fold")
+    for row in rows:
+        table.add_column(f"{row.label} [{row.unit}]", justify="right")
+    for heading, *values in zip(headings, *(row.values for row in rows), strict=True):
+        table.add_row(escape(heading), *map(escape, values))
+    console.print(table)
 
 
 class Advance(Protocol):

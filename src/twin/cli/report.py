@@ -12,6 +12,7 @@ from twin.errors import RecordError
 from twin.report.figures import Format, details, encoded, overview
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
+from twin.run.folders import LAST
 from twin.run.record import write_whole
 from twin.run.replay import Replay, open_runs
 
@@ -58,7 +59,7 @@ class Formats(click.ParamType[tuple[str, ...]]):
 
 
 @click.command()
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
 )
@@ -70,7 +71,7 @@ def report(
     runs: tuple[Path, ...], rigs: tuple[int, ...], formats: tuple[str, ...], out: Path | None
 ) -> int:
     """Report on one run folder, or compare several: a page, pictures, a table."""
-    opened = open_runs(runs, rigs)
+    opened = open_runs(runs or (Path(LAST),), rigs)
     folder = opened[0].folder
     assert folder is not None
     stem = out or (folder if len(opened) == 1 else folder.parent) / "report"

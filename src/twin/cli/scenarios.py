@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli.one_run import WORTH_PROCESS, exit_code, warn_of_dangers, watched, with_plant
-from twin.cli.options import JSON, LAW, PLANT, SETTING, check_writable, load_scenario, titled
-from twin.cli.output import console, print_json, print_metrics, progress
+from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, check_writable, load_scenario, titled
+from twin.cli.output import console, print_json, print_metrics, print_reasons, progress
 from twin.cli.rigs import RESET, RIG, print_timing
 from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
@@ -46,10 +46,11 @@ def list_scenarios(*, as_json: bool) -> None:
 @LAW
 @SETTING
 @PLANT
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO].")
+@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO-CHANGES].")
 @RIG
 @RESET
 @VIEWING
+@ALL
 @JSON
 def run(
     scenario: str,
@@ -60,15 +61,19 @@ def run(
     viewing: Viewing,
     *,
     reset: bool,
+    everything: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     changed = with_plant(overrides, plant)
     chosen = titled(load_scenario(scenario, changed), changed)
     from twin.jobs import SecondProcess, cores
+    from twin.report.summary import judged
     from twin.run.execute import save
+    from twin.run.folders import former, free, run_folder
 
-    folder = out or Path("runs") / Path(scenario).stem
+    named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
+    folder = out or (named if rig is None else free(named))
     check_writable(folder)
     label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
@@ -83,18 +88,33 @@ def run(
         if baseline is not None and not done.outcome.interrupted:
             with suppress(KeyboardInterrupt):
                 runs[CLEAN] = baseline()
+        replaced = former(folder)
         save(done, folder, {label: each.motion for label, each in runs.items()}, beside)
+    model = runs.get(CLEAN)
+    sentence = judged(done, model)
     if as_json:
-        print_json(done.summary())
+        compared_with = model.summary() if model else None
+        print_json({**done.summary(), "verdict": sentence, "baseline": compared_with})
     else:
         console.print(chosen.title, style="bold", markup=False)
-        print_metrics({label: each.summary() for label, each in runs.items()})
-        if len(runs) > 1:
+        print_metrics(
+            {label: each.summary() for label, each in runs.items()}, everything=everything
+        )
+        if model:
+            print_reasons({CLEAN: model.summary()})
             console.print(
                 f"{CLEAN}: the same controller on the frictionless exact equations it was "
                 "designed on, without dead time, noise or mechanism"
             )
-        console.print(f"written to {folder}/: picture.png, metrics.json, run.parquet")
+        console.print(sentence, style="bold", markup=False)
+        files = "picture.png, metrics.json, run.parquet"
+        console.print(f"written to {folder}/{replaced}: {files}", markup=False, soft_wrap=True)
+        console.print(
+            f"more: --all for every indicator; ballplate report, view, explain {scenario}",
+            style="dim",
+            markup=False,
+            soft_wrap=True,
+        )
     viewing.keep(folder)
     return exit_code(done)
 

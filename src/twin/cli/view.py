@@ -9,6 +9,7 @@ import click
 
 from twin.cli.output import console
 from twin.errors import TwinError, ViewError
+from twin.run.folders import LAST
 from twin.run.replay import Replay, open_runs
 from twin.view import viewer
 from twin.view.layout import LAYOUTS, Layout
@@ -19,7 +20,7 @@ WEB_PORT = 9090
 
 
 @click.command()
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
 )
@@ -53,7 +54,7 @@ def view(
     connect: str | None,
 ) -> int:
     """Open run folders in the Rerun viewer, several side by side on one time line."""
-    opened = open_runs(runs, rigs)
+    opened = open_runs(runs or (Path(LAST),), rigs)
     if connect is not None:
         forward(reach(address(connect)), opened, layout)
         console.print(f"sent to {connect}")

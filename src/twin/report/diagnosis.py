@@ -34,7 +34,7 @@ class Diagnosis:
         gain: The scale about the plate's centre: below 1 the path is smaller; None if it rests.
         rest: Root mean square distance from the reference so delayed and scaled; None if it rests.
         estimation: Root mean square error of the estimated position; None if the truth is unknown.
-        cut: Share of time in which a limit reduced the control effort.
+        cut: Share of time in which a limit reduced the control effort; None if not recorded.
         angle: Largest plate angle over its limit.
         lifted: Share of time in which a wheel had no contact; None if not recorded.
         untouched: Share of time in which the screen detected nothing.
@@ -48,7 +48,7 @@ class Diagnosis:
     gain: float | None
     rest: float | None
     estimation: float | None
-    cut: float
+    cut: float | None
     angle: float
     lifted: float | None
     untouched: float
@@ -75,7 +75,9 @@ class Diagnosis:
             gain=gain,
             rest=rest,
             estimation=estimation,
-            cut=float((np.abs(requested - applied) > CUT).any(axis=1).mean()),
+            cut=None
+            if np.isnan(requested).all()
+            else float((np.abs(requested - applied) > CUT).any(axis=1).mean()),
             angle=float(np.abs(motion.plate).max() / run.limits.angle),
             lifted=float((np.min(wheels, axis=0) <= 0).mean()) if wheels else None,
             untouched=float((touched < 0.5).mean()),
@@ -126,7 +128,8 @@ def spectrum(run: Replay) -> tuple[Array, Array]:
     weight = 2 / max(window.sum(), 1e-12)
     level = error - error.mean(axis=0)
     amplitude: Array = weight * np.abs(np.fft.rfft(window[:, None] * level, axis=0))
-    return np.fft.rfftfreq(len(error), run.scenario.rig.period), amplitude
+    period = float(np.median(np.diff(motion.time))) if len(motion.time) > 1 else 1.0
+    return np.fft.rfftfreq(len(error), period), amplitude
 
 
 def _accelerations(rows: Mapping[str, Array], kind: str) -> Array:

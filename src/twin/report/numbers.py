@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -22,11 +22,21 @@ LABELS = {
     "steady_error": ("steady error, x", "mm"),
     "phi_max_deg": ("largest |phi|", "deg"),
     "theta_max_deg": ("largest |theta|", "deg"),
-    "u1_max": ("largest |phi''|", "rad/s²"),
-    "u2_max": ("largest |theta''|", "rad/s²"),
+    "u1_max": ("largest plate acc. |phi''|", "rad/s²"),
+    "u2_max": ("largest plate acc. |theta''|", "rad/s²"),
     "u_rms": ("RMS control effort", "rad/s²"),
 }
 """Indicator to the words and the unit it is printed with."""
+
+FIRST = (
+    "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
+)  # fmt: skip
+"""What is asked for first, of a reference that moves and of one that comes to rest."""
+TIMES = {
+    "judged_from": ("steady tracking from", "s"),
+    "real_time_factor": ("faster than real time", "×"),
+}
+"""What a table of runs just made has besides."""
 
 
 class IndicatorRow(NamedTuple):
@@ -39,9 +49,25 @@ class IndicatorRow(NamedTuple):
 
 def rows(runs: Sequence[Replay]) -> list[IndicatorRow]:
     """The indicators that apply to at least one run."""
+    return _rows([run.metrics for run in runs], LABELS)
+
+
+def first_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
+    """The indicators that are asked for first, those that apply to at least one run."""
+    return _rows(summaries, {key: LABELS[key] for key in FIRST})
+
+
+def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
+    """The same, then all the others."""
+    return _rows(summaries, {key: LABELS[key] for key in FIRST} | LABELS | TIMES)
+
+
+def _rows(
+    summaries: Sequence[Mapping[str, Any]], labels: Mapping[str, tuple[str, str]]
+) -> list[IndicatorRow]:
     found = []
-    for key, (label, unit) in LABELS.items():
-        values = [run.metrics.get(key) for run in runs]
+    for key, (label, unit) in labels.items():
+        values = [each.get(key) for each in summaries]
         if any(value is not None for value in values):
             found.append(IndicatorRow(label, unit, tuple(shown(value, unit) for value in values)))
     return found

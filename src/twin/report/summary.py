@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from twin.report.diagnosis import Diagnosis
-from twin.run.replay import Replay
+from twin.run.replay import Replay, replay_of
+
+if TYPE_CHECKING:
+    from twin.run.execute import Run
 
 ENDINGS = {
     "finished": "The run went to its end",
@@ -17,9 +21,78 @@ ENDINGS = {
 }
 
 
+SMALL = 1e-4
+"""Error in m, less than the screen can tell, of which nothing needs to be said."""
+CUT = 0.001
+"""Share of time in which a limit cut the effort from which on it is said."""
+STEEP = 0.95
+"""Share of the angle limit from which on the plate is said to have reached it."""
+
+
 def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     return [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
+
+
+def judged(run: Run, model: Run | None = None) -> str:
+    """The verdict on a run that was just made.
+
+    Args:
+        run: The run.
+        model: The same controller on the clean model, if it ran.
+    """
+    if not run.record.length:
+        return f"{ENDINGS[run.outcome.ending]}: {run.outcome.reason}."
+    opened = replay_of(run, "run")
+    clean = model.metrics.tracking_error_percent if model else None
+    return verdict(opened, Diagnosis.of(opened), clean)
+
+
+def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:
+    """A run in one sentence: its tracking error, and what limited it most.
+
+    Args:
+        run: The run.
+        found: What its record shows.
+        clean: Tracking error e_tt of the same controller on the clean model in %, if it ran.
+    """
+    if run.metrics.get("outcome") != "finished":
+        return _ending(run)
+    percent = run.metrics.get("tracking_error_percent")
+    beside = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
+    share = f"Tracking error e_tt {percent:.3g} %{beside}, " if percent is not None else ""
+    rms = f"{1000 * found.rms:.3g} mm RMS over x and y"
+    start = run.scenario.metrics.start
+    since = f" from {start:.3g} s on" if start else ""
+    return f"{share}{rms}{since}: {'; '.join(_limits(run, found))}."
+
+
+def _limits(run: Replay, found: Diagnosis) -> list[str]:
+    """What limited a run, the weightiest first, in half sentences."""
+    limits = []
+    if found.stuck is not None:
+        arm = run.scenario.plant.friction.rolling_mm
+        by = " by friction" if arm > 0 or "true_x" not in run.rows else ""
+        limits.append(
+            f"at the end the ball lay stuck{by} {1000 * found.stuck:.3g} mm away; a law with "
+            "integral action or a higher gain would free it"
+        )
+    elif found.lag is not None and found.gain is not None and found.rms > SMALL:
+        way = "behind" if found.lag >= 0 else "ahead of"
+        size = "smaller" if found.gain <= 1 else "larger"
+        limits.append(
+            f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
+            f"{abs(1 - found.gain):.1%} {size}"
+        )
+    if found.cut is not None and found.cut > CUT:
+        limits.append(f"a limit cut the effort {found.cut:.1%} of the time")
+    if found.angle > STEEP:
+        limits.append("the plate reached its angle limit")
+    if found.lifted:
+        limits.append(f"a wheel left its cam {found.lifted:.1%} of the time")
+    if found.untouched:
+        limits.append(f"the screen detected no ball {found.untouched:.1%} of the time")
+    return limits or ["no limit was in the way"]
 
 
 def _ending(run: Replay) -> str:
@@ -57,16 +130,16 @@ def _held(run: Replay, found: Diagnosis) -> list[str]:
 
 def _causes(run: Replay, found: Diagnosis) -> list[str]:
     sentences = []
-    if found.cut > 0.001:
+    if found.cut is not None and found.cut > CUT:
         sentences.append(
             f"A limit of rate, acceleration or angle cut the control effort {found.cut:.1%} of "
             "the time."
         )
     degrees = found.angle * run.scenario.rig.limits.angle_deg
     limit = run.scenario.rig.limits.angle_deg
-    if found.angle > 0.95:
+    if found.angle > STEEP:
         sentences.append(f"The plate reached its angle limit: {degrees:.3g} of {limit:g} deg.")
-    elif found.cut <= 0.001:
+    elif found.cut is not None and found.cut <= CUT:
         sentences.append(
             f"No limit was in the way: the effort was never cut, and the plate used {degrees:.2g} "
             f"of {limit:g} deg."

@@ -17,7 +17,7 @@ from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
-from twin.run.metrics import Metrics, Motion, measure
+from twin.run.metrics import UNITS, Metrics, Motion, measure
 from twin.run.record import Recorder, write_json, write_run, write_whole
 from twin.scenario.schema import Scenario
 
@@ -53,6 +53,7 @@ class Run:
             **self.metrics.as_dict(),
             "judged_from": self.scenario.metrics.start,
             "real_time_factor": self.real_time_factor,
+            "units": UNITS,
             **self.account,
         }
 

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -145,6 +145,15 @@ class Recorder:
         units = tuple(column.rpartition("_")[2] for column in self.plant)
         return CHANNELS.get(name) or Channel(self.plant, units)
 
+    def columns(self) -> Iterator[tuple[str, str, Array]]:
+        """Name, unit and values of every column but time; the rows of one rig follow the other."""
+        for name in self.data:
+            channel = self.channel(name)
+            for column, unit, values in zip(
+                channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
+            ):
+                yield column, unit, values.T.ravel()
+
     def table(self, metadata: Mapping[str, Any]) -> pa.Table:
         """All channels as an Arrow table; with several rigs the rows of one follow the other."""
         import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
@@ -155,13 +164,9 @@ class Recorder:
         if self.rigs > 1:
             fields.append(pa.field("rig", pa.int32(), metadata={"unit": "1"}))
             arrays.append(_arrow(np.repeat(np.arange(self.rigs, dtype=np.int32), rows)))
-        for name in self.data:
-            channel = self.channel(name)
-            for column, unit, values in zip(
-                channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
-            ):
-                fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
-                arrays.append(_arrow(values.T.ravel()))
+        for column, unit, values in self.columns():
+            fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
+            arrays.append(_arrow(values))
         encoded = {"ballplate": json.dumps(metadata, sort_keys=True)}
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +17,15 @@ from twin.hal.limits import Limits
 from twin.hal.states import State
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
+from twin.run.folders import is_last, last, run_folders
 from twin.run.metadata import check_metadata
 from twin.run.metrics import Motion
 from twin.run.record import CHANNELS, read_run
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from twin.run.execute import Run
 
 _OPTIONAL = {"state", "age", "touched", "timing"}
 NEEDED = (
@@ -95,6 +99,23 @@ def motion_of(rows: Mapping[str, Array]) -> Array:
     return columns(rows, "true" if "true_x" in rows else "estimated")
 
 
+def replay_of(run: Run, name: str) -> Replay:
+    """A run that was just made, as if it had been kept and opened again.
+
+    Args:
+        run: The run of one rig.
+        name: What it is called in plots and tables.
+    """
+    columns = list(run.record.columns())
+    return Replay(
+        name,
+        run.scenario,
+        {"time": run.record.time, **{column: values for column, _, values in columns}},
+        {"time": "s", **{column: unit for column, unit, _ in columns}},
+        run.metrics.as_dict(),
+    )
+
+
 def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
     """The runs of a folder, or of the folder its ``run.parquet`` lies in.
 
@@ -105,6 +126,7 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
     Raises:
         RecordError: If there is no record, or none of this program, or not of such rigs.
     """
+    path = last() if is_last(path) else path
     file = path / "run.parquet" if path.is_dir() else path
     values, units, metadata = read_run(file)
     missing = [name for name in NEEDED if name not in values]
@@ -189,14 +211,15 @@ def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Repla
 
 
 def _records(paths: tuple[Path, ...]) -> list[Path]:
-    """The run folders and files that paths lead to."""
+    """The run folders and files that paths lead to, each once."""
     found: list[Path] = []
     for path in paths:
-        inner = sorted(each.parent for each in path.glob("*/run.parquet"))
-        if inner and not (path / "run.parquet").exists():
+        folder = last() if is_last(path) else path
+        inner = run_folders(folder)
+        if inner:
             found += inner
-        elif path.is_dir() or path.suffix == ".parquet" or len(paths) == 1:
+        elif path.suffix == ".parquet" or len(paths) == 1 or not path.exists():
             found.append(path)
     if not found:
         raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")
-    return found
+    return list({path.resolve(): path for path in reversed(found)}.values())[::-1]

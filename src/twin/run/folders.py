@@ -1,0 +1,96 @@
+"""Where runs are kept: folders named by what differs, the last one, and what was there before."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from twin.errors import RecordError
+
+ROOT = Path("runs")
+"""Folder of the working folder in which every run has its own, unless it is told another."""
+LAST = "last"
+"""The word that stands for the newest run wherever a run folder is asked for."""
+LONGEST = 100
+"""Characters of a folder's name."""
+
+
+def run_folder(name: str, overrides: Sequence[str] = ()) -> Path:
+    """The folder of a run, named by what was run and what was changed of it.
+
+    Args:
+        name: Scenario as asked for; of a file its name without the ending.
+        overrides: ``KEY=VALUE`` each; of a key the last two parts are enough to tell runs apart.
+    """
+    changed = dict(text.partition("=")[::2] for text in overrides)
+    settings = [f"{short_key(key)}={value}" for key, value in changed.items()]
+    return ROOT / slug("-".join((Path(name).stem, *settings)))
+
+
+def short_key(key: str) -> str:
+    """The last two parts of a dotted key; of a kind, what it is the kind of."""
+    return ".".join(key.strip().removesuffix(".kind").split(".")[-2:])
+
+
+def slug(text: str) -> str:
+    """A text as the name of a folder; one that loses more than brackets ends in a hash of it."""
+    bare = re.sub(r"[\s\"'\[\]{}]", "", text)
+    name = re.sub(r"[^\w.,=+~-]", "_", bare).lstrip("-.")
+    if name == bare and len(name) <= LONGEST:
+        return name
+    mark = hashlib.sha256(text.encode()).hexdigest()[:6]
+    return f"{name[: LONGEST - 7]}-{mark}"
+
+
+def free(folder: Path) -> Path:
+    """The folder, or, if a run is in it, the next of its name that is free."""
+    number, found = 1, folder
+    while (found / "run.parquet").exists():
+        number += 1
+        found = folder.with_name(f"{folder.name}~{number}")
+    return found
+
+
+def former(folder: Path) -> str:
+    """What a new run in a folder replaces, in words; empty if there is none."""
+    file = folder / "run.parquet"
+    if not file.exists():
+        return ""
+    return f" (replaced the run of {datetime.fromtimestamp(file.stat().st_mtime):%H:%M:%S, %d %b})"
+
+
+def last(root: Path = ROOT) -> Path:
+    """The newest run folder, or folder of run folders, below a folder.
+
+    Raises:
+        RecordError: If there is none.
+    """
+    times = {
+        folder: max(file.stat().st_mtime_ns for file in files)
+        for folder in (root.iterdir() if root.is_dir() else ())
+        if (files := list(_records(folder)))
+    }
+    if not times:
+        raise RecordError(f"no run in {root}/ yet; begin with: ballplate run circle")
+    return max(times, key=lambda folder: (times[folder], folder))
+
+
+def is_last(path: Path) -> bool:
+    """Whether a path is the word that stands for the newest run."""
+    return path == Path(LAST) and not path.exists()
+
+
+def run_folders(folder: Path) -> list[Path]:
+    """The run folders that a folder is or holds."""
+    return sorted(file.parent for file in _records(folder))
+
+
+def _records(folder: Path) -> Iterator[Path]:
+    own = folder / "run.parquet"
+    if own.exists():
+        yield own
+    else:
+        yield from folder.glob("*/run.parquet")
