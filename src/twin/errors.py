@@ -5,6 +5,7 @@ TwinError
 +-- ModelError        the MJCF model or its cam table does not fit
 +-- ViewError         a viewer cannot be started or reached
 +-- RecordError       a run folder cannot be written or read
++-- LogError          a log cannot be read, or nothing can be learned from it
 +-- RigError          a rig cannot be switched on; also DriveError and ScreenError of its devices
 """
 
@@ -32,6 +33,10 @@ class ViewError(TwinError, RuntimeError):
 
 class RecordError(TwinError, OSError):
     """A run folder or its files cannot be written or read."""
+
+
+class LogError(TwinError, ValueError):
+    """A log cannot be read, or nothing can be learned from it."""
 
 
 class RigError(TwinError, ConnectionError):

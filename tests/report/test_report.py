@@ -108,7 +108,8 @@ def test_the_verdict_is_one_sentence_led_by_the_error():
     error = 0.1 * np.sqrt(2) * (np.sin(late) - 0.9 * np.sin(late - 0.18))  # on x and y alike
     assert verdict(behind, Diagnosis.of(behind), 0.25).startswith(
         "Tracking error e_tt 12.5 % (0.25 % on the clean model), "
-        f"{1000 * np.sqrt((error**2).mean()):.3g} mm RMS over x and y from 6 s on: the ball ran 180 ms behind its reference on a path 10.0% smaller"
+        f"{1000 * np.sqrt((error**2).mean()):.3g} mm RMS over x and y from 6 s on: "
+        "the ball ran 180 ms behind its reference on a path 10.0% smaller"
     )
     still = made(rest, HOLD)
     still.metrics["tracking_error_percent"] = None

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -22,17 +20,17 @@ from twin.cli.options import (
     load_scenario,
 )
 from twin.cli.output import console, print_json, print_metrics, print_reasons, progress
-from twin.data_file import DataError, parse_toml
 from twin.errors import ScenarioError
+from twin.report.numbers import ranking, summary_of
 
 if TYPE_CHECKING:
     from twin.run.execute import Run
-    from twin.run.metrics import Motion
+    from twin.run.replay import Replay
     from twin.scenario import Scenario
 
 
 @click.command()
-@click.argument("scenarios", nargs=-1, required=True)
+@click.argument("sources", nargs=-1, required=True)
 @LAW
 @SETTING
 @PLANT
@@ -42,12 +40,14 @@ if TYPE_CHECKING:
     metavar="KEY=[A,B,...]",
     help="Run once for each value of a key; repeat the option for all combinations.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/compare].")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder [runs/compare-SOURCES-CHANGES]."
+)
 @PROCESSES
 @ALL
 @JSON
 def compare(
-    scenarios: tuple[str, ...],
+    sources: tuple[str, ...],
     overrides: tuple[str, ...],
     plant: str | None,
     vary: tuple[str, ...],
@@ -57,46 +57,142 @@ def compare(
     everything: bool,
     as_json: bool,
 ) -> int:
-    """Run several scenarios, or variants of one, side by side: one table, one picture."""
-    changed = with_plant(overrides, plant)
-    cases: dict[str, Scenario] = {}
-    headings: dict[str, str] = {}
-    for name in scenarios:
-        named = (name,) if len(scenarios) > 1 or not vary else ()
-        for variant in itertools.product(*map(_variants, vary)):
-            label = " ".join((*named, *variant))
-            cases[label] = load_scenario(name, (*changed, *variant))
-            values = ", ".join(item.partition("=")[2] for item in variant)
-            headings[label] = " ".join((*named, values)).strip()
-    from twin.run.execute import save
-    from twin.run.overview_plot import draw
+    """Run several scenarios, or variants of one, side by side: one table, one picture.
 
-    folder = out or Path("runs") / "compare"
+    SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
+    what the twin predicts for the scenario beside them.
+    """
+    from twin.run.sources import sorted_out
+
+    names, kept, logs = sorted_out(sources)
+    changed = with_plant(overrides, plant)
+    if vary and not names:
+        raise ScenarioError("--vary: nothing to run; name a scenario, as in circle")
+    for name in names:
+        load_scenario(name, changed)
+    from twin.run.folders import MANIFEST, forget, run_folder
+    from twin.run.log_run import distances
+    from twin.run.overview_plot import draw
+    from twin.run.record import write_json
+    from twin.run.replay import open_runs
+    from twin.scenario.variants import comparison, varied
+
+    finished = {run.name: run for run in (open_runs(kept) if kept else ())}
+    measured, fitted = _measured(logs, names, list(finished.values()), changed)
+    finished = measured | finished
+    cases = _cases(names, (*fitted, *changed), vary, alone=not finished)
+    listed = (*names, *finished)
+    stem = f"compare-{'-'.join(map(_stem, listed))}"
+    folder = out or run_folder(stem, (*varied(vary), *changed))
     check_writable(folder)
-    runs: dict[str, Run] = {}
-    interrupted = False
-    try:
-        for label, done in _runs(cases, processes):
-            runs[label] = done
-            save(done, folder / _slug(label), {label: done.motion})
-    except KeyboardInterrupt:
-        interrupted = True
-        if not runs:
-            raise
-    runs = {label: runs[label] for label in cases if label in runs}
-    motions: dict[str, Motion] = {headings[label]: done.motion for label, done in runs.items()}
-    title = _comparison([text.partition("=")[0] for text in vary], changed)
-    draw(folder / "compare.png", motions, title, next(iter(cases.values())).rig.limits.area)
-    summaries = {label: done.summary() for label, done in runs.items()}
+    replaced = forget(folder)
+    runs, interrupted = _carried_out(cases, processes, folder)
+    headings = {label: cases[label].heading for label in runs}
+    motions = {label: run.motion for label, run in finished.items()}
+    motions |= {headings[label]: done.motion for label, done in runs.items()}
+    first, *_ = (*(case.scenario for case in cases.values()), *_scenarios(finished))
+    what = ", ".join(listed) if finished or len(names) > 1 else first.title
+    title = comparison(what, vary, changed)
+    draw(folder / "compare.png", motions, title, first.rig.limits.area)
+    summaries = {label: summary_of(run) for label, run in finished.items()}
+    summaries |= {label: done.summary() for label, done in runs.items()}
+    inner = [cases[label].folder for label in runs]
+    write_json(folder / MANIFEST, {"folders": inner, "runs": summaries})
     if as_json:
         print_json(summaries)
     else:
         console.print(title, style="bold", markup=False)
-        shown = {headings[label]: each for label, each in summaries.items()}
+        shown = {headings.get(label, label): each for label, each in summaries.items()}
         print_metrics(shown, everything=everything)
         print_reasons(shown)
-        console.print(f"written to {folder}/: compare.png and one folder per run")
-    return max(interrupted, *(exit_code(done) for done in runs.values()))
+        for line in (*distances(measured.values(), motions), ranking(shown)):
+            console.print(line, style="bold", markup=False)
+        files = f"compare.png, compare.json{' and one folder per run' if runs else ''}"
+        console.print(f"written to {folder}/{replaced}: {files}", markup=False, soft_wrap=True)
+    return max(interrupted, *(exit_code(done) for done in runs.values()), 0)
+
+
+class Case(NamedTuple):
+    """A run of a comparison: what is run, what the table calls it, where it is kept."""
+
+    scenario: Scenario
+    heading: str
+    folder: str
+
+
+def _cases(
+    names: Sequence[str], changed: Sequence[str], vary: Sequence[str], *, alone: bool
+) -> dict[str, Case]:
+    """Label to case of every run."""
+    from twin.run.folders import slug
+    from twin.scenario.load import check, read, resolved, setting
+    from twin.scenario.variants import variants
+
+    cases: dict[str, Case] = {}
+    base = [setting(text) for text in changed]
+    for name in names:
+        named = (name,) if len(names) > 1 or not vary or not alone else ()
+        for variant in variants(vary):
+            label, heading, folder = (
+                " ".join(filter(None, (*named, text)))
+                for text in (variant.label, variant.heading, variant.name)
+            )
+            scenario = check(*resolved(*read(name), [*base, *variant.settings]))
+            cases[label] = Case(scenario, heading, slug(folder))
+    return cases
+
+
+def _carried_out(
+    cases: Mapping[str, Case], processes: int | None, folder: Path
+) -> tuple[dict[str, Run], bool]:
+    """The runs, kept as they come, in the order of the cases; and whether Ctrl-C ended them."""
+    from twin.run.execute import save
+
+    runs: dict[str, Run] = {}
+    interrupted = False
+    try:
+        scenarios = {label: case.scenario for label, case in cases.items()}
+        for label, done in _runs(scenarios, processes):
+            runs[label] = done
+            save(done, folder / cases[label].folder, {label: done.motion})
+    except KeyboardInterrupt:
+        interrupted = True
+        if not runs:
+            raise
+    return {label: runs[label] for label in cases if label in runs}, interrupted
+
+
+def _scenarios(runs: Mapping[str, Replay]) -> list[Scenario]:
+    return [run.scenario for run in runs.values()]
+
+
+def _measured(
+    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Replay], changed: Sequence[str]
+) -> tuple[dict[str, Replay], list[str]]:
+    """Logs as runs, and what their prediction is to be changed to."""
+    from twin.run.log_run import fitting, log_run, read_log
+
+    runs: dict[str, Replay] = {}
+    fitted: list[str] = []
+    for path in logs:
+        rows = read_log(path)
+        if names:
+            scenario = load_scenario(names[0], changed)
+            fitted = fitted or fitting(rows, scenario)
+            scenario = load_scenario(names[0], (*fitting(rows, scenario), *changed))
+        elif finished:
+            scenario = finished[0].scenario
+        else:
+            raise ScenarioError(
+                f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
+                f"ballplate compare {path} circle"
+            )
+        runs[path.stem] = log_run(rows, scenario, path.stem)
+    return runs, fitted
+
+
+def _stem(name: str) -> str:
+    return Path(name).stem if name.endswith(".toml") else Path(name).name
 
 
 def _runs(cases: dict[str, Scenario], processes: int | None) -> Iterator[tuple[str, Run]]:
@@ -104,6 +200,8 @@ def _runs(cases: dict[str, Scenario], processes: int | None) -> Iterator[tuple[s
     from twin.jobs import cores, results
     from twin.run.execute import run as run_scenario
 
+    if not cases:
+        return
     if processes is None:
         long = sum(case.duration for case in cases.values()) >= 2 * WORTH_PROCESS
         processes = cores() if long else 1
@@ -116,33 +214,8 @@ def _runs(cases: dict[str, Scenario], processes: int | None) -> Iterator[tuple[s
         return
     for case in cases.values():
         warn_of_dangers(case)
-    with progress(", ".join(cases), len(cases), "runs") as advance:
+    with progress("comparison", len(cases), "runs") as advance:
         found = results(run_scenario, cases.items(), min(processes, len(cases)))
         for number, (label, done) in enumerate(found, 1):
             advance(number)
             yield label, done
-
-
-def _variants(text: str) -> list[str]:
-    """The overrides ``key=value`` that ``key=[a, b]`` or ``key=a,b`` stands for."""
-    key, equals, values = text.partition("=")
-    if not equals or not key or not values:
-        raise ScenarioError(f"--vary '{text[:200]}': write KEY=[A,B,...], as in duration=[5,10]")
-    try:
-        listed: Any = parse_toml(f"values = {values}")["values"]
-    except tomllib.TOMLDecodeError:
-        listed = values.strip("[]").split(",")
-    except DataError as error:
-        raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
-    items = listed if isinstance(listed, list) else [listed]
-    return [f"{key}={str(item).strip()}" for item in items]
-
-
-def _comparison(keys: Sequence[str], changed: Sequence[str]) -> str:
-    """What is compared: the keys whose values stand over the columns, and what all runs share."""
-    over = f"Comparison over {', '.join(keys)}" if keys else "Comparison"
-    return f"{over} ({', '.join(changed)})" if changed else over
-
-
-def _slug(label: str) -> str:
-    return "".join(char if char.isalnum() or char in "._-" else "-" for char in label)

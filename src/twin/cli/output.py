@@ -96,7 +96,7 @@ def _print_lines(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
     table = Table(header_style="bold")
     table.add_column("", overflow="fold")
     for row in rows:
-        table.add_column(f"{row.label} [{row.unit}]", justify="right")
+        table.add_column(escape(f"{row.label} [{row.unit}]"), justify="right")
     for heading, *values in zip(headings, *(row.values for row in rows), strict=True):
         table.add_row(escape(heading), *map(escape, values))
     console.print(table)

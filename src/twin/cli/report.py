@@ -7,14 +7,17 @@ from pathlib import Path
 
 import click
 
+from twin.cli.against import AGAINST
+from twin.cli.against import opened as open_all
+from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.errors import RecordError
 from twin.report.figures import Format, details, encoded, overview
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
-from twin.run.folders import LAST
+from twin.run.folders import run_folder
 from twin.run.record import write_whole
-from twin.run.replay import Replay, open_runs
+from twin.run.replay import Replay
 
 Runs = list[Replay]
 
@@ -60,6 +63,8 @@ class Formats(click.ParamType[tuple[str, ...]]):
 
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@AGAINST
+@SETTING
 @click.option(
     "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
 )
@@ -68,13 +73,24 @@ class Formats(click.ParamType[tuple[str, ...]]):
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(
-    runs: tuple[Path, ...], rigs: tuple[int, ...], formats: tuple[str, ...], out: Path | None
+    runs: tuple[Path, ...],
+    against: str | None,
+    overrides: tuple[str, ...],
+    rigs: tuple[int, ...],
+    formats: tuple[str, ...],
+    out: Path | None,
 ) -> int:
-    """Report on one run folder, or compare several: a page, pictures, a table."""
-    opened = open_runs(runs or (Path(LAST),), rigs)
+    """Report on one run folder, or compare several: a page, pictures, a table.
+
+    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
+    there is none.
+    """
+    opened = open_all(runs, rigs, against, overrides)
     folder = opened[0].folder
-    assert folder is not None
-    stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
+    if folder is None:
+        stem = out or run_folder(f"{opened[0].name}-against-{against}", overrides) / "report"
+    else:
+        stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
     if stem.suffix in {ending for ending, _ in FORMATS.values()}:
         stem = stem.with_suffix("")
     if stem.is_dir():

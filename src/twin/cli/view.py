@@ -7,10 +7,12 @@ from pathlib import Path
 
 import click
 
+from twin.cli.against import AGAINST
+from twin.cli.against import opened as open_all
+from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.errors import TwinError, ViewError
-from twin.run.folders import LAST
-from twin.run.replay import Replay, open_runs
+from twin.run.replay import Replay
 from twin.view import viewer
 from twin.view.layout import LAYOUTS, Layout
 from twin.view.live import address, reach
@@ -21,6 +23,8 @@ WEB_PORT = 9090
 
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@AGAINST
+@SETTING
 @click.option(
     "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
 )
@@ -45,6 +49,8 @@ WEB_PORT = 9090
 @click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
 def view(
     runs: tuple[Path, ...],
+    against: str | None,
+    overrides: tuple[str, ...],
     rigs: tuple[int, ...],
     layout: Layout,
     rrd: Path | None,
@@ -53,8 +59,12 @@ def view(
     serve: int | None,
     connect: str | None,
 ) -> int:
-    """Open run folders in the Rerun viewer, several side by side on one time line."""
-    opened = open_runs(runs or (Path(LAST),), rigs)
+    """Open run folders in the Rerun viewer, several side by side on one time line.
+
+    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
+    there is none.
+    """
+    opened = open_all(runs, rigs, against, overrides)
     if connect is not None:
         forward(reach(address(connect)), opened, layout)
         console.print(f"sent to {connect}")

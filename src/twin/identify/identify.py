@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from twin.identify.log import Log, LogError
+from twin.errors import LogError
+from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import fitted
 from twin.identify.plate_motion import fit_lag

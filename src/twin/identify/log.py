@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +17,8 @@ import pyarrow.parquet as pq
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.errors import TwinError
-
-
-class LogError(TwinError, ValueError):
-    """A log cannot be read, or nothing can be learned from it."""
+from twin.errors import LogError
+from twin.run.csv_columns import read_csv, scale
 
 
 @dataclass(frozen=True)
@@ -55,15 +50,7 @@ COLUMNS = {
     "applied_theta_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
 }
 """What ``identify`` reads; a log may have more columns."""
-
-_SCALES = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
-    "1": {"1": 1.0, "": 1.0},
-    "rad/s": {"rad/s": 1.0, "deg/s": math.radians(1)},
-    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.radians(1)},
-}
+UNITS = {name: column.unit for name, column in COLUMNS.items()}
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
@@ -139,7 +126,7 @@ def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
         unit = (schema.field(name).metadata or {}).get(b"unit")
         factor = 1.0
         if name in COLUMNS:
-            factor = _scale(name, unit.decode() if unit else None, path.name)
+            factor = scale(name, unit.decode() if unit else None, UNITS[name], path.name)
         columns[name] = factor * values
     raw = (schema.metadata or {}).get(b"ballplate", b"{}")
     try:
@@ -149,19 +136,7 @@ def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
 
 
 def _csv(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        header = [_split_unit(cell) for cell in next(rows, [])]
-        names = [name for name, _ in header]
-        _require(names, path.name)
-        used = [(i, n, _scale(n, u, path.name)) for i, (n, u) in enumerate(header) if n in COLUMNS]
-        data = [
-            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in used]
-            for row in rows
-            if row
-        ]
-    values = np.array(data, dtype=float).reshape(len(data), len(used))
-    return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(used)}, {}
+    return read_csv(path, UNITS, lambda names: _require(names, path.name)), {}
 
 
 def _require(names: list[str], source: str) -> None:
@@ -171,30 +146,6 @@ def _require(names: list[str], source: str) -> None:
             f"{source}: no column {', '.join(missing)} "
             f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
         )
-
-
-def _split_unit(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as ``measured_x [mm]``; None without a unit."""
-    match = re.fullmatch(r"\s*(.*?)\s*\[\s*(.*?)\s*\]\s*", header)
-    return (match[1], match[2]) if match else (header.strip(), None)
-
-
-def _scale(name: str, unit: str | None, source: str) -> float:
-    """Factor from a column's unit to SI."""
-    if unit is None:
-        return 1.0
-    known = _SCALES[COLUMNS[name].unit]
-    if unit not in known:
-        raise LogError(f"{source}: {name}: unit '{unit}'; known: {', '.join(filter(None, known))}")
-    return known[unit]
-
-
-def _number(row: list[str], index: int, source: str, name: str, line: int) -> float:
-    text = row[index].strip() if index < len(row) else ""
-    try:
-        return float(text) if text else np.nan
-    except ValueError:
-        raise LogError(f"{source}: line {line}: {name}: '{text}' is not a number") from None
 
 
 def _log(columns: dict[str, Array], metadata: dict[str, Any], source: str) -> Log:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
+from twin.errors import LogError
 from twin.hal.interface import SCREEN
-from twin.identify.log import Log, LogError
+from twin.identify.log import Log
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog
 from twin.identify.windows import ROLL, speed

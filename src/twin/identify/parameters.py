@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from controllers.arrays import Array
-from twin.identify.log import LogError
+from twin.errors import LogError
 from twin.sim.plant.friction import Friction
 
 _FACTORS = {"mm": 1e3, "deg": math.degrees(1)}

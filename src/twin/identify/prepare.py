@@ -9,7 +9,8 @@ from scipy.ndimage import median_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
-from twin.identify.log import Log, LogError
+from twin.errors import LogError
+from twin.identify.log import Log
 
 SLOWEST = 0.05
 """Longest time in s between rows."""

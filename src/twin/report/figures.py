@@ -32,8 +32,8 @@ def details(runs: Sequence[Replay]) -> Figure:
         for index, run in enumerate(runs):
             colour = COLOURS[index % len(COLOURS)]
             _spectrum(panels["spectrum"], run, colour)
-            _estimate(panels["estimate"], run, colour)
             _share(panels["share"], run, colour)
+        _estimates(panels["estimate"], runs)
         _late(panels["late"], runs)
         if len(runs) > 1:
             names = panels["spectrum"].get_legend_handles_labels()
@@ -54,13 +54,16 @@ def _spectrum(panel: Axes, run: Replay, colour: str) -> None:
     )
 
 
-def _estimate(panel: Axes, run: Replay, colour: str) -> None:
+def _estimates(panel: Axes, runs: Sequence[Replay]) -> None:
     panel.set(xlabel="time [s]", ylabel="distance [mm]", title="Error of the estimated position")
-    if "true_x" not in run.rows:
+    known = [(i, run) for i, run in enumerate(runs) if "true_x" in run.rows]
+    if not known:
         _instead(panel, "on a real rig nobody knows where the ball truly is")
         return
-    wrong = columns(run.rows, "estimated")[:, 0::4] - run.motion.ball
-    panel.plot(run.motion.time, 1000 * np.hypot(*wrong.T), color=colour, lw=0.8)
+    for index, run in known:
+        wrong = columns(run.rows, "estimated")[:, 0::4] - run.motion.ball
+        colour = COLOURS[index % len(COLOURS)]
+        panel.plot(run.motion.time, 1000 * np.hypot(*wrong.T), color=colour, lw=0.8)
     panel.set_ylim(0, None)
 
 

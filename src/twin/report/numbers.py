@@ -7,6 +7,8 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from twin.run.metrics import UNITS
+
 if TYPE_CHECKING:
     from twin.run.replay import Replay
 
@@ -60,6 +62,35 @@ def first_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
 def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
     """The same, then all the others."""
     return _rows(summaries, {key: LABELS[key] for key in FIRST} | LABELS | TIMES)
+
+
+def summary_of(run: Replay) -> dict[str, Any]:
+    """What ``--json`` prints of a finished run."""
+    return {"scenario": run.scenario.title, **run.metrics, "units": UNITS}
+
+
+def ranking(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Which of several runs had the lowest tracking error, in one sentence; heading to summary."""
+    key, label, unit = "tracking_error_percent", "Tracking error e_tt", " %"
+    if not any(each.get(key) for each in summaries.values()):
+        key, label, unit = "rms_error", "RMS error on x", " mm"
+    factor = 1000 if unit == " mm" else 1
+    found = {
+        heading: factor * each[key]
+        for heading, each in summaries.items()
+        if each.get(key) is not None and each.get("outcome") == "finished"
+    }
+    if not found:
+        return "None of the runs went to its end."
+    best, worst = min(found, key=found.__getitem__), max(found, key=found.__getitem__)
+    lost = sum(each.get("outcome") != "finished" for each in summaries.values())
+    early = f"; {lost} ended early" if lost else ""
+    if found[best] == found[worst]:
+        return f"{label}: {found[best]:.3g}{unit} in every run{early}."
+    return (
+        f"{label}: lowest {found[best]:.3g}{unit} ({best}), "
+        f"highest {found[worst]:.3g}{unit} ({worst}){early}."
+    )
 
 
 def _rows(

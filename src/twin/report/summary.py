@@ -63,7 +63,7 @@ def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:
     share = f"Tracking error e_tt {percent:.3g} %{beside}, " if percent is not None else ""
     rms = f"{1000 * found.rms:.3g} mm RMS over x and y"
     start = run.scenario.metrics.start
-    since = f" from {start:.3g} s on" if start else ""
+    since = f" from {start:.4g} s on" if start else ""
     return f"{share}{rms}{since}: {'; '.join(_limits(run, found))}."
 
 
@@ -105,7 +105,7 @@ def _ending(run: Replay) -> str:
 
 def _error(run: Replay, found: Diagnosis) -> str:
     start = run.scenario.metrics.start
-    since = f"From {start:g} s on the" if start else "The"
+    since = f"From {start:.4g} s on the" if start else "The"
     percent = run.metrics.get("tracking_error_percent")
     share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
     return f"{since} ball was {1000 * found.rms:.3g} mm (RMS) from its reference{share}."

@@ -5,15 +5,21 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
+from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
 
 ROOT = Path("runs")
 """Folder of the working folder in which every run has its own, unless it is told another."""
 LAST = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
+FILES = ("run.parquet", "metrics.json", "picture.png")
+"""What a run folder holds."""
+MANIFEST = "compare.json"
+"""File of a comparison that lists the folders of its runs, and their indicators."""
 LONGEST = 100
 """Characters of a folder's name."""
 
@@ -37,7 +43,7 @@ def short_key(key: str) -> str:
 
 def slug(text: str) -> str:
     """A text as the name of a folder; one that loses more than brackets ends in a hash of it."""
-    bare = re.sub(r"[\s\"'\[\]{}]", "", text)
+    bare = re.sub(r"\s+", "-", re.sub(r"[\"'\[\]{}]|(?<=,)\s+", "", text))
     name = re.sub(r"[^\w.,=+~-]", "_", bare).lstrip("-.")
     if name == bare and len(name) <= LONGEST:
         return name
@@ -76,6 +82,29 @@ def last(root: Path = ROOT) -> Path:
     if not times:
         raise RecordError(f"no run in {root}/ yet; begin with: ballplate run circle")
     return max(times, key=lambda folder: (times[folder], folder))
+
+
+def forget(folder: Path) -> str:
+    """Remove the runs of the comparison that a folder holds, so that none of them stays behind.
+
+    Only what the comparison wrote is removed.
+
+    Returns:
+        What a new one replaces, in words; empty if there is none.
+    """
+    listed = folder / MANIFEST
+    try:
+        names = parse_json(listed.read_bytes())["folders"]
+        inner = [folder / Path(str(name)).name for name in names]
+    except (OSError, DataError, KeyError, TypeError):
+        return ""
+    for run in inner:
+        for name in FILES:
+            (run / name).unlink(missing_ok=True)
+        with suppress(OSError):  # somebody else's files are in it
+            run.rmdir()
+    listed.unlink()
+    return f" (replaced a comparison of {len(inner)} runs)"
 
 
 def is_last(path: Path) -> bool:

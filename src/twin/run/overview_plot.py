@@ -38,6 +38,8 @@ FEW = 2
 """Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
 WINDOW = 0.5
 """Seconds over which that is taken."""
+SAME = 1e-4
+"""Distance in m below which two references are one."""
 LEAST_ERROR = 0.1
 """Least height of the axis of the tracking error in mm: less than the screen can tell."""
 DPI = 110
@@ -108,18 +110,19 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
 
 def _references(runs: Mapping[str, Motion]) -> list[tuple[str, Motion, dict[str, Any]]]:
     """Label, motion and look of the references: the one of all runs, or each run's own."""
-    first = next(iter(runs.values())).reference
-    same = all(
-        np.array_equal(motion.reference[: len(first)], first[: len(motion.reference)])
-        for motion in runs.values()
-    )
-    if same:
-        longest = max(runs.values(), key=lambda motion: len(motion.time))
+    longest = max(runs.values(), key=lambda motion: float(motion.time[-1]))
+    if all(_same_reference(motion, longest) for motion in runs.values()):
         return [("reference", longest, REFERENCE)]
     return [
         (f"reference of {label}", motion, {**REFERENCE, "color": COLOURS[index % len(COLOURS)]})
         for index, (label, motion) in enumerate(runs.items())
     ]
+
+
+def _same_reference(motion: Motion, longest: Motion) -> bool:
+    """Whether two references, each at the instants of its own run, can not be told apart."""
+    other = [np.interp(motion.time, longest.time, axis) for axis in longest.reference.T]
+    return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME)
 
 
 def _refer(panels: Mapping[str, Axes], motion: Motion, label: str, look: Mapping[str, Any]) -> None:

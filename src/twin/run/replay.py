@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -206,7 +206,7 @@ def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Repla
         for run in open_run(path, rigs):
             taken = sum(other.name.partition("~")[0] == run.name for other in runs)
             name = f"{run.name}~{taken + 1}" if taken else run.name
-            runs.append(Replay(**{**vars(run), "name": name}) if taken else run)
+            runs.append(replace(run, name=name) if taken else run)
     return runs
 
 

@@ -1,0 +1,69 @@
+"""What report and view open: finished runs, and logs with what the twin predicts of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twin.cli.one_run import watched
+from twin.cli.options import load_scenario
+from twin.errors import RecordError
+from twin.shipped import shipped
+
+if TYPE_CHECKING:
+    from twin.run.replay import Replay
+
+AGAINST = click.option(
+    "--against",
+    metavar="SCENARIO",
+    help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
+)
+
+
+def opened(
+    paths: Sequence[Path], rigs: tuple[int, ...], against: str | None, overrides: Sequence[str]
+) -> list[Replay]:
+    """The runs that paths lead to; of logs the prediction of each as well.
+
+    Args:
+        paths: Run folders, records, CSV logs; the newest run if there is none.
+        rigs: Which rigs of a record of several; empty for the first.
+        against: The scenario of the logs.
+        overrides: ``KEY=VALUE`` each, what is changed of it.
+
+    Raises:
+        TwinError: If one cannot be opened, or a log has no scenario.
+    """
+    from twin.run.folders import LAST
+    from twin.run.log_run import fitting, log_run, read_log
+    from twin.run.replay import open_runs, replay_of
+
+    paths = paths or [Path(LAST)]
+    logs = [path for path in paths if path.suffix == ".csv"]
+    others = tuple(path for path in paths if path.suffix != ".csv")
+    known = shipped()
+    for path in others:
+        if str(path) in known and not path.exists():
+            raise RecordError(
+                f"{path} is a scenario, not a run; first: ballplate run {path}, then open "
+                f"runs/{path.name}"
+            )
+    if logs and against is None:
+        raise RecordError(
+            f"{logs[0]}: a log has no reference; name the scenario it was recorded with: "
+            "--against circle"
+        )
+    if not logs and (against or overrides):
+        raise RecordError("--against and --set: for CSV logs; a finished run has its scenario")
+    runs = []
+    for path in logs:
+        assert against is not None
+        rows = read_log(path)
+        changed = (*fitting(rows, load_scenario(against, overrides)), *overrides)
+        scenario = load_scenario(against, changed)
+        label = f"{Path(against).stem} predicted"
+        runs += [log_run(rows, scenario, path.stem), replay_of(watched(scenario, label), label)]
+    return runs + (open_runs(others, rigs) if others else [])

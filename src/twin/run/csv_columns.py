@@ -1,0 +1,92 @@
+"""Reads a CSV file with named columns, each with its unit in the header or in SI."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.errors import LogError
+
+SCALES = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.radians(1)},
+    "1": {"1": 1.0, "": 1.0},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.radians(1)},
+    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": math.radians(1)},
+}
+"""SI unit to the units that a header may give instead, and their factors."""
+
+
+def read_csv(
+    path: Path, units: Mapping[str, str], look: Callable[[list[str]], object] = lambda _: None
+) -> dict[str, Array]:
+    """The columns of known names in SI units, shape (K,) each; NaN where a cell is empty.
+
+    Args:
+        path: The file; its first line names the columns, as ``measured_x [mm]``.
+        units: Name to SI unit; columns of other names are left out.
+        look: Is shown the names of all columns before the rows are read.
+
+    Raises:
+        LogError: If a unit is unknown, or a cell is no number.
+        OSError: If the file cannot be read.
+    """
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        header = [_split_unit(cell) for cell in next(rows, [])]
+        look([name for name, _ in header])
+        used = [
+            (i, name, scale(name, unit, units[name], path.name))
+            for i, (name, unit) in enumerate(header)
+            if name in units
+        ]
+        data = [
+            [_number(row, i, path.name, name, rows.line_num) for i, name, _ in used]
+            for row in rows
+            if row
+        ]
+    values = np.array(data, dtype=float).reshape(len(data), len(used))
+    return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(used)}
+
+
+def scale(name: str, unit: str | None, known: str, source: str) -> float:
+    """Factor from a column's unit to SI.
+
+    Args:
+        name: The column.
+        unit: Its unit; None for that in SI.
+        known: Its unit in SI.
+        source: What to call the file in messages.
+
+    Raises:
+        LogError: If the unit is none of that quantity.
+    """
+    if unit is None:
+        return 1.0
+    allowed = SCALES[known]
+    if unit not in allowed:
+        listed = ", ".join(filter(None, allowed))
+        raise LogError(f"{source}: {name}: unit '{unit}'; known: {listed}")
+    return allowed[unit]
+
+
+def _split_unit(header: str) -> tuple[str, str | None]:
+    """Name and unit of a header such as ``measured_x [mm]``; None without a unit."""
+    match = re.fullmatch(r"\s*(.*?)\s*\[\s*(.*?)\s*\]\s*", header)
+    return (match[1], match[2]) if match else (header.strip(), None)
+
+
+def _number(row: list[str], index: int, source: str, name: str, line: int) -> float:
+    text = row[index].strip() if index < len(row) else ""
+    try:
+        return float(text) if text else np.nan
+    except ValueError:
+        raise LogError(f"{source}: line {line}: {name}: '{text}' is not a number") from None

@@ -1,0 +1,86 @@
+"""A log without a scenario of its own, laid over what the twin predicts."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from twin.errors import LogError
+from twin.run.execute import run
+from twin.run.log_run import apart, distances, fitting, log_run, read_log
+from twin.run.replay import replay_of
+from twin.scenario.load import load
+
+CHANGES = ("plant.kind=lagrange", "duration=6", "metrics.start=2", "controller.kind=lqr")
+COLUMNS = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta")
+
+
+@pytest.fixture(scope="module")
+def made():
+    return run(load("circle", CHANGES))
+
+
+def write(path, rows, names=COLUMNS, header=COLUMNS, every=5):
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(zip(*(rows[name][::every] for name in names), strict=True))
+    return path
+
+
+def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
+    whole = replay_of(made, "twin")
+    log = read_log(write(tmp_path / "log.csv", whole.rows))
+    scenario = load("circle", CHANGES)
+    found = log_run(log, scenario, "log")
+    # the screen's noise has a deviation of some 0.5 mm per axis; its dead time alone would be 5 mm
+    assert apart(found, made.motion) < 1e-3
+    expected = made.metrics.tracking_error_percent
+    assert found.metrics["tracking_error_percent"] == pytest.approx(expected, rel=0.02)
+    assert found.metrics["u_rms"] is None
+    assert distances([found], {"log": found.motion, "twin": made.motion})[0].startswith(
+        "log and twin are 0."
+    )
+
+
+def test_columns_that_a_log_has_are_used_as_they_are(made, tmp_path):
+    whole = replay_of(made, "twin")
+    log = read_log(write(tmp_path / "log.csv", whole.rows, whole.rows, whole.rows, every=1))
+    found = log_run(log, load("circle", CHANGES), "log")
+    np.testing.assert_array_equal(found.motion.ball, made.motion.ball)
+    assert found.metrics["u_rms"] == pytest.approx(made.metrics.u_rms)
+
+
+def test_the_prediction_begins_where_the_log_does_and_lasts_as_long(made, tmp_path):
+    rows = {name: values[::5][:300] for name, values in replay_of(made, "twin").rows.items()}
+    rows = rows | {"measured_x": rows["measured_x"] + 0.05}
+    log = read_log(write(tmp_path / "log.csv", rows, every=1))
+    changes = dict(text.split("=") for text in fitting(log, load("circle", CHANGES)))
+    assert float(changes["duration"]) == pytest.approx(3.0)
+    assert float(changes["metrics.start"]) == pytest.approx(1.0)
+    assert float(changes["plant.start.x"]) == pytest.approx(0.05, abs=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "words"),
+    [
+        (("t", *COLUMNS[1:]), 1, "no column time"),
+        (COLUMNS, 1000, "measured_x: reaches .* give m, or the unit in the header"),
+        (("time", "measured_x [furlong]", *COLUMNS[2:]), 1, "unit 'furlong'"),
+        (("time", "measured_x [mm]", *COLUMNS[2:]), 1000, None),
+    ],
+)
+def test_a_log_that_cannot_be_meant_is_refused(tmp_path, header, factor, words):
+    time = np.linspace(0, 1, 50)
+    rows = {name: 0.1 * np.sin(time) for name in COLUMNS} | {"time": time}
+    path = write(
+        tmp_path / "log.csv",
+        rows | {"measured_x": factor * rows["measured_x"]},
+        header=header,
+        every=1,
+    )
+    if words is None:
+        np.testing.assert_allclose(read_log(path)["measured_x"], rows["measured_x"])
+    else:
+        with pytest.raises(LogError, match=words):
+            read_log(path)

@@ -1,0 +1,41 @@
+import pytest
+
+from twin.errors import ScenarioError
+from twin.scenario.variants import comparison, variants, varied
+
+
+def headings(*vary):
+    return [variant.heading for variant in variants(vary)]
+
+
+def test_tables_are_values_with_the_shortest_heading_that_tells_them_apart():
+    two = variants(['controller=[{kind="afl"}, {kind="lqr", rho=100}]'])
+    assert [variant.heading for variant in two] == ["afl", "lqr"]
+    assert two[1].settings == (("controller", {"kind": "lqr", "rho": 100}),)
+    alike = 'controller=[{kind="lqr", rho=100}, {kind="lqr", rho=300}, {kind="afl"}]'
+    assert headings(alike) == ["lqr rho=100", "lqr rho=300", "afl"]
+
+
+def test_values_may_be_written_without_brackets_and_combine():
+    assert headings("controller.kind=afl,lqr", "duration=[5, 10.0]") == [
+        "afl, 5",
+        "afl, 10.0",
+        "lqr, 5",
+        "lqr, 10.0",
+    ]
+    labels = [variant.label for variant in variants(["seed=[1,2]"])]
+    assert labels == ["seed=1", "seed=2"]
+    assert variants([])[0].settings == ()
+
+
+def test_a_comparison_is_titled_by_what_ran():
+    assert comparison("Circle", ["controller.kind=[1]"], ["duration=5"]) == (
+        "Circle over controller.kind (duration=5)"
+    )
+    assert varied(['controller=[{kind="afl"}, {kind="lqr"}]']) == ["controller=afl,lqr"]
+
+
+@pytest.mark.parametrize("text", ["duration", "=5", "duration=", "a..b=[1]"])
+def test_what_is_no_variation_is_one_line(text):
+    with pytest.raises(ScenarioError):
+        variants([text])
