@@ -8,6 +8,7 @@ the ball measured a dead time late.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -72,13 +73,20 @@ class Loop(NamedTuple):
         i = self.cuts.index(cut)
         s = np.exp(1j * omega * self.period) if self.period else 1j * omega
         # (s - A)^-1 b by back substitution: A = Z T Z' with T upper triangular, for all s at once.
-        T, Z = scipy.linalg.schur(self.A, output="complex")
+        T, Z = _triangular(self.A.tobytes(), len(self.A))
         b = Z.conj().T @ self.B[:, i]
         v = np.zeros((len(omega), len(b)), complex)
         for k in reversed(range(len(b))):
             v[:, k] = (b[k] + (v[:, k + 1 :] * T[k, k + 1 :]).sum(axis=1)) / (s - T[k, k])
         out: Complex = 1 + v @ (self.C[i] @ Z)
         return out
+
+
+@lru_cache(maxsize=1)
+def _triangular(A: bytes, n: int) -> tuple[Complex, Complex]:
+    """Complex Schur form of a matrix of n rows, the same for all cuts of a loop."""
+    T, Z = scipy.linalg.schur(np.frombuffer(A).reshape(n, n), output="complex")
+    return T, Z
 
 
 def close(plant: System, controller: System, outputs: Sequence[str]) -> Loop:

@@ -25,6 +25,7 @@ COMMANDS = {
     "identify": "twin.cli.identify:identify",
     "fit": "twin.cli.fit:fit",
     "study": "twin.cli.study:study",
+    "tune": "twin.cli.tune:tune",
     "doctor": "twin.cli.doctor:doctor",
     "emulate": "twin.cli.emulate:emulate",
     "safety": "twin.cli.safety:safety",
@@ -53,6 +54,9 @@ HELP = {
     "identify": "Fit friction, dead time, drives and level to a recorded run.",
     "fit": ("Fit parameters to measured indicators of many experiments, where no logs were kept."),
     "study": "Run a study: a shipped one by name, or a TOML file; without a name, list them.",
+    "tune": (
+        "Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file."
+    ),
     "doctor": "Check everything that a rig needs before it is brought up, and say what to do.",
     "emulate": (
         "Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys."

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import nullcontext
 from pathlib import Path
-from time import perf_counter
 
 import click
 from rich.table import Table
@@ -17,16 +15,15 @@ from twin.jobs import cores
 from twin.study.answers import Answer, answers
 from twin.study.carry import carry, remaining
 from twin.study.cluster import Cluster
+from twin.study.pilot import seconds
 from twin.study.report import compared, document, write
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.summary import sentences
-from twin.study.work import Job, Work, carry_out
+from twin.study.work import Work
 
 BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
-PILOT = (0.1, 0.5)
-"""Simulated seconds of the two short batches from which the time of a study is estimated."""
 
 
 @click.command()
@@ -112,31 +109,13 @@ def _plan(work: Work, store: Store, processes: int) -> int:
         console.print(f"{total} runs, all of them finished")
         return 0
     left = total - known.num_rows
-    each = _seconds(work.jobs(chunks[0]))
+    each = seconds(work.jobs(chunks[0]))
     console.print(
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
         f"batches take about {duration(left * each / processes)} on {processes} processors "
         f"({each:.2f} s per run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
     )
     return 0
-
-
-def _seconds(chunk: list[Job]) -> float:
-    """Time per run of a chunk in s, from two short ones: set-up, and the rest by its duration."""
-    times = []
-    for length in PILOT:
-        begin = perf_counter()
-        carry_out([_short(job, length) for job in chunk])
-        times.append(perf_counter() - begin)
-    rate = (times[1] - times[0]) / (PILOT[1] - PILOT[0])
-    whole = float(json.loads(chunk[0].scenario)["duration"])
-    return (times[0] + rate * (whole - PILOT[0])) / len(chunk)
-
-
-def _short(job: Job, length: float) -> Job:
-    scenario = json.loads(job.scenario)
-    scenario |= {"duration": length, "metrics": {"start": 0.0}}
-    return job._replace(scenario=json.dumps(scenario))
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from functools import partial
 
@@ -11,12 +10,11 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.fit.schema import Experiment, FitTable
-from twin.run.batch import alike
 from twin.scenario import Scenario
 from twin.study.build import Builder
 from twin.study.carry import carry
 from twin.study.store import Store
-from twin.study.work import Job, Task, carry_out, code, digest
+from twin.study.work import ScenarioRuns, carry_out
 
 Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""
@@ -84,8 +82,7 @@ class Runs:
                 factors[key] = value * factors.get(key, 1.0)
         build = self._builders[experiment.scenario]
         fixed = (*self.table.set, *experiment.set)
-        found = build(fixed, {**point, **factors}, factors)
-        return found.model_copy(update={"title": ""})
+        return build(fixed, {**point, **factors}, factors)
 
     def indicators(self, wanted: Iterable[Wanted]) -> Mapping[Wanted, Mapping[str, float]]:
         """The indicators of runs, as the rig's computer sees them; nan where a run has none.
@@ -96,7 +93,10 @@ class Runs:
         asked = list(dict.fromkeys(wanted))
         missing = [each for each in asked if each not in self._known]
         if missing:
-            batch = _Batch(self, missing)
+            experiments = self.table.experiments
+            batch = ScenarioRuns(
+                (self.scenario(sample, experiments[i]) for sample, i in missing), seen=True
+            )
             before = len(self._known)
             rows = carry(
                 batch,
@@ -114,28 +114,6 @@ class Runs:
                     for name in self.table.experiments[each[1]].measured
                 }
         return {each: self._known[each] for each in asked}
-
-
-class _Batch:
-    """Runs that are wanted at once, as a study's are handed out."""
-
-    def __init__(self, runs: Runs, wanted: Sequence[Wanted]) -> None:
-        experiments = runs.table.experiments
-        self._scenarios = [runs.scenario(sample, experiments[i]) for sample, i in wanted]
-        self.tasks = [self._task(n, scenario) for n, scenario in enumerate(self._scenarios)]
-
-    @staticmethod
-    def _task(number: int, scenario: Scenario) -> Task:
-        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
-        key = digest(f"seen {code()} {scenario.model_dump_json()}")
-        return Task(key, kind, scenario.controller.model_dump_json(), number, 0)
-
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
-        """Runs as they are handed out."""
-        return [
-            Job(task.key, task.alike, self._scenarios[task.point].model_dump_json())
-            for task in tasks
-        ]
 
 
 def rounded(share: Array, table: FitTable) -> Sample:

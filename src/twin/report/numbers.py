@@ -19,6 +19,7 @@ LABELS = {
     "rms_error": ("RMS error, x", "mm"),
     "mean_error": ("mean error, x", "mm"),
     "max_steady_error": ("largest steady error, x", "mm"),
+    "rms_distance": ("RMS distance, steady", "mm"),
     "overshoot_percent": ("overshoot, x", "%"),
     "settling_time": ("settling time, x", "s"),
     "steady_error": ("steady error, x", "mm"),

@@ -97,6 +97,8 @@ class Metrics:
         rms_error: Root mean square error on x over the whole run, m.
         mean_error: Mean absolute error on x over the whole run, m, (C.4).
         max_steady_error: Largest absolute error on x from ``metrics.start`` on, m.
+        rms_distance: Root mean square distance from the reference, both axes, from
+            ``metrics.start`` on, m.
         overshoot_percent: Largest passing of a constant goal, in % of the way to it, on x.
         settling_time: Time from which the ball stays in the band about a constant goal, s, on x.
         steady_error: Absolute error on x at the end, m, for a constant goal.
@@ -114,6 +116,7 @@ class Metrics:
     rms_error: float | None = None
     mean_error: float | None = None
     max_steady_error: float | None = None
+    rms_distance: float | None = None
     overshoot_percent: float | None = None
     settling_time: float | None = None
     steady_error: float | None = None
@@ -163,6 +166,7 @@ def measure(
     if steady.any():
         found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])
         found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
+        found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
     return Metrics(**ended, **found)
 

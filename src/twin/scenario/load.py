@@ -97,14 +97,18 @@ def _parameters(file: Any, source: str) -> Tables:
 
 
 def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
-    """Tables with those of more tables put in, key by key."""
+    """Tables with those of more tables put in, key by key.
+
+    Another ``kind`` of controller, observer or reference drops the settings of the old.
+    """
     result = dict(tables)
     for key, value in more.items():
         old = result.get(key)
-        if isinstance(old, dict) and isinstance(value, dict):
-            result[key] = _laid_over(old, value)
-        else:
-            result[key] = value
+        match old, value:
+            case dict(), dict() if key not in KINDS or value.get("kind") in {None, old.get("kind")}:
+                result[key] = _laid_over(old, value)
+            case _:
+                result[key] = value
     return result
 
 

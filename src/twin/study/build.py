@@ -56,12 +56,26 @@ class Builder:
             given[name] = self._changed(key, whole, at, value, relative=key in relative)
         return self._built([*map(self._setting, fixed), *given.items()])
 
-    def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
-        """What a key becomes: a number, or a list with one of its numbers changed."""
-        if at is not None and not (isinstance(whole, list) and at < len(whole)):
+    def value(self, fixed: Sequence[str], key: str) -> Any:
+        """What the scenario says of a key, ``key.0`` the first number of a list, or its default.
+
+        Raises:
+            ScenarioError: If there is no such key, or an override is wrong.
+        """
+        path, _, tail = key.rpartition(".")
+        at = int(tail) if path and tail.isdigit() else None
+        whole = self._now(fixed, key if at is None else path)
+        return whole if at is None else self._part(key, whole, at)
+
+    def _part(self, key: str, whole: Any, at: int) -> Any:
+        if not (isinstance(whole, list) and at < len(whole)):
             known = f"0 to {len(whole) - 1}" if isinstance(whole, list) else "it is no list"
             raise ScenarioError(f"{self._source}: {key}: no such number ({known})")
-        old = whole if at is None else whole[at]
+        return whole[at]
+
+    def _changed(self, key: str, whole: Any, at: int | None, value: Any, *, relative: bool) -> Any:
+        """What a key becomes: a number, or a list with one of its numbers changed."""
+        old = whole if at is None else self._part(key, whole, at)
         if relative and not isinstance(old, int | float):
             raise ScenarioError(f"{self._source}: {key}: no number to take a part of, but {old!r}")
         new = value * old if relative else value

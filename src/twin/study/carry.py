@@ -20,6 +20,8 @@ TURNS = 8
 """So many chunks every processor has at least where they have more than ``CHUNK`` runs."""
 CHUNK = 64
 """Runs from which on a larger batch is hardly faster."""
+WHOLE = 512
+"""Most runs of a batch where a kill may cost all: of 12 s each they take 0.25 GB."""
 LEAST = 16
 """Fewest that are worth a batch of their own."""
 MOST = 256
@@ -50,7 +52,8 @@ def missing(
 
     Chunks are smaller where there are not enough runs for every process to have one, and larger
     where there are very many. With ``whole`` they are as large as they can be with one for every
-    process: the fastest for runs on the exact equations, of which a kill then costs all.
+    process, up to ``WHOLE``: the fastest for runs on the exact equations, of which a kill then
+    costs all.
     """
     left: dict[str, dict[str, Task]] = {}
     for task in tasks:
@@ -58,7 +61,7 @@ def missing(
             left.setdefault(task.alike, {})[task.key] = task
     total = sum(map(len, left.values()))
     share = math.ceil(total / processes)
-    most = max(LEAST, share if whole else 0, min(share, CHUNK), min(share // TURNS, LARGE))
+    most = max(LEAST, min(share, WHOLE if whole else CHUNK), min(share // TURNS, LARGE))
     chunks = []
     for alike in left.values():
         # runs under one law side by side: they are calculated together

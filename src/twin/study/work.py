@@ -120,6 +120,32 @@ class Work:
         return scenario.model_copy(update={"title": ""})
 
 
+class ScenarioRuns:
+    """Runs of given scenarios, as a study's are handed out.
+
+    Args:
+        scenarios: What to run; what they are called changes nothing.
+        seen: Whether they are judged by what the rig's computer sees.
+    """
+
+    def __init__(self, scenarios: Iterable[Scenario], *, seen: bool = False) -> None:
+        self._scenarios = [each.model_copy(update={"title": ""}) for each in scenarios]
+        self._mark = f"seen {code()} " if seen else code()
+        self.tasks = [self._task(n, scenario) for n, scenario in enumerate(self._scenarios)]
+
+    def _task(self, number: int, scenario: Scenario) -> Task:
+        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
+        key = digest(self._mark + scenario.model_dump_json())
+        return Task(key, kind, scenario.controller.model_dump_json(), number, 0)
+
+    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+        """Runs as they are handed out."""
+        return [
+            Job(task.key, task.alike, self._scenarios[task.point].model_dump_json())
+            for task in tasks
+        ]
+
+
 def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     """Carry out some runs, all those that can share a batch together; one row each, in their order.
 

@@ -1,0 +1,58 @@
+"""How far the nominal loop of a scenario's controller is from instability."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from controllers.analysis import margins, sampled_loop, unstable
+from controllers.interfaces import Law, Observer
+from twin.run.control import build_controller
+from twin.scenario import Scenario
+
+
+class NominalLoop(NamedTuple):
+    """Margins of a sampled loop about the level plate with the nominal dead time, no friction.
+
+    Attributes:
+        disk: Least disk margin at any of its cuts, dimensionless; 0 if it is unstable, None if it
+            cannot be linearised.
+        delay: Least further dead time in s at any cut; None as well where none destabilises it.
+        stable: Whether it is; None if it cannot be linearised.
+    """
+
+    disk: float | None
+    delay: float | None
+    stable: bool | None
+
+
+def nominal_loop(scenario: Scenario) -> NominalLoop:
+    """The loop of law, observer and predictor on the linear plant with the scenario's dead time.
+
+    Raises:
+        ScenarioError: If law, observer or reference refuse their settings.
+    """
+    controller = build_controller(scenario)
+    return loop_margins(
+        controller.law, controller.observer, dead_time=scenario.sensors.touch.dead_time
+    )
+
+
+def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLoop:
+    """Least margins of a sampled loop over its cuts.
+
+    Args:
+        law: Any law.
+        observer: Any observer, or a predictor around one.
+        dead_time: Of the ball's measurement in s.
+    """
+    try:
+        loop = sampled_loop(law, observer, dead_time=dead_time)
+    except ValueError:  # a law that switches, an observer that learns
+        return NominalLoop(None, None, None)
+    if len(unstable(loop.eigenvalues())):
+        return NominalLoop(0.0, 0.0, stable=False)
+    found = [margins(loop, cut, points=150) for cut in ("u1", "u2", "x", "y")]
+    known = [each for each in found if each is not None]
+    delays = [each.delay for each in known if each.delay is not None]
+    disk = min((each.disk for each in known), default=0.0)
+    return NominalLoop(disk, min(delays, default=None), stable=True)

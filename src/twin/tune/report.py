@@ -1,0 +1,161 @@
+"""The files of a tune: page, numbers, and the tuned controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from twin.html import inline, render
+from twin.run.record import write_json, write_whole
+from twin.tune.certificate import CONFIDENCE, Certificate
+from twin.tune.figures import before_and_after, sensitivities, trade_off
+from twin.tune.fragment import options, settings, toml
+from twin.tune.trials import Trials
+from twin.tune.tune import TuneResult
+
+FRAGMENT = "tuned.toml"
+
+
+def sentences(found: TuneResult) -> list[str]:
+    """What a tune says, in words."""
+    tune, after, before = found.tune, found.after, found.before
+    tried = len(found.candidates)
+    ran = sum(bool(each.scores) for each in found.candidates)
+    lines = [
+        f"{tried} candidates, {ran} of them run on up to {tune.rigs[-1]} rigs of draw {tune.draw} "
+        f"of the family {tune.family}; {tried - ran} had a nominal loop without the margins asked.",
+        f"On {after.rigs} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
+        f"before: {failed(before)}.",
+    ]
+    if after.cost is not None:
+        was = "a lost rig" if before.cost is None else f"{before.cost:.3g}"
+        lines.append(
+            f"Mean cost of the worst {tune.tail:.0%} of these rigs: {after.cost:.3g} after {was}."
+        )
+    if found.chosen is found.candidates[0]:
+        lines.append("Nothing better than the beginning was found.")
+    if not found.verdict.kept:
+        broken = [name for name, value in found.verdict.constraints.items() if value > 0]
+        lines.append(f"No candidate keeps every constraint; this one breaks: {', '.join(broken)}.")
+    loop = found.chosen.loop
+    if not isinstance(loop, str) and loop.disk is None:
+        lines.append(
+            "The controller has no linearisation, so that nothing is said of the margins of its "
+            "nominal loop."
+        )
+    return lines
+
+
+def failed(certificate: Certificate) -> str:
+    """Failures and their bound in words."""
+    lost = f"{certificate.failures} of {certificate.rigs} lost"
+    return (
+        f"{lost}, so with {CONFIDENCE:.0%} confidence fewer than {100 * certificate.bound:.2g} % "
+        "of all such rigs are"
+    )
+
+
+def fields_table(found: TuneResult) -> list[tuple[str, ...]]:
+    """Each field with its range, before and after."""
+    rows = []
+    for key, about in found.tune.fields.items():
+        among = about.values or about.ends
+        rows.append(
+            (
+                key + (" (factor)" if about.relative else ""),
+                (", " if about.values else " to ").join(f"{value}" for value in among),
+                *(f"{each.fields[key]}" for each in (found.candidates[0], found.chosen)),
+                about.unit,
+            )
+        )
+    return rows
+
+
+def task_table(found: TuneResult) -> list[tuple[str, ...]]:
+    """Each task's indicator before and after on fresh rigs."""
+    rows = []
+    for task in found.tune.tasks:
+        for label, side in (("before", found.before), ("after", found.after)):
+            numbers = side.quantiles[task.name]
+            effort = side.effort[task.name]
+            rows.append(
+                (
+                    task.name,
+                    label,
+                    *("-" if numbers is None else f"{value:.3g}" for value in numbers or (0,) * 3),
+                    f"{task.scale:g}",
+                    f"{side.finished[task.name]} of {side.rigs}",
+                    "-" if effort is None else f"{effort[0]:.2g}",
+                )
+            )
+    return rows
+
+
+def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
+    """Margins and verdict before and after."""
+    rows: list[tuple[str, ...]] = []
+    for label, candidate in (("before", found.candidates[0]), ("after", found.chosen)):
+        score = next(s for each, s in found.finalists if each is candidate)
+        loop = None if isinstance(candidate.loop, str) else candidate.loop
+        rows.append(
+            (
+                label,
+                "-" if loop is None or loop.disk is None else f"{loop.disk:.3f}",
+                "-" if loop is None or loop.delay is None else f"{1000 * loop.delay:.0f} ms",
+                "-" if score.cost is None else f"{score.cost:.3g}",
+                "-" if score.effort is None else f"{score.effort:.2g}",
+                f"{score.lost} of {score.rigs}",
+                "yes" if score.kept else "no",
+            )
+        )
+    return rows
+
+
+def write(trials: Trials, found: TuneResult, folder: Path) -> None:
+    """Write report.html, tune.json and tuned.toml.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    tuned = settings(trials, found.chosen.fields)
+    said = sentences(found)
+    head = [
+        found.tune.title,
+        *said,
+        f"ballplate run circle --set parameters={FRAGMENT}",
+    ]
+    drawn: dict[str, Any] = {
+        "Before and after on the fresh rigs (dotted: cost 1)": before_and_after(found),
+        "Error against effort": trade_off(found),
+        "Which fields matter: each a tenth of its range lower and higher": sensitivities(found),
+    }
+    page = render(
+        "tune/report.html.j2",
+        title=found.tune.title,
+        good=found.good,
+        sentences=said,
+        figures={heading: inline(figure) for heading, figure in drawn.items()},
+        tasks=task_table(found),
+        margins=margins_table(found),
+        limits=found.tune.limits,
+        fields=fields_table(found),
+        reasons=found.after.reasons,
+        about=_about(found),
+        command=f"ballplate run circle --set parameters={folder / FRAGMENT}",
+        options=f"ballplate run circle {options(tuned)}",
+    )
+    write_whole(folder / FRAGMENT, lambda path: path.write_text(toml(tuned, head), "utf-8"))
+    write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
+    write_whole(folder / "report.html", lambda path: path.write_text(page, encoding="utf-8"))
+
+
+def _about(found: TuneResult) -> str:
+    tune = found.tune
+    tasks = ", ".join(f"{task.name} ({task.scenario})" for task in tune.tasks)
+    return (
+        f"Tasks: {tasks}. A rig costs the mean over them of indicator / scale. All candidates met "
+        f"the same rigs and noise: rungs of {', '.join(map(str, tune.rigs))} rigs, one in "
+        f"{tune.eta} goes on. Searched with {', '.join(tune.search)}; the best {tune.finalists} "
+        f"and the beginning compared, and the certificate given, with {', '.join(tune.verdict)}. "
+        f"{found.runs} runs. Overrides of all runs: {', '.join(tune.set) or 'none'}."
+    )

@@ -1,0 +1,252 @@
+"""The runs of a tune: candidates on rigs in tasks, each run once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.errors import ScenarioError
+from twin.scenario import Scenario
+from twin.scenario.study_step import at_study_step
+from twin.study.build import Builder
+from twin.study.carry import carry
+from twin.study.family import FamilyRig, Point, drawn
+from twin.study.family import read as read_family
+from twin.study.pilot import seconds
+from twin.study.store import Store
+from twin.study.work import ScenarioRuns
+from twin.tune.margins import NominalLoop, nominal_loop
+from twin.tune.schema import Tune
+
+PILOT_RIGS = 32
+"""Rigs of the short runs from which the time of a tune is estimated."""
+Wanted = tuple[Point, int]
+"""Values of the fields, and the number of rigs they are tried on."""
+
+
+class Indicators(NamedTuple):
+    """What runs of one candidate gave.
+
+    Attributes:
+        values: Each task's indicator, shape (rigs, tasks); NaN where a run did not finish.
+        effort: Root mean square control effort in rad/s^2, shape (rigs, tasks); NaN likewise.
+        reasons: Why a run did not finish, as ``circle: fell: ball left the plate``.
+    """
+
+    values: Array
+    effort: Array
+    reasons: tuple[str, ...]
+
+    @property
+    def lost(self) -> int:
+        """Rigs that did not finish every task."""
+        return int(np.isnan(self.values).any(axis=1).sum())
+
+
+class Trials:
+    """Carries out candidates on the rigs of a draw; what a folder holds is not run again.
+
+    Args:
+        tune: Fields, tasks and family.
+        store: Where finished runs are kept.
+        executor: Anything with the interface of ``concurrent.futures``; None for this process.
+        processes: How many of its workers.
+        progress: Told how many runs have been finished altogether.
+
+    Attributes:
+        start: The fields as the scenario and the tune's overrides have them.
+        finished: How many runs have been asked for.
+
+    Raises:
+        ScenarioError: If a scenario or key does not exist, a field is no number, or a value is out
+            of range.
+    """
+
+    def __init__(
+        self,
+        tune: Tune,
+        store: Store,
+        *,
+        executor: Executor | None = None,
+        processes: int = 1,
+        progress: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self.tune = tune
+        self.finished = 0
+        self._store, self._executor, self._processes = store, executor, processes
+        self._progress = progress
+        self._family = read_family(tune.family)
+        self._builders = {name: Builder(name) for name in {t.scenario for t in tune.tasks}}
+        about = self._family.parameters | tune.fields
+        self._relative = {key for key, each in about.items() if each.relative}
+        self.start = self._beginning()
+        for place, task in enumerate(tune.tasks):
+            try:
+                for on in (tune.search, tune.verdict):
+                    for rig in drawn(self._family, tune.draw, 1):
+                        self.scenario(self.start, place, rig, on)
+            except ScenarioError as error:
+                raise ScenarioError(f"task {task.name}: {error}") from error
+
+    def scenario(
+        self,
+        fields: Point,
+        task: int,
+        rig: FamilyRig | None = None,
+        on: Sequence[str] = (),
+    ) -> Scenario:
+        """A task with values of the fields, on a rig of the family or on the nominal one.
+
+        Args:
+            fields: Values by key.
+            task: Its place in the tune.
+            rig: The rig; None for the scenario's own.
+            on: Overrides that say on what it is simulated.
+
+        Raises:
+            ScenarioError: If a key does not exist, or a value is out of range.
+        """
+        about = self.tune.tasks[task]
+        seed = () if rig is None else (f"seed={rig.seed}",)
+        build = self._builders[about.scenario]
+        point = fields | (rig.point if rig is not None else {})
+        fixed = (*self.tune.set, *about.set, *on, *seed)
+        return at_study_step(build(fixed, point, self._relative & point.keys()))
+
+    def loops(self, candidates: Sequence[Point]) -> list[NominalLoop | str]:
+        """The nominal loop of each candidate's controller; a line for one that is refused."""
+        found: dict[int, NominalLoop | str] = {}
+        ready: dict[int, Scenario] = {}
+        for place, fields in enumerate(candidates):
+            try:
+                ready[place] = self.scenario(fields, 0)
+            except ScenarioError as error:
+                found[place] = str(error)
+        spread = map if self._executor is None else self._executor.map
+        found |= dict(zip(ready, spread(_loop, map(_controller, ready.values())), strict=True))
+        return [found[place] for place in range(len(candidates))]
+
+    def indicators(
+        self, wanted: Iterable[Wanted], draw: int, on: Sequence[str]
+    ) -> list[Indicators]:
+        """What candidates give on the first rigs of a draw.
+
+        Args:
+            wanted: Candidates and for each how many rigs.
+            draw: Of the family.
+            on: Overrides that say on what it is simulated.
+
+        Raises:
+            TwinError: If a process is killed, or a chunk of runs is lost too often.
+        """
+        asked = list(wanted)
+        rigs = drawn(self._family, draw, max((count for _, count in asked), default=0))
+        tasks = range(len(self.tune.tasks))
+        runs = ScenarioRuns(
+            self.scenario(fields, task, rig, on)
+            for fields, count in asked
+            for rig in rigs[:count]
+            for task in tasks
+        )
+        before = self.finished
+        rows = carry(
+            runs,
+            self._store,
+            executor=self._executor,
+            processes=self._processes,
+            whole=True,
+            progress=lambda done, _: self._progress(before + done),
+        ).to_pylist()
+        self.finished = before + len(rows)
+        found, begin = [], 0
+        for _, count in asked:
+            part = rows[begin : begin + count * len(tasks)]
+            begin += len(part)
+            found.append(self._indicators(part, count))
+        return found
+
+    def seconds(self, searched: int, judged: int) -> float:
+        """About how long runs take on one processor, from short ones made here.
+
+        Args:
+            searched: Runs of the search.
+            judged: Runs of verdict and certificate.
+        """
+        total = 0.0
+        for count, on in ((searched, self.tune.search), (judged, self.tune.verdict)):
+            rigs = drawn(self._family, self.tune.draw, PILOT_RIGS)
+            tasks = range(len(self.tune.tasks))
+            runs = ScenarioRuns(self.scenario(self.start, k, r, on) for r in rigs for k in tasks)
+            total += count * seconds(runs.jobs(runs.tasks))
+        return total
+
+    def _indicators(self, rows: Sequence[dict[str, object]], count: int) -> Indicators:
+        tasks = self.tune.tasks
+
+        def table(names: Sequence[str]) -> Array:
+            found = [row[names[place % len(tasks)]] for place, row in enumerate(rows)]
+            return np.array(found, float).reshape(count, len(tasks))
+
+        for place, row in enumerate(rows):
+            task = tasks[place % len(tasks)]
+            if row["outcome"] == "finished" and row[task.indicator] is None:
+                raise ScenarioError(f"task {task.name}: its reference has no {task.indicator}")
+        reasons = [
+            f"{tasks[place % len(tasks)].name}: {row['outcome']}: {row['reason']}"
+            for place, row in enumerate(rows)
+            if row["outcome"] != "finished"
+        ]
+        return Indicators(
+            table([task.indicator for task in tasks]),
+            table(["u_rms"] * len(tasks)),
+            tuple(dict.fromkeys(reasons)),
+        )
+
+    def _beginning(self) -> Point:
+        """Where the fields begin, each a value that its range holds."""
+        build = self._builders[self.tune.tasks[0].scenario]
+        fixed = (*self.tune.set, *self.tune.tasks[0].set)
+        found: Point = {}
+        for key, about in self.tune.fields.items():
+            try:
+                value = 1.0 if about.relative else build.value(fixed, key)
+            except ScenarioError as error:
+                raise ScenarioError(f"fields.{key}: {error}") from error
+            if about.values is not None:
+                if value not in about.values:
+                    known = ", ".join(map(str, about.values))
+                    raise ScenarioError(f"fields.{key}: it begins as {value!r}, not among {known}")
+            elif isinstance(value, bool) or not isinstance(value, int | float):
+                raise ScenarioError(f"fields.{key}: no number, but {value!r}")
+            elif not about.ends[0] <= value <= about.ends[1]:
+                low, high = about.ends
+                raise ScenarioError(
+                    f"fields.{key}: it begins with {value:g}, outside of {low:g} to {high:g}"
+                )
+            found[key] = value
+        return found
+
+
+def _controller(scenario: Scenario) -> str:
+    """What of a scenario its nominal loop depends on, and nothing else."""
+    dead_time = scenario.sensors.touch.dead_time
+    kept = {"title": "", "duration": 1.0, "reference": {"kind": "hold"}}
+    own = scenario.model_dump(
+        mode="json", include={"controller", "observer", "predictor"}, exclude_none=True
+    )
+    sensors = {"touch": {"dead_time": dead_time}}
+    return json.dumps(kept | own | {"sensors": sensors, "rig": {"period": scenario.rig.period}})
+
+
+@lru_cache(maxsize=4096)
+def _loop(controller: str) -> NominalLoop | str:
+    try:
+        return nominal_loop(Scenario.model_validate_json(controller))
+    except ScenarioError as error:
+        return str(error)

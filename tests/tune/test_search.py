@@ -1,0 +1,176 @@
+"""The search on a formula instead of runs: it finds what is known, and keeps what it must."""
+
+import numpy as np
+import pytest
+
+from twin.tune.candidate import Candidate, score
+from twin.tune.cost import tail_mean
+from twin.tune.margins import NominalLoop
+from twin.tune.schema import Tune
+from twin.tune.search import best_of, searched
+from twin.tune.sensitivity import importance, neighbours
+from twin.tune.trials import Indicators
+
+TABLES = {
+    "title": "formula",
+    "family": "uncertain",
+    "fields": {
+        "a": {"loguniform": [0.1, 100.0]},
+        "b": {"uniform": [-5.0, 5.0]},
+        "c": {"values": ["off", "on"]},
+    },
+    "tasks": [{"name": "one", "scenario": "circle", "scale": 1.0}],
+    "rigs": [4, 8, 16],
+    "candidates": 96,
+    "round": 8,
+}
+OPTIMUM = {"a": 3.0, "b": 1.0, "c": "on"}
+
+
+class Formula:
+    """Cost (ln a/3)^2 + (b - 1)^2 + 2 [c is off], raised by each rig's own number.
+
+    Effort is a; the loop has its margin where b is below 4; rig 13 is lost where a is above 20.
+    """
+
+    def __init__(self, **changed):
+        self.tune = Tune.model_validate(TABLES | changed)
+        self.start = {"a": 50.0, "b": -4.0, "c": "off"}
+        self.rigs = np.random.default_rng(0).uniform(1, 2, 64)
+        self.asked = []
+
+    def loops(self, candidates):
+        return [
+            NominalLoop(0.5 if point["b"] < 4 else 0.1, 0.1, stable=True) for point in candidates
+        ]
+
+    def indicators(self, wanted, draw, on):
+        self.asked += [(draw, count) for _, count in wanted]
+        found = []
+        for point, count in wanted:
+            cost = np.log(point["a"] / 3) ** 2 + (point["b"] - 1) ** 2 + 2 * (point["c"] == "off")
+            values = 0.1 + cost * self.rigs[:count, None]
+            if point["a"] > 20 and count > 13:
+                values[13] = np.nan
+            effort = np.full_like(values, point["a"])
+            found.append(Indicators(values, effort, ()))
+        return found
+
+
+@pytest.fixture(scope="module")
+def free():
+    formula = Formula(limits={"effort": 1000.0})
+    return formula, searched(formula)
+
+
+def test_a_known_optimum_is_found(free):
+    formula, candidates = free
+    (best,) = best_of(candidates, 1)
+    assert best.fields["a"] == pytest.approx(OPTIMUM["a"], rel=0.35)
+    assert best.fields["b"] == pytest.approx(OPTIMUM["b"], abs=0.5)
+    assert best.fields["c"] == "on"
+    worst = np.sort(formula.rigs[:16])[-2:]  # a tenth of 16 rigs: 1.6 of them
+    cost = (best.last.cost - 0.1) / (worst @ (0.6, 1.0) / 1.6)
+    assert cost < 0.5
+
+
+def test_the_search_is_better_than_as_many_random_candidates(free):
+    _, candidates = free
+    rng = np.random.default_rng(1)
+
+    def random_best():
+        count = sum(bool(each.scores) for each in candidates)
+        a, b = 10 ** rng.uniform(-1, 2, count), rng.uniform(-5, 5, count)
+        off = rng.random(count) < 0.5
+        return (np.log(a / 3) ** 2 + (b - 1) ** 2 + 2 * off).min()
+
+    (best,) = best_of(candidates, 1)
+    found = (
+        np.log(best.fields["a"] / 3) ** 2
+        + (best.fields["b"] - 1) ** 2
+        + 2 * (best.fields["c"] == "off")
+    )
+    assert found < np.median([random_best() for _ in range(200)])
+
+
+def test_the_same_search_again_tries_the_same_candidates(free):
+    _, candidates = free
+    again = searched(Formula(limits={"effort": 1000.0}))
+    assert [each.as_dict() for each in again] == [each.as_dict() for each in candidates]
+
+
+def test_the_beginning_is_tried_first_and_on_every_rung(free):
+    formula, candidates = free
+    assert candidates[0].fields == formula.start
+    assert [each.rigs for each in candidates[0].scores] == [4, 8, 16]
+
+
+def test_only_the_best_go_on_to_more_rigs_and_all_meet_the_draw_of_the_search(free):
+    formula, candidates = free
+    reached = [sum(len(each.scores) > rung for each in candidates) for rung in range(3)]
+    assert reached[0] == 96
+    assert reached[1] <= 96 / 2
+    assert reached[2] <= reached[1] / 2
+    assert {draw for draw, _ in formula.asked} == {formula.tune.draw}
+    few = [each.scores[0].cost for each in candidates[1:] if len(each.scores) == 1]
+    many = [each.scores[0].cost for each in candidates[1:] if len(each.scores) == 3]
+    assert max(many) < np.median(few)
+
+
+def test_constraints_bound_the_result_and_are_no_part_of_its_cost():
+    formula = Formula(limits={"effort": 1.5})
+    (best,) = best_of(searched(formula), 1)
+    assert best.last.kept
+    assert 0.8 < best.fields["a"] <= 1.5
+    found = formula.indicators([(best.fields, 16)], 1, ())[0]
+    assert best.last.cost == tail_mean(found.values[:, 0], 0.1)
+
+
+def test_a_loop_without_margin_is_never_run(free):
+    _, candidates = free
+    assert all(each.fields["b"] < 4 for each in candidates if each.scores)
+    assert sum(bool(each.scores) for each in candidates) == 96, "and takes nothing from the budget"
+
+
+def test_a_lost_rig_is_worse_than_any_cost(free):
+    formula, _ = free
+    loop = NominalLoop(0.5, 0.1, stable=True)
+    costly, losing = (
+        score(formula.tune, loop, each)
+        for each in formula.indicators(
+            [({"a": 0.1, "b": -5.0, "c": "off"}, 16), ({"a": 21.0, "b": 1.0, "c": "on"}, 16)], 1, ()
+        )
+    )
+    assert (losing.lost, losing.cost) == (1, None)
+    assert costly.rank < losing.rank
+
+
+def test_a_step_of_a_field_shows_how_much_it_matters():
+    fields = TABLES["fields"] | {"d": {"uniform": [0.0, 1.0]}}
+    formula = Formula(fields=fields, limits={"effort": 3.5})
+    at = OPTIMUM | {"b": 3.5, "d": 0.95}
+    (loop,) = formula.loops([at])
+    found = neighbours(formula, Candidate(number=0, fields=at, loop=loop))
+    values = {key: [each.value for each in found if each.key == key] for key in fields}
+    factor = 1000**0.1
+    assert values["a"] == pytest.approx([3 / factor, 3 * factor], rel=1e-4)
+    assert values["b"] == pytest.approx([2.5, 4.5])
+    assert values["c"] == ["off"]
+    assert values["d"] == pytest.approx([0.85, 1.0]), "no further than its range"
+    kept = {(each.key, each.value): each.kept for each in found}
+    assert not kept["a", values["a"][1]], "effort beyond its limit"
+    assert not kept["b", 4.5], "no margin"
+    rises = importance(found)
+    assert rises["d"] == 0.0
+    tail, far = tail_mean(formula.rigs[:4], 0.1), 2.5**2
+    assert rises["c"] == pytest.approx(2 * tail / (0.1 + far * tail))
+    assert found[2].ratio == pytest.approx((0.1 + 1.5**2 * tail) / (0.1 + far * tail))
+
+
+@pytest.mark.parametrize("tail", [0.1, 0.25, 1.0])
+def test_the_tail_is_the_conditional_value_at_risk(tail):
+    costs = np.random.default_rng(0).lognormal(size=37)
+    # the definition: the least over t of t + mean(max(cost - t, 0)) / tail, at one of the costs
+    defined = min(t + np.maximum(costs - t, 0).mean() / tail for t in costs)
+    assert tail_mean(costs, tail) == pytest.approx(defined)
+    assert tail_mean(costs[:1], tail) == costs[0]

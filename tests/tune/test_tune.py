@@ -1,0 +1,297 @@
+"""Tunes of real runs: small ones, on the exact equations."""
+
+import json
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from twin.cli.tune import tune as command
+from twin.errors import ScenarioError
+from twin.scenario import load
+from twin.study.family import drawn
+from twin.study.family import read as read_family
+from twin.study.store import Store
+from twin.tune.certificate import certified, upper_bound
+from twin.tune.schema import Tune, read, shipped
+from twin.tune.trials import Indicators, Trials
+from twin.tune.tune import planned_runs
+
+TUNE = """
+title = "small"
+family = "uncertain"
+set = [
+  "controller.kind=afl",
+  "controller.gains=[180.0, 162.0, 66.0, 13.0]",
+  "predictor.delay=0.042",
+]
+verdict = ["plant.kind=lagrange", "plant.step=0.002"]
+rigs = [2, 4]
+candidates = 4
+round = 2
+eta = 2
+finalists = 1
+certificate = 5
+
+[fields."controller.gains.0"]
+loguniform = [60.0, 600.0]
+
+[fields."controller.gains.1"]
+loguniform = [50.0, 500.0]
+
+[limits]
+disk = 0.1
+delay = 0.01
+
+[[tasks]]
+name = "circle"
+scenario = "circle"
+set = ["duration=0.4", "metrics.start=0.2", "baseline=false"]
+scale = 0.01
+
+[[tasks]]
+name = "push"
+scenario = "hold"
+set = ["duration=0.4", "plant.start.x_rate=0.1"]
+scale = 0.01
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("tune")
+
+
+@pytest.fixture(scope="module")
+def file(folder):
+    path = folder / "small.toml"
+    path.write_text(TUNE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(file, folder):
+    """What the command leaves: exit code, what it prints, and its folder."""
+    out = folder / "out"
+    arguments = [str(file), "--out", str(out), "--processes", "1", "--json"]
+    result = CliRunner().invoke(command, arguments)
+    assert result.exit_code in {0, 1}, result.output
+    return result.exit_code, json.loads(result.stdout), out
+
+
+def test_a_tune_ends_with_a_certificate_and_a_page(made):
+    code, found, out = made
+    after = found["after"]
+    assert after["rigs"] == 5
+    assert code == int(not (found["kept"] and after["failures"] == 0))
+    assert [len(task["values"]) for task in after["tasks"].values()] == [5, 5]
+    assert found["candidates"][0]["fields"] == {
+        "controller.gains.0": 180.0, "controller.gains.1": 162.0,
+    }  # fmt: skip
+    page = (out / "report.html").read_text()
+    assert page.count("<svg") == 3
+    assert "controller.gains.1" in page
+    assert json.loads((out / "tune.json").read_text()).items() >= found.items()
+
+
+def test_the_tuned_controller_lies_over_any_scenario(made):
+    _, found, out = made
+    tables = tomllib.loads((out / "tuned.toml").read_text())
+    assert tables["controller"]["kind"] == "afl"
+    for scenario in ("circle", "hold", "thesis/9_6_050"):
+        got = load(scenario, [f"parameters={out / 'tuned.toml'}"])
+        assert got.controller.kind == "afl"
+        gains = got.controller.settings["gains"]
+        assert gains[0] == found["chosen"]["fields"]["controller.gains.0"]
+        assert gains[2:] == [66.0, 13.0]
+        assert got.predictor.delay == 0.042
+        assert got.reference == load(scenario).reference
+
+
+def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monkeypatch):
+    _, found, out = made
+    some = folder / "some"
+    chunks = sorted((out / "chunks").iterdir())
+    (some / "chunks").mkdir(parents=True)
+    for chunk in chunks[::2]:
+        (some / "chunks" / chunk.name).write_bytes(chunk.read_bytes())
+    arguments = [str(file), "--processes", "1", "--json", "--out"]
+    result = CliRunner().invoke(command, [*arguments, str(some)])
+    assert json.loads(result.stdout) == found
+
+    def forbidden(*_, **__):
+        raise AssertionError("a finished run was made again")
+
+    monkeypatch.setattr("twin.study.work.simulate", forbidden)
+    result = CliRunner().invoke(command, [*arguments, str(out)])
+    assert json.loads(result.stdout) == found
+
+
+def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatch):
+    seen = {}
+    indicators = Trials.indicators
+
+    def watched(self, wanted, draw, on):
+        wanted = list(wanted)
+        rigs = drawn(read_family(self.tune.family), draw, max(n for _, n in wanted))
+        scenario = self.scenario(self.start, 0, rigs[0], on)
+        assert scenario.seed == rigs[0].seed
+        assert scenario.plant.friction.rolling_mm == rigs[0].point["plant.friction.rolling_mm"]
+        seen.setdefault(draw, set()).update((rig.seed, *rig.point.values()) for rig in rigs)
+        return indicators(self, wanted, draw, on)
+
+    monkeypatch.setattr(Trials, "indicators", watched)
+    arguments = [str(file), "--processes", "1", "--json", "--out", str(folder / "out")]
+    CliRunner().invoke(command, arguments)
+    assert set(seen) == {1, 2}
+    assert len(seen[1]) == 4
+    assert len(seen[2]) == 5
+    assert not {rig[0] for rig in seen[1]} & {rig[0] for rig in seen[2]}, "seeds"
+    assert not seen[1] & seen[2]
+
+
+def test_no_more_runs_are_made_than_are_planned(made):
+    _, found, _ = made
+    tune = Tune.model_validate(tomllib.loads(TUNE))
+    beside = 2 * (1 + 2 * len(tune.fields)) * tune.rigs[0]
+    beginning = 2 * tune.rigs[-1]
+    # counted rung by rung: a run on few rigs is asked for, though not made, again on more
+    rungs = 2 * (4 * 2 + 2 * 4)
+    assert found["runs"] <= rungs + beginning + sum(planned_runs(tune)[1:]) + beside
+
+
+@pytest.mark.parametrize("failures", [0, 1, 3, 59, 60])
+def test_the_bound_is_that_of_clopper_and_pearson(failures):
+    exact = stats.binomtest(failures, 60).proportion_ci(0.90, method="exact").high
+    assert upper_bound(failures, 60) == pytest.approx(exact)
+    if failures < 60:  # its definition, by the binomial distribution itself
+        chance = stats.binom.cdf(failures, 60, upper_bound(failures, 60))
+        assert chance == pytest.approx(0.05)
+
+
+def test_no_failure_of_60_and_300_rigs_means_what_is_known():
+    assert upper_bound(0, 60) == pytest.approx(1 - 0.05 ** (1 / 60))
+    assert upper_bound(0, 60) < 0.049 < upper_bound(0, 59) < upper_bound(1, 60)
+    assert upper_bound(0, 300) < 0.01
+
+
+def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
+    tune = Tune.model_validate(tomllib.loads(TUNE))
+    values = np.array([[0.01, 0.02], [np.nan, np.nan], [0.03, np.nan], [0.02, 0.04]])
+    found = certified(tune, Indicators(values, values, ("circle: fell: why",)))
+    assert (found.rigs, found.failures, found.cost) == (4, 2, None)
+    assert found.finished == {"circle": 3, "push": 2}
+    assert found.quantiles["circle"] == pytest.approx((0.02, 0.028, 0.03))
+    assert found.quantiles["push"] == pytest.approx((0.03, 0.038, 0.04))
+    assert found.values["push"] == [0.02, None, None, 0.04]
+
+
+def test_every_shipped_tune_can_be_carried_out(folder):
+    assert len(shipped()) >= 7
+    first = read("afl")
+    for name in shipped():
+        about = read(name)
+        trials = Trials(about, Store(folder / "shipped"))
+        assert trials.loops([trials.start])[0] is not None
+        assert not isinstance(trials.loops([trials.start])[0], str), "the beginning is refused"
+        equal = ("family", "tasks", "limits", "rigs", "candidates", "round", "certificate", "draw")
+        assert all(getattr(about, key) == getattr(first, key) for key in equal), "equal terms"
+
+
+def test_a_tune_like_another_has_its_keys_where_it_has_none():
+    like, other = read("lqr", candidates=7), read("afl")
+    assert like.fields.keys() == {"controller.rho", "controller.kappa"}
+    assert (like.candidates, like.tasks) == (7, other.tasks)
+    assert like.title != other.title
+
+
+def test_overrides_of_the_command_come_last(file):
+    about = read(str(file), set=("predictor.delay=0.01",))
+    trials = Trials(about, Store(file.parent / "overridden"))
+    assert trials.scenario(trials.start, 0).predictor.delay == 0.01
+
+
+def test_without_a_name_the_shipped_ones_are_listed():
+    result = CliRunner().invoke(command, ["--json"])
+    assert json.loads(result.stdout).keys() == shipped().keys()
+
+
+def test_a_plan_runs_nothing(file, folder):
+    out = folder / "planned"
+    result = CliRunner().invoke(
+        command, [str(file), "--plan", "--processes", "1", "--out", str(out)]
+    )
+    assert result.exit_code == 0, result.output
+    assert "4 candidates on 2, 4 rigs in 2 tasks" in " ".join(result.stdout.split())
+    assert not list((out / "chunks").iterdir())
+
+
+GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (GAIN, '"controller.gain.0"', "fields.controller.gain.0: circle.toml: controller.gain"),
+        (GAIN, '"controller.gains.9"', "gains.9: no such number (0 to 3)"),
+        (GAIN, '"controller.kind"', "fields.controller.kind: no number, but 'afl'"),
+        (GAIN, '"baseline"', "fields.baseline: no number, but False"),
+        (GAIN, '"plant.friction.rolling_mm"', "family 'uncertain' draws it, too"),
+        (RANGE, "loguniform = [600.0, 60.0]", "empty range: 600 is not below 60"),
+        (RANGE, "loguniform = [0.0, 60.0]", "loguniform: must begin above 0"),
+        (RANGE, "uniform = [200.0, 600.0]", "it begins with 180, outside of 200 to 600"),
+        (RANGE, "values = [100.0, 200.0]", "it begins as 180.0, not among 100.0, 200.0"),
+        (RANGE, "normal = [1.0, 1.0, 0.0, 2.0]", "has no range to search"),
+        (RANGE, "unifrom = [1.0, 2.0]", "unifrom: unknown key; did you mean 'uniform'"),
+        ('"uncertain"', '"certain"', "family 'certain': not found; did you mean 'uncertain'"),
+        ('"hold"', '"holt"', "scenario 'holt': not found; did you mean 'hold'"),
+        ('name = "push"', 'name = "circle"', "two of them are called 'circle'"),
+        ("scale = 0.01", "scale = 0.0", "scale: must be greater than 0, got 0.0"),
+        ("scale = 0.01", 'scale = 0.01\nindicator = "rms"', "no 'rms'; did you mean 'u_rms'"),
+        ("rigs = [2, 4]", "rigs = [4, 2]", "every rung needs more than the last"),
+        ("rigs = [2, 4]", "draw = 3\ncertificate_draw = 3", "must not be that of the search"),
+        ("rigs = [2, 4]", "rig = 2", "rig: unknown key; did you mean 'rigs'"),
+        ("rigs = [2, 4]", 'like = "small.toml"', "is like this one itself"),
+        ("rigs = [2, 4]", 'like = "alf"', "tune 'alf': not found; did you mean 'afl'"),
+        ("predictor.delay=0.042", "predictor.dely=0.042", "predictor.dely: unknown key"),
+        (TUNE[TUNE.index("[[tasks]]") :], "", "tasks: missing; it has no default"),
+        (TUNE[TUNE.index("[fields") : TUNE.index("[limits")], "[fields]\n", "fields: name at"),
+        ('title = "small"', 'title = "small"\ntasks = []', "small.toml: not a TOML file"),
+    ],
+)
+def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, message):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "small.toml"
+    assert old in TUNE
+    path.write_text(TUNE.replace(old, new, 1))
+    result = CliRunner().invoke(command, ["small.toml", "--processes", "1"])
+    assert isinstance(result.exception, ScenarioError), result.output
+    assert message in str(result.exception)
+    assert "\n" not in str(result.exception)
+
+
+def test_a_task_without_its_indicator_is_refused(tmp_path):
+    path = tmp_path / "small.toml"
+    text = TUNE.replace('x_rate=0.1"]', 'x_rate=0.1"]\nindicator = "tracking_error_percent"')
+    path.write_text(text)
+    arguments = [str(path), "--processes", "1", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(command, arguments)
+    assert "task push: its reference has no tracking_error_percent" in str(result.exception)
+
+
+def test_a_tune_without_optuna_says_what_to_install(file, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
+    result = CliRunner().invoke(command, [str(file), "--processes", "1"])
+    assert isinstance(result.exception, ScenarioError)
+    assert "pip install 'ballplate[tune]'" in str(result.exception)
+
+
+def test_nothing_is_said_of_a_loop_that_has_no_linearisation(folder):
+    about = read("sliding_mode")
+    trials = Trials(about, Store(folder / "sliding"))
+    (loop,) = trials.loops([trials.start])
+    assert loop.disk is None
+    assert math.isfinite(about.limits.disk)
