@@ -23,6 +23,7 @@ WRITTEN = {
     "fit.md",
     "glossary.md",
     "studies.md",
+    "tune.md",
     "regenerate.py",
     "screenshots.py",
 } | {

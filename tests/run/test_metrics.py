@@ -50,6 +50,14 @@ def test_steady_error_is_judged_from_the_start_time_only():
     assert found.mean_error == pytest.approx(0.5 * 30 / 101)
 
 
+def test_the_distance_counts_both_axes_from_the_start_time_on():
+    ball = np.zeros((101, 2))
+    ball[:, 1], ball[:30, 0] = 0.03, 0.5
+    ball[50:, 0] = 0.04
+    found = measure(motion(ball, np.zeros((101, 2))), DONE, start=5.0)
+    assert found.rms_distance == pytest.approx(0.05)
+
+
 def test_a_second_order_step_has_its_textbook_overshoot_and_settling_time():
     damping, frequency = 0.5, 4.0
     time = np.linspace(0, 10, 20001)
