@@ -10,6 +10,7 @@ from twin.cli.output import progress, warn
 if TYPE_CHECKING:
     from twin.hal.rig import Rig
     from twin.run.execute import Run
+    from twin.run.past import Past
     from twin.run.record import Recorder
     from twin.scenario import Scenario
 
@@ -31,6 +32,7 @@ def watched(
     *,
     quiet: bool = False,
     rig: Rig | None = None,
+    past: Past | None = None,
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -40,6 +42,7 @@ def watched(
         watch: Is given the recorder before the run.
         quiet: Whether to show no progress.
         rig: A real rig; simulated by default.
+        past: What has been simulated already.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
@@ -48,9 +51,9 @@ def watched(
 
     warn_of_dangers(scenario)
     if quiet:
-        return run_scenario(scenario, watch=watch, rig=rig)
+        return run_scenario(scenario, watch=watch, rig=rig, past=past)
     with progress(label, scenario.duration) as advance:
-        return run_scenario(scenario, advance, watch, rig)
+        return run_scenario(scenario, advance, watch, rig, past)
 
 
 def warn_of_dangers(scenario: Scenario) -> None:

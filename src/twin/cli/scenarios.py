@@ -16,6 +16,7 @@ from twin.cli.rigs import RESET, RIG, print_timing
 from twin.cli.rigs import chosen as on_rig
 from twin.cli.viewing import VIEWING, Viewing
 from twin.data_file import DataError, read_toml
+from twin.errors import ScenarioError
 from twin.shipped import shipped
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def list_scenarios(*, as_json: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO-CHANGES].")
 @RIG
 @RESET
+@click.option("--resume", is_flag=True, help="Go on with the run in the run folder, interrupted.")
 @VIEWING
 @ALL
 @JSON
@@ -62,6 +64,7 @@ def run(
     *,
     reset: bool,
     everything: bool,
+    resume: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
@@ -69,11 +72,15 @@ def run(
     chosen = titled(load_scenario(scenario, changed), changed)
     from twin.jobs import SecondProcess, cores
     from twin.report.summary import judged
-    from twin.run.execute import save
+    from twin.run.execute import save, versions
     from twin.run.folders import former, free, run_folder
+    from twin.run.past import interrupted
 
     named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
     folder = out or (named if rig is None else free(named))
+    if resume and rig is not None:
+        raise ScenarioError("--resume: only a simulated run can be gone on with; leave out --rig")
+    past = interrupted(folder, chosen, versions()) if resume else None
     check_writable(folder)
     label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
@@ -81,7 +88,7 @@ def run(
     with SecondProcess(wanted=parallel) as beside:
         baseline = _clean(chosen, beside) if compared else None
         with on_rig(rig, chosen, changed, reset=reset) as real, viewing.of(chosen, folder) as watch:
-            done = watched(chosen, label, watch, quiet=viewing.watch, rig=real)
+            done = watched(chosen, label, watch, quiet=viewing.watch, rig=real, past=past)
         if real is not None:
             print_timing(real)
         runs: dict[str, Run] = {label: done}

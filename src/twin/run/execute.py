@@ -18,7 +18,9 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import Outcome, drive
 from twin.run.metrics import UNITS, Metrics, Motion, measure
+from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder, write_json, write_run, write_whole
+from twin.run.snapshot import Keeper, Snapshot, packed
 from twin.scenario.schema import Scenario
 
 
@@ -35,6 +37,7 @@ class Run:
         real_time_factor: Simulated seconds per second of the loop.
         journal: Every condition that was detected.
         account: Timing statistics of a rig in real time.
+        snapshots: States of a simulated rig and its controller now and then.
     """
 
     scenario: Scenario
@@ -45,6 +48,7 @@ class Run:
     real_time_factor: float
     journal: tuple[Entry, ...] = ()
     account: Mapping[str, Any] = field(default_factory=dict)
+    snapshots: tuple[Snapshot, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints: the indicators and the speed."""
@@ -63,6 +67,7 @@ def run(
     progress: Callable[[float], None] = lambda _: None,
     watch: Callable[[Recorder], None] = lambda _: None,
     rig: Rig | None = None,
+    past: Past | None = None,
 ) -> Run:
     """Run a scenario with one rig.
 
@@ -71,20 +76,35 @@ def run(
         progress: Called with the simulated time now and then.
         watch: Called with the recorder before the run, to observe it.
         rig: A real rig, not switched on; simulated by default.
+        past: What has been simulated already, to go on from there.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
+    keeper: Keeper | None = None
     if rig is None:
         rig, controller = assemble(scenario)
+        keeper = Keeper(rig, controller, scenario.duration)
     else:
         controller = build_controller(scenario)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
+    if past is not None and keeper is not None:
+        record.begin_with(past.columns)
+        keeper.snapshots += past.snapshots
+    before = record.length
     watch(record)
     begin = time.perf_counter()
-    (outcome,) = drive(rig, controller, scenario.duration, record, progress)
+    (outcome,) = drive(
+        rig,
+        controller,
+        scenario.duration,
+        record,
+        progress,
+        begin=None if past is None else partial(past.restore, rig, controller),
+        keep=keeper,
+    )
     spent = time.perf_counter() - begin
     reference: Reference = controller.reference
     motion = Motion.of(record, reference(record.time)[0])
@@ -100,9 +120,10 @@ def run(
         outcome,
         metrics,
         motion,
-        record.length * period / spent,
+        (record.length - before) * period / spent,
         tuple(rig.journal),
         rig.account(),
+        tuple(keeper.snapshots) if keeper else (),
     )
 
 
@@ -132,7 +153,8 @@ def save(
         ],
         **run.account,
     }
-    write_run(folder, run.record, metadata)
+    kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
+    write_run(folder, run.record, metadata, kept)
     write_json(folder / "metrics.json", run.summary())
     write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
 

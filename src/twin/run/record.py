@@ -154,8 +154,37 @@ class Recorder:
             ):
                 yield column, unit, values.T.ravel()
 
-    def table(self, metadata: Mapping[str, Any]) -> pa.Table:
-        """All channels as an Arrow table; with several rigs the rows of one follow the other."""
+    def begin_with(self, columns: Mapping[str, Array]) -> None:
+        """Take in the rows of one rig's record from which to go on.
+
+        Args:
+            columns: Names to values, shape (K,), in the order of the record.
+        """
+        self.length = len(columns["time"])
+        self._time[: self.length] = columns["time"]
+        channels = {name: self.channel(name) for name in (*CHANNELS, "plant", "further")}
+        order = list(columns)
+        present = [
+            name
+            for name, each in channels.items()
+            if each.columns and columns.keys() >= {*each.columns}
+        ]
+        for name in sorted(present, key=lambda name: order.index(channels[name].columns[0])):
+            values = np.stack([columns[column] for column in channels[name].columns], axis=-1)
+            shape = (len(self._time), 1, *values.shape[1:])[: None if values.shape[1] > 1 else 2]
+            self.data[name] = np.full(shape, np.nan)
+            self.data[name][: self.length] = values.reshape(self.length, *shape[1:])
+        self._columns = list(self.data.items())
+
+    def table(
+        self, metadata: Mapping[str, Any], beside: Mapping[str, bytes] | None = None
+    ) -> pa.Table:
+        """All channels as an Arrow table; with several rigs the rows of one follow the other.
+
+        Args:
+            metadata: Of the run; JSON.
+            beside: Further metadata by name.
+        """
         import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
         rows = self.length
@@ -167,7 +196,8 @@ class Recorder:
         for column, unit, values in self.columns():
             fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
             arrays.append(_arrow(values))
-        encoded = {"ballplate": json.dumps(metadata, sort_keys=True)}
+        encoded: dict[str, str | bytes] = {"ballplate": json.dumps(metadata, sort_keys=True)}
+        encoded |= beside or {}
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
 
 
@@ -205,15 +235,26 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         raise RecordError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def write_run(folder: Path, recorder: Recorder, metadata: Mapping[str, Any]) -> None:
+def write_run(
+    folder: Path,
+    recorder: Recorder,
+    metadata: Mapping[str, Any],
+    beside: Mapping[str, bytes] | None = None,
+) -> None:
     """Write ``run.parquet`` into a run folder.
+
+    Args:
+        folder: The run folder; made if missing.
+        recorder: What was recorded.
+        metadata: Of the run; JSON.
+        beside: Further metadata of the file by name.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
-    table = recorder.table(metadata)
+    table = recorder.table(metadata, beside)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(table, path))
 
 
@@ -255,6 +296,22 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     if not isinstance(metadata, dict):
         raise RecordError(f"{file}: metadata 'ballplate': not a JSON object")
     return columns, units, metadata
+
+
+def read_beside(file: Path, name: str) -> bytes | None:
+    """Further metadata of a record by name; None if it has none.
+
+    Raises:
+        RecordError: If there is no readable record.
+    """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    try:
+        metadata: dict[bytes, bytes] = pq.read_schema(file).metadata or {}
+    except (OSError, pa.ArrowException) as error:
+        raise RecordError(f"{file}: not a readable record") from error
+    return metadata.get(name.encode())
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -8,13 +8,13 @@ have been assembled from the same scenario, which says all of that again.
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -26,7 +26,6 @@ from twin.errors import RecordError, TwinError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note
 from twin.run.changes import Changes
-from twin.run.record import write_whole
 from twin.sim.rig import SimulatedRig
 
 FOREIGN = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
@@ -39,6 +38,12 @@ and ``dict`` of nodes, or what is put into its state where it stands: ``object``
 attributes), ``inner`` (objects in a tuple, list or dictionary), ``own`` (class and what it says
 itself) and ``rng``."""
 LEFT_OUT: Node = {"left out": None}
+
+
+EVERY = 5.0
+"""Time in s from one snapshot that a run keeps to the next."""
+MOST = 20
+"""Snapshots that a run keeps at most, so that its record stays small."""
 
 
 class SnapshotError(TwinError, ValueError):
@@ -116,6 +121,26 @@ class Snapshot:
         if controller is not None:
             _restore(controller, self.controller)
         return Measurement(*_value(self.measurement))
+
+
+class Keeper:
+    """Keeps snapshots of a run now and then, for going on from there.
+
+    Args:
+        rig: Simulated rigs.
+        controller: Theirs.
+        duration: Of the run, s.
+    """
+
+    def __init__(self, rig: Rig, controller: Controller, duration: float) -> None:
+        self.snapshots: list[Snapshot] = []
+        self._rig, self._controller = rig, controller
+        self._ticks = round(max(EVERY, duration / MOST) / rig.period)
+
+    def __call__(self, tick: int, measurement: Measurement) -> None:
+        """Keep one if it is time."""
+        if tick and tick % self._ticks == 0:
+            self.snapshots.append(Snapshot.take(self._rig, self._controller, measurement))
 
 
 def _saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
@@ -222,17 +247,8 @@ def _like(present: Any, value: Any) -> Any:
     return value
 
 
-def save(path: Path, snapshots: Sequence[Snapshot], about: Mapping[str, Any]) -> None:
-    """Write snapshots of one run into a file, whole or not at all.
-
-    Args:
-        path: The file.
-        snapshots: What to write.
-        about: Of which run they are; JSON.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
+def packed(snapshots: Sequence[Snapshot]) -> bytes:
+    """Snapshots as bytes: data only, nothing that could be executed when it is read."""
     arrays: list[Any] = []
 
     def encoded(node: Node) -> Node:
@@ -243,24 +259,19 @@ def save(path: Path, snapshots: Sequence[Snapshot], about: Mapping[str, Any]) ->
             return {key: encoded(each) for key, each in node.items()}
         return [encoded(each) for each in node] if isinstance(node, list | tuple) else node
 
-    text = json.dumps({"about": about, "snapshots": [encoded(vars(each)) for each in snapshots]})
+    text = json.dumps([encoded(vars(each)) for each in snapshots])
+    file = io.BytesIO()
     named = {f"a{number}": array for number, array in enumerate(arrays)}
-
-    def write(target: Path) -> None:
-        with target.open("wb") as file:
-            np.savez(file, text=np.array(text), **named)
-
-    write_whole(path, write)
+    np.savez(file, text=np.array(text), **named)
+    return file.getvalue()
 
 
-def load(path: Path) -> tuple[list[Snapshot], dict[str, Any]]:
-    """The snapshots of a file, and of which run they are; none if there is no such file.
+def unpacked(content: bytes, source: str) -> list[Snapshot]:
+    """The snapshots that ``packed`` made bytes of.
 
     Raises:
-        RecordError: If it is damaged.
+        RecordError: If the bytes are damaged.
     """
-    if not path.is_file():
-        return [], {}
 
     def decoded(node: Node) -> Node:
         if isinstance(node, dict):
@@ -270,8 +281,7 @@ def load(path: Path) -> tuple[list[Snapshot], dict[str, Any]]:
         return [decoded(each) for each in node] if isinstance(node, list) else node
 
     try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            content = json.loads(file["text"].item())
-            return [Snapshot(**decoded(each)) for each in content["snapshots"]], content["about"]
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            return [Snapshot(**decoded(each)) for each in json.loads(file["text"].item())]
     except (OSError, ValueError, TypeError, LookupError, zipfile.BadZipFile) as error:
-        raise RecordError(f"{path}: not a file of snapshots, or a damaged one") from error
+        raise RecordError(f"{source}: its snapshots are damaged") from error
