@@ -20,6 +20,7 @@ COMMANDS = {
     "view": "twin.cli.view:view",
     "report": "twin.cli.report:report",
     "export": "twin.cli.export:export",
+    "whatif": "twin.cli.whatif:whatif",
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
     "identify": "twin.cli.identify:identify",
@@ -47,6 +48,7 @@ HELP = {
     "view": "Open run folders in the Rerun viewer, several side by side on one time line.",
     "report": "Report on one run folder, or compare several: a page, pictures, a table.",
     "export": "Export the signals of a run to a .csv, .mat or .parquet file.",
+    "whatif": "Simulate other futures from a moment of a run: what would have happened.",
     "reproduce": "Recompute the thesis's tables and compare.",
     "explain": (
         "Attribute the tracking error to effects: run with all, without each, and with each alone."

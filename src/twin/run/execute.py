@@ -142,7 +142,23 @@ def save(
         RecordError: If the folder cannot be written.
     """
     begin = beside.begin if beside else partial
-    picture = begin(_picture, shown, run.scenario.title, run.scenario.rig.limits.area)
+    picture = begin(drawn, shown, run.scenario.title, run.scenario.rig.limits.area)
+    record_run(run, folder)
+    write_json(folder / "metrics.json", run.summary())
+    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+
+
+def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
+    """Write ``run.parquet`` of a run folder.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+        more: Further metadata; JSON.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
     metadata = {
         "scenario": run.scenario.model_dump(mode="json"),
         "metrics": run.metrics.as_dict(),
@@ -152,14 +168,14 @@ def save(
             for time, note in run.journal
         ],
         **run.account,
+        **(more or {}),
     }
     kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
     write_run(folder, run.record, metadata, kept)
-    write_json(folder / "metrics.json", run.summary())
-    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
 
 
-def _picture(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+def drawn(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+    """The picture of runs as PNG; arguments as for ``overview_plot.png``."""
     from twin.run.overview_plot import png  # noqa: PLC0415  heavy: loaded when needed
 
     return png(shown, title, area)

@@ -50,6 +50,7 @@ class _Metadata(_Open):
     versions: dict[str, str] = {}
     events: tuple[_Detected, ...] = ()
     ledger: _RealTime | None = None
+    branch: dict[str, Any] = {}
 
 
 def check_metadata(metadata: Mapping[str, Any], source: str) -> None:

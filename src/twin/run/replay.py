@@ -51,6 +51,7 @@ class Replay:
         folder: Where it lies; None for a run that is not on disk.
         events: Conditions that were detected: time in s, severity, text.
         ledger: Of a run in real time, ``TimingLog.as_dict``; else empty.
+        branch: Of another future of a run, which run, when and what was changed; else empty.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Replay:
     folder: Path | None = None
     events: tuple[Mapping[str, Any], ...] = ()
     ledger: Mapping[str, Any] = field(default_factory=dict)
+    branch: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def reference(self) -> Reference:
@@ -166,6 +168,7 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
                 file.parent,
                 tuple(metadata.get("events", ())),
                 metadata.get("ledger", {}),
+                metadata.get("branch", {}),
             )
         )
     return found

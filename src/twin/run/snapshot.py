@@ -119,7 +119,20 @@ class Snapshot:
             for time, number, name, text in self.rig["journal"]
         ]
         if controller is not None:
-            _restore(controller, self.controller)
+            self.restore_controller(controller)
+        return self.measured
+
+    def restore_controller(self, controller: Controller) -> None:
+        """Put a controller made from the scenario of the snapshot into its state.
+
+        Raises:
+            SnapshotError: If it is another.
+        """
+        _restore(controller, self.controller)
+
+    @property
+    def measured(self) -> Measurement:
+        """The measurement that begins the period."""
         return Measurement(*_value(self.measurement))
 
 

@@ -98,6 +98,16 @@ class SimulatedDevices:
         self._tick += 1
         self._look()
 
+    def begin_at(self, time: float) -> None:
+        """Let it be a time in s now."""
+        self._tick = round(time / self._period)
+
+    def place(self, ball: Array) -> None:
+        """Put the balls at (x, x', y, y') in m and m/s, shape (N, 4), the plates as they are."""
+        self.plant.place(ball)
+        self.state = self.plant.state
+        self.on_plate = self.plant.on_plate
+
     def rest(self) -> None:
         """Forget the disturbance that has added up: drives without torque make none."""
         self._drift[:] = 0.0

@@ -103,6 +103,12 @@ class ExactPlant:
             self._age = self._settled()
         self._fallen = np.zeros(self.rigs, bool)
 
+    def place(self, ball: Array) -> None:
+        """Put the balls at (x, x', y, y') on plates that stay as they are, shape (N, 4)."""
+        self._x = self._x.copy()
+        self._x[:, (0, 1, 4, 5)] = ball
+        self._fallen = np.zeros(self.rigs, bool)
+
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Ramp to the plate rates (rad/s, shape (N, 2)) over a number of physics steps."""
         x, vx, phi, phi_rate, y, vy, theta, theta_rate = self._components(self._x)

@@ -60,6 +60,12 @@ class Plant(Protocol):
             spin: Their rates about the vertical, rad/s; 0 on plants whose ball cannot spin.
         """
 
+    def place(self, ball: Array) -> None:
+        """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4).
+
+        Positions in m, speeds in m/s, in plate axes.
+        """
+
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor rates (rad/s, shape (N, 2)) for a number of physics steps."""
 

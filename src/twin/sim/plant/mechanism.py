@@ -17,7 +17,7 @@ from twin.errors import ModelError
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.kinematics import ball_in_plate
-from twin.sim.plant.level import tilted_gravity
+from twin.sim.plant.level import from_plate, tilted_gravity
 from twin.sim.plant.model import NAMES, differing, load_model
 from twin.sim.plant.parts import Parts
 
@@ -215,6 +215,28 @@ class Mechanism:
         self._look()
         if self._contact is not None:
             self._contact.start(self.state)
+
+    def place(self, ball: Array) -> None:
+        """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""
+        x, vx, y, vy = np.broadcast_to(ball, (self.rigs, 4)).T
+        phi, theta = self._qpos.T[self._poses[:2]]
+        phi_rate, theta_rate = self._qvel.T[self._rates[:2]]
+        zero = np.zeros(self.rigs)
+        centre = from_plate(np.stack((x, y, self._height), axis=-1), phi, theta)
+        # the plate's own angular velocity, in rig axes as everything here
+        plate = np.stack((theta_rate, phi_rate * np.cos(theta), phi_rate * np.sin(theta)), axis=-1)
+        along = from_plate(np.stack((vx, vy, zero), axis=-1), phi, theta)
+        turn = np.stack((-vy / self._radius, vx / self._radius, zero), axis=-1)
+        pose = self._ball_pose.start
+        self._qpos[:, self._ball_pose] = centre
+        # upright, so that its own axes are those of the rig
+        self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
+        rate = self._ball_rate.start
+        self._qvel[:, rate : rate + 3] = along + np.cross(plate, centre)
+        self._qvel[:, rate + 3 : rate + 6] = plate + from_plate(turn, phi, theta)
+        if self._sensing:
+            self._batch.forward(None, _VELOCITY_STAGE)
+        self._look()
 
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor speeds (rad/s, shape (N, 2), order phi, theta) for physics steps."""

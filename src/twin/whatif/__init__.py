@@ -1,0 +1,1 @@
+"""Other futures from a moment of a run: what would have happened."""

@@ -1,0 +1,96 @@
+"""A future: the twin goes on from a moment with what a branch changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.interfaces import Measurement
+from twin.run.assemble import assemble
+from twin.run.execute import Run, record_run
+from twin.run.loop import drive
+from twin.run.metrics import Motion, measure
+from twin.run.record import Recorder
+from twin.scenario.schema import Scenario
+from twin.whatif.moment import Moment, Recorded, take_over
+
+
+@dataclass(frozen=True)
+class Future:
+    """What would have happened.
+
+    Attributes:
+        settings: What was changed, ``key=value`` each; none for nothing.
+        run: The run from the moment on.
+        max_difference: Largest distance in m of its ball from the recorded one, where the record
+            goes on; None if it does not.
+    """
+
+    settings: tuple[str, ...]
+    run: Run
+    max_difference: float | None
+
+    @property
+    def label(self) -> str:
+        """What it is called in pictures and tables."""
+        return ", ".join(self.settings) or "unchanged"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        metrics = self.run.metrics.as_dict()
+        return {"set": [*self.settings], **metrics, "max_difference_m": self.max_difference}
+
+
+def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Future:
+    """Go on from a moment.
+
+    Args:
+        moment: The moment.
+        scenario: Of the branch.
+        settings: What it changes.
+
+    Raises:
+        TwinError: If the branch cannot be assembled.
+    """
+    rig, controller = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    period = scenario.rig.period
+
+    def begin(_: Measurement) -> Measurement:
+        take_over(controller, moment.controller(), moment.scenario, scenario)
+        return moment.put(rig)
+
+    ticks = round(scenario.duration / period) - round(moment.at / period)
+    record = Recorder(ticks, 1, period, rig.channels)
+    (outcome,) = drive(rig, controller, scenario.duration, record, begin=begin)
+    motion = Motion.of(record, controller.reference(record.time)[0])
+    metrics = measure(
+        motion,
+        outcome,
+        start=scenario.metrics.start,
+        band_percent=scenario.metrics.band_percent,
+    )
+    run = Run(scenario, record, outcome, metrics, motion, float("nan"), tuple(rig.journal))
+    return Future(settings, run, difference(moment.recorded, motion, period))
+
+
+def difference(recorded: Recorded, motion: Motion, period: float) -> float | None:
+    """Largest distance in m of a motion's ball from the recorded one at the periods of both."""
+    ticks = [np.rint(time / period).astype(int) for time in (recorded.time, motion.time)]
+    _, known, own = np.intersect1d(*ticks, return_indices=True)
+    apart = np.hypot(*(recorded.ball[known] - motion.ball[own]).T)
+    apart = apart[np.isfinite(apart)]
+    return float(apart.max()) if len(apart) else None
+
+
+def save(each: Future, moment: Moment, folder: Path) -> None:
+    """Write the run folder of a future.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    origin = {"of": moment.name, "at": moment.at, "exact": moment.exact, "set": [*each.settings]}
+    record_run(each.run, folder, {"branch": origin})

@@ -1,0 +1,126 @@
+"""From a run folder or a log to several futures of one moment, and their folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.errors import RecordError
+from twin.jobs import SecondProcess
+from twin.run.control import build_reference
+from twin.run.execute import drawn
+from twin.run.metrics import Motion
+from twin.run.record import write_json, write_whole
+from twin.run.replay import open_run
+from twin.whatif.branch import branch
+from twin.whatif.exact import exact
+from twin.whatif.future import Future, future, save
+from twin.whatif.moment import Moment
+
+SHOWN_BEFORE = 2.0
+"""Time in s before the moment that the picture shows."""
+SEPARATOR = ";"
+"""Between the settings of one branch."""
+
+
+def branches_of(settings: Sequence[str], more: Sequence[str]) -> list[tuple[str, ...]]:
+    """The settings of every branch.
+
+    Args:
+        settings: ``key=value`` of all branches.
+        more: One text a branch, ``key=value; key=value``; none for one branch.
+    """
+    each = [tuple(part.strip() for part in text.split(SEPARATOR) if part.strip()) for text in more]
+    return [(*settings, *own) for own in each or [()]]
+
+
+def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
+    """A moment of a run or a log.
+
+    Args:
+        path: Run folder, its Parquet file, or a CSV log.
+        at: The moment, s; taken to the nearest control period.
+        scenario: What ran, for a log that does not say.
+
+    Raises:
+        TwinError: If there is no such run or moment, or nothing can go on from it.
+    """
+    if path.suffix == ".csv":
+        raise RecordError(f"{path}: no run folder")
+    (run,) = open_run(path)
+    file = path / "run.parquet" if path.is_dir() else path
+    if run.branch:
+        raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
+    period = run.scenario.rig.period
+    first, last = run.rows["time"][[0, -1]]
+    if not first - period / 2 <= at <= last + period / 2:
+        raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
+    return exact(run, file, period * round(at / period))
+
+
+def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:
+    """Go on from a moment in several ways.
+
+    Args:
+        moment: The moment.
+        lasting: How long, s.
+        branches: What each of them changes.
+
+    Raises:
+        TwinError: If one cannot be assembled; before the first is simulated.
+    """
+    period = moment.scenario.rig.period
+    end = moment.at + period * max(1, round(lasting / period))
+    chosen = [branch(moment.scenario, moment.at, end, settings) for settings in branches]
+    return [future(moment, *each) for each in zip(chosen, branches, strict=True)]
+
+
+def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
+    """Write a folder of run folders, one a future, with a picture of all.
+
+    Args:
+        moment: Where they begin.
+        found: The futures.
+        folder: Where; made if missing.
+        beside: A process that draws while the rest is written.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    area = moment.scenario.rig.limits.area
+    title = f"What if: {moment.name} from {moment.at:g} s on"
+    picture = beside.begin(drawn, shown(moment, found), title, area)
+    for number, each in enumerate(found, start=1):
+        save(each, moment, folder / f"branch-{number}")
+    write_json(folder / "whatif.json", summary(moment, found))
+    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+
+
+def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
+    """What the picture shows: record and futures by label."""
+    recorded = moment.recorded
+    end = max(each.run.motion.time[-1] for each in found)
+    rows = (recorded.time > moment.at - SHOWN_BEFORE) & (recorded.time <= end)
+    time, ball, plate, u = (values[rows] for values in recorded)
+    ball = ball.copy()
+    for begin, until in moment.gaps:
+        ball[(time >= begin) & (time <= until)] = np.nan
+    reference = build_reference(moment.scenario)(time)[0]
+    known = Motion(time=time, ball=ball, plate=plate, u=u, reference=reference)
+    return {"recorded": known} | {each.label: each.run.motion for each in found}
+
+
+def summary(moment: Moment, found: Sequence[Future]) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "run": moment.name,
+        "at": moment.at,
+        "exact": moment.exact,
+        "before_mm": moment.before_mm,
+        "gaps": [[*gap] for gap in moment.gaps],
+        "notes": [*moment.notes],
+        "branches": [each.as_dict() for each in found],
+    }
