@@ -62,9 +62,10 @@ class TwoSided:
         np.cumsum(powers[: len(w) - 1] * (near * w[:-1] + far * w[1:]), axis=0, out=total[1:])
         q = (total[reach:] - total[:count]) / powers[:count] + powers[reach] * w[reach:]
         begin = w[0] if self._p is None else self._p
-        ends = near * w[1 : count + 1] + far * w[:count]
-        if len(w) == count:
-            ends = np.concatenate((ends, w[-1:] * (near + far)))
+        following = w[1 : count + 1]
+        if reach == 0:
+            following = np.concatenate((following, w[-1:]))
+        ends = near * following + far * w[:count]
         grown = np.cumsum(ends / powers[1 : count + 1], axis=0)
         after = powers[1 : count + 1] * (begin + grown)
         p = np.concatenate((begin[None], after[:-1]))

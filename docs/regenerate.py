@@ -37,7 +37,7 @@ class Page(NamedTuple):
 PAGES = {
     "circle": Page(
         ("circle.png",),
-        ("run", "circle", "--out", "TEMPORARY"),
+        ("run", "circle", "--beside", "cure", "--out", "TEMPORARY"),
         (("picture.png", "circle.png"),),
     ),
     "view": Page(("view-*.png",), ("screenshots.py",)),

@@ -69,7 +69,7 @@ class FrictionKalman(DelayedObserver):
 
     believed_mm: float = 0.18
     """Rolling resistance arm in mm that is believed at the start."""
-    smooth: float = 0.012
+    smooth: float = 0.005
     """Speed vs in m/s over which the friction changes its sign."""
     learning_speed: float = 0.02
     """Speed in m/s above which friction and tilt gain are learnt."""
@@ -128,6 +128,8 @@ class FrictionKalman(DelayedObserver):
         self._s = components(s)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
         self._age = np.full(self._rigs, np.inf)
+        self.innovation = np.full((self._rigs, 2), np.nan)
+        self.innovation_variance = self.innovation.copy()
         self._state = components(rows)
 
     def correct(self, measurement: Measurement) -> Array:

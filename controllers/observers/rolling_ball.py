@@ -103,8 +103,8 @@ class RollingBall:
         self._steps = [period * (a - b) for a, b in zip(ends, self._marks, strict=False)]
         state = components(x)
         _, _, phi, phi_rate, _, _, theta, theta_rate = state
-        self._free = self._accelerated((phi, theta), (phi_rate, theta_rate), state)
         none = 0.0 * phi
+        self._free = self._accelerated((phi, theta), (phi_rate, theta_rate), none, state)
         now = Tilt(phi, theta, phi_rate, theta_rate, none, none, none, none)
         # before the start the plate has been as it is, and the ball at rest
         self._past = deque([now] * (self._back + 2), maxlen=self._back + 2)
@@ -119,7 +119,8 @@ class RollingBall:
             state: State (5.5) estimated last, for the terms of second order.
         """
         T, (ax, ay), last = self._period, self._free, self._past[-1]
-        free = bx, by = self._accelerated(angle, rate, state)
+        u2 = (rate[1] - last.theta_rate) / T
+        free = bx, by = self._accelerated(angle, rate, u2, state)
         half, sixth = T / 2, T * T / 6
         self._free = free
         self._past.append(
@@ -140,17 +141,17 @@ class RollingBall:
         self._then = then
         return begin, then
 
-    def _accelerated(self, angle: Any, rate: Any, state: Any) -> tuple[Any, Any]:
+    def _accelerated(self, angle: Any, rate: Any, u2: Any, state: Any) -> tuple[Any, Any]:
         """Acceleration of eta without friction and disturbance, m/s^2, (5.9)."""
         model, (phi, theta), (wy, w8) = self._model, angle, rate
         x1, x2, _, _, x5, x6, _, _ = state
-        s3 = self._sin(phi)
-        wx, wz = w8 * self._cos(phi), w8 * s3
-        along = x1 * (wz * wz + wy * wy) - model.d * wx * wz + 2 * x6 * wz
-        across = x5 * w8 * w8 - wy * (model.c3 * wz + 2 * x1 * wx) - 2 * x2 * wz
+        s3, c3 = self._sin(phi), self._cos(phi)
+        wx, wz = w8 * c3, w8 * s3
+        along = x1 * (wz * wz + wy * wy) - model.d * wx * wz + 2 * x6 * wz + x5 * s3 * u2
+        across = x5 * w8 * w8 - wy * (model.c3 * wz + 2 * x1 * wx) - 2 * x2 * wz - x1 * s3 * u2
         return (
             model.c1 * along + model.k1 * s3 * self._cos(theta),
-            model.c1 * across - model.k1 * self._sin(theta),
+            model.c1 * across - model.k1 * self._sin(theta) + model.c2 * (c3 - 1) * u2,
         )
 
     def velocity(self, s: Any, tilt: Tilt) -> tuple[Any, Any]:

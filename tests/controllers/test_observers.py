@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from controllers.interfaces import Measurement
-from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
+from controllers.observers import (
+    ExtendedKalman,
+    FrictionKalman,
+    Kalman,
+    Luenberger,
+    NonlinearLuenberger,
+)
 
 EVERY = pytest.mark.parametrize(
     "make",
@@ -14,8 +20,16 @@ EVERY = pytest.mark.parametrize(
         ExtendedKalman,
         NonlinearLuenberger,
         lambda: NonlinearLuenberger(plate_observer=True),
+        lambda: FrictionKalman(delay=0.005),
     ],
-    ids=["luenberger", "kalman", "ekf", "nonlinear", "nonlinear with plate observer"],
+    ids=[
+        "luenberger",
+        "kalman",
+        "ekf",
+        "nonlinear",
+        "nonlinear with plate observer",
+        "friction_kalman",
+    ],
 )
 
 

@@ -48,6 +48,12 @@ def list_scenarios(*, as_json: bool) -> None:
 @SETTING
 @PLANT
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO-CHANGES].")
+@click.option(
+    "--beside",
+    multiple=True,
+    metavar="SCENARIO",
+    help="Run this one as well, simulated, for table and picture; may be repeated.",
+)
 @RIG
 @RESET
 @click.option("--resume", is_flag=True, help="Go on with the run in the run folder, interrupted.")
@@ -59,6 +65,7 @@ def run(
     overrides: tuple[str, ...],
     plant: str | None,
     out: Path | None,
+    beside: tuple[str, ...],
     rig: str | None,
     viewing: Viewing,
     *,
@@ -70,6 +77,7 @@ def run(
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     changed = with_plant(overrides, plant)
     chosen = titled(load_scenario(scenario, changed), changed)
+    others = {name: load_scenario(name, changed) for name in beside}
     from twin.jobs import SecondProcess, cores
     from twin.report.summary import judged
     from twin.run.execute import save, versions
@@ -85,8 +93,8 @@ def run(
     label = PLANTS[chosen.plant.kind] if rig is None else f"rig {Path(rig).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     parallel = compared and rig is None and chosen.duration >= WORTH_PROCESS and cores() > 1
-    with SecondProcess(wanted=parallel) as beside:
-        baseline = _clean(chosen, beside) if compared else None
+    with SecondProcess(wanted=parallel) as second:
+        baseline = _clean(chosen, second) if compared else None
         with on_rig(rig, chosen, changed, reset=reset) as real, viewing.of(chosen, folder) as watch:
             done = watched(chosen, label, watch, quiet=viewing.watch, rig=real, past=past)
         if real is not None:
@@ -95,8 +103,11 @@ def run(
         if baseline is not None and not done.outcome.interrupted:
             with suppress(KeyboardInterrupt):
                 runs[CLEAN] = baseline()
+        for name, other in {} if done.outcome.interrupted else others.items():
+            with suppress(KeyboardInterrupt):
+                runs[name] = watched(other, name)
         replaced = former(folder)
-        save(done, folder, {label: each.motion for label, each in runs.items()}, beside)
+        save(done, folder, {label: each.motion for label, each in runs.items()}, second)
     model = runs.get(CLEAN)
     sentence = judged(done, model)
     if as_json:

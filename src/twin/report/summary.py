@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from controllers.stable_inversion import StableInversion
 from twin.report.diagnosis import Diagnosis
+from twin.run.control import build_law
 from twin.run.replay import Replay, replay_of
 
 if TYPE_CHECKING:
@@ -31,7 +33,8 @@ STEEP = 0.95
 
 def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
-    return [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
+    told = [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
+    return told + _known(run) + _dither(run)
 
 
 def judged(run: Run, model: Run | None = None) -> str:
@@ -157,6 +160,37 @@ def _causes(run: Replay, found: Diagnosis) -> list[str]:
     if found.untouched:
         sentences.append(f"The screen detected no ball {found.untouched:.1%} of the time.")
     return sentences
+
+
+def _known(run: Replay) -> list[str]:
+    """What the observer made of friction and tilt gain, where it estimates them."""
+    rows = run.rows
+    if "estimated_friction_spread" not in rows:
+        return []
+    friction, spread = (1000 * rows[f"estimated_friction{end}"][-1] for end in ("", "_spread"))
+    gains = [
+        f"{100 * rows[f'estimated_tilt_gain_{axis}'][-1]:+.2g} ± "
+        f"{100 * rows[f'estimated_tilt_gain_{axis}_spread'][-1]:.1g} %"
+        for axis in "xy"
+    ]
+    return [
+        f"At the end the observer took friction to slow the ball by {friction:.3g} ± "
+        f"{spread:.1g} mm/s² (one standard deviation), and the tilt to act by "
+        f"{gains[0]} along x and {gains[1]} along y more than nominal."
+    ]
+
+
+def _dither(run: Replay) -> list[str]:
+    """What a dither costs, where there is one."""
+    if not run.scenario.controller.settings.get("dither_deg"):
+        return []
+    law = build_law(run.scenario)
+    if not isinstance(law, StableInversion):
+        return []
+    return [
+        f"The dither costs {law.dither_effort:.2g} rad/s² (RMS) of plate acceleration on each "
+        "axis near rest."
+    ]
 
 
 def _timing(found: Diagnosis) -> list[str]:

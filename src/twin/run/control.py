@@ -30,7 +30,7 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
         ScenarioError: If a law, observer or reference refuses its settings.
     """
     period = scenarios[0].rig.period
-    laws = _each(scenarios, lambda s: s.controller.model_dump_json(), _law)
+    laws = _each(scenarios, lambda s: s.controller.model_dump_json(), build_law)
     observers = _each(scenarios, _observed, _observer)
     references = _each(scenarios, _referred, build_reference)
     for law, observer in zip(laws, observers, strict=True):
@@ -68,7 +68,12 @@ def _each(
     return [known[name(scenario)] for scenario in scenarios]
 
 
-def _law(scenario: Scenario) -> Law:
+def build_law(scenario: Scenario) -> Law:
+    """The law of a scenario.
+
+    Raises:
+        ScenarioError: If it refuses its settings.
+    """
     choice = scenario.controller
     return _designed(choices("controller")[choice.kind], choice.model_dump_json())
 

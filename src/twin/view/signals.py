@@ -71,6 +71,8 @@ GROUPS = (
     Group("rate_deg_per_s", "plate rates [deg/s]"),
     Group("effort_rad_per_s2", "control effort: plate acceleration [rad/s²]"),
     Group("estimation_error_mm", "estimation error of the position [mm]"),
+    Group("friction_mm_per_s2", "estimated friction and disturbance [mm/s²]"),
+    Group("tilt_gain_percent", "estimated error of the tilt gain [%]"),
     Group("delay_ms", "touch: age reported by the screen, dead time simulated [ms]"),
     Group("timing_ms", "loop timing [ms]"),
     Group("wheel_force_N", "contact force of the wheels on their cams [N]"),
@@ -84,6 +86,13 @@ FORCES = (
     ("torque_Nm", "torque_", "_Nm"),
 )
 """Group, and how the names of its columns begin and end."""
+
+
+BEYOND = (
+    ("friction_mm_per_s2", 1000.0, ("friction", "disturbance_x", "disturbance_y")),
+    ("tilt_gain_percent", 100.0, ("tilt_gain_x", "tilt_gain_y")),
+)
+"""Group, factor to its unit, and what an observer may estimate beyond the state."""
 
 
 def signals(
@@ -131,6 +140,12 @@ def signals(
             "x": Signal(wrong[:, 0], BLUE),
             "y": Signal(wrong[:, 1], VERMILION),
         }
+    for entity, factor, parts in BEYOND:
+        if all(f"estimated_{name}" in rows for name in parts):
+            found[entity] = {
+                name: Signal(factor * rows[f"estimated_{name}"], colour)
+                for name, colour in zip(parts, (BLUE, VERMILION, GREEN), strict=False)
+            }
     if "age" in rows:
         found["delay_ms"] = {
             "age": Signal(1000 * rows["age"], GREEN),

@@ -1,0 +1,168 @@
+import math
+
+import numpy as np
+import pytest
+
+from controllers.ballplate import SIGN, BallPlate
+from controllers.interfaces import Feedback, Reference
+from controllers.references import Circle, Hold, Step, Transition
+from controllers.stable_inversion import InversePlan, StableInversion
+from controllers.two_sided import TwoSided
+
+MODEL = BallPlate()
+T = 0.002
+Z = math.sqrt(MODEL.k1 / MODEL.c2)
+
+
+def laid(w, ticks, horizon=700, slice_=25):
+    """a, a', a'' over so many samples of a function of time."""
+    inverse = TwoSided(Z, T, slice_, horizon + 1)
+    found = [
+        np.array(inverse.lay(w((first + np.arange(horizon + 1)) * T)))
+        for first in range(0, ticks, slice_)
+    ]
+    return np.concatenate(found, axis=1)
+
+
+@pytest.mark.parametrize("omega", [0.5, 3.0, 10.0])
+def test_inverse_of_an_oscillation_is_the_closed_form(omega):
+    a, rate, acceleration = laid(lambda t: np.sin(omega * t), 2000)
+    t = np.arange(2000) * T
+    gain = 1 / (1 + (omega / Z) ** 2)
+    steady = t > 1.5  # the past before the start is not known
+    for found, wanted in (
+        (a, gain * np.sin(omega * t)),
+        (rate, gain * omega * np.cos(omega * t)),
+        (acceleration, -gain * omega**2 * np.sin(omega * t)),
+    ):
+        np.testing.assert_allclose(found[steady], wanted[steady], atol=2e-4 * (1 + omega**2))
+
+
+def test_inverse_of_a_step_begins_before_it_by_the_exponential_of_the_zero():
+    at = 2.0
+    a, *_ = laid(lambda t: (t >= at - 1e-9).astype(float), 2000)
+    t = np.arange(2000) * T
+    before, after = t < at - 0.01, t > at + 0.01
+    np.testing.assert_allclose(a[before], np.exp(Z * (t - at))[before] / 2, atol=5e-3)
+    np.testing.assert_allclose(a[after], 1 - np.exp(-Z * (t - at))[after] / 2, atol=5e-3)
+
+
+def test_the_planned_slope_makes_the_ball_follow_the_path_itself():
+    # x'' = k1 a - c2 a'' of the linear model (5.35), integrated on its own
+    path = Transition(start=(0.0, 0.0), end=(0.15, -0.1), time=1.0, duration=2.0)
+    plan = InversePlan(StableInversion(), np.zeros(8), path, T)
+    x = v = np.zeros(2)
+    last, error = np.zeros(2), []
+    for tick in range(2000):
+        wanted = plan.at(tick * T)
+        acceleration = MODEL.k1 * wanted.free.angle - MODEL.c2 * wanted.free.acceleration
+        v = v + T / 2 * (last + acceleration) * (tick > 0)
+        x = x + T * v
+        last = acceleration
+        error.append(x - path(tick * T)[0])
+    assert np.abs(error).max() < 5e-4
+    # the slope of the flat model, which leaves the plate's acceleration out, does not
+    assert MODEL.c2 * np.abs(path(2.0 - 0.6)[2]).max() / MODEL.k1 > 1e-3
+
+
+class Withheld(Reference):
+    """A path that another one follows from some time on; remembers how far ahead it was asked."""
+
+    def __init__(self, other_from=math.inf):
+        self.other_from, self.now, self.farthest = other_from, 0.0, 0.0
+
+    def __call__(self, t):
+        t = np.asarray(t, float)
+        self.farthest = max(self.farthest, float(t.max()) - self.now)
+        here, there = Circle(amplitude=0.1, omega=1.0)(t), Circle(amplitude=0.12, omega=2.0)(t)
+        return np.where((t > self.other_from)[..., None], there, here)
+
+
+@pytest.mark.parametrize("preview", [0.0, 0.02, 0.5, 1.4])
+def test_the_future_beyond_the_preview_has_no_influence(preview):
+    law = StableInversion(preview=preview)
+    parting, ticks = 3.0, 1700
+    commands = []
+    for path in (Withheld(), Withheld(other_from=parting)):
+        plan = law.start(np.zeros((1, 8)), path, T)
+        found = []
+        for tick in range(ticks):
+            path.now = tick * T
+            now = feedback(tick * T, np.zeros((1, 8)), path, plan)
+            found.append(law.command(now))
+        assert path.farthest <= preview + 1e-9
+        commands.append(np.array(found))
+    same = (commands[0] == commands[1]).all(axis=(1, 2))
+    first = int(np.argmin(same)) * T
+    assert parting - preview - 1e-9 <= first <= parting + 2 * T
+
+
+def feedback(t, x, path, plan, known=(0.05, 0.0, 0.0, 0.0, 0.0)):
+    still = np.zeros((len(x), 2))
+    needed = np.tile(known, (len(x), 1))
+    return Feedback(t, x, x, needed, still, still, path, np.zeros((len(x), 0)), plan)
+
+
+def commands(law, path, ticks=200, x=None):
+    x = np.zeros((1, 8)) if x is None else x
+    plan = law.start(x, path, T)
+    return np.array([law.command(feedback(k * T, x, path, plan))[0] for k in range(ticks)])
+
+
+def test_a_dither_that_is_off_leaves_no_trace():
+    path = Circle(amplitude=0.1, omega=1.0)
+    without = commands(StableInversion(), path)
+    other = StableInversion(dither_frequency=3.0, dither_speed=0.1)
+    np.testing.assert_array_equal(commands(other, path), without)
+    assert (commands(StableInversion(dither_deg=0.01), path) != without).any()
+
+
+def test_a_dither_costs_the_effort_that_is_told():
+    law = StableInversion(dither_deg=0.045)
+    size, w = math.radians(0.045), 2 * math.pi * 8.0
+    ticks = 500  # eight whole turns
+    plan = law.start(np.zeros((1, 8)), Hold(), T)
+    found = []
+    for tick in range(ticks):
+        turn = w * tick * T
+        # a plate that makes the dither, and a ball that does not follow it
+        x = np.zeros((1, 8))
+        circle = size * np.array([math.cos(turn), math.sin(turn)])
+        x[0, 2::4] = SIGN * circle
+        x[0, 3::4] = SIGN * w * size * np.array([-math.sin(turn), math.cos(turn)])
+        x[0, 0::4] = -MODEL.c2 * circle
+        x[0, 1::4] = -MODEL.c2 * SIGN * x[0, 3::4]
+        here = feedback(tick * T, x, Hold(), plan, known=(0.0,) * 5)
+        # of flat output and its rate the feedback sees the dither of the reference alone
+        wanted = -(w**2) * circle + law.K[0] * MODEL.c2 * circle
+        wanted = wanted + law.K[1] * MODEL.c2 * SIGN * x[0, 3::4]
+        np.testing.assert_allclose(law.command(here)[0], SIGN * wanted, rtol=1e-9, atol=1e-9)
+        found.append(-(w**2) * circle)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(law.dither_effort, rel=1e-6)
+
+
+@pytest.mark.parametrize("preview", [0.0, 1.4])
+def test_a_jump_is_spread_and_ends_where_it_should(preview):
+    path = Step(start=(0.0, 0.0), end=(0.15, 0.0), time=0.5)
+    plan = InversePlan(StableInversion(preview=preview), np.zeros((1, 8)), path, T)
+    wanted = [plan.at(tick * T) for tick in range(1200)]
+    x = np.array([each.position[0, 0] for each in wanted])
+    v = np.array([each.velocity[0, 0] for each in wanted])
+    np.testing.assert_allclose(np.gradient(x, T)[1:-1], v[1:-1], atol=2e-3)
+    assert np.abs(np.diff(x)).max() < 1e-3
+    assert x[250] == 0.0
+    assert x[250 + 700 :] == pytest.approx(0.15, abs=1e-9)
+
+
+def test_a_ball_that_starts_beside_its_path_is_led_to_it():
+    x = np.zeros((1, 8))
+    x[0, 0::4] = 0.1, -0.05
+    plan = InversePlan(StableInversion(), x, Hold(), T)
+    np.testing.assert_allclose(plan.at(0.0).position[0], [0.1, -0.05], atol=1e-6)
+    np.testing.assert_allclose(plan.at(1.5).position[0], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("setting", [{"Q": (0, 1, 1, 1)}, {"preview": -1.0}, {"smooth": 0.0}])
+def test_settings_that_cannot_be_are_refused(setting):
+    with pytest.raises(ValueError, match="must"):
+        StableInversion(**setting)
