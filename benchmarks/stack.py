@@ -11,30 +11,41 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from controllers.catalog import catalog
-from controllers.interfaces import Law, Measurement, Observer
+from controllers.feedback_linearization import AFL
+from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer
+from controllers.observers import FrictionKalman, Luenberger
 from controllers.references import Circle
 from controllers.smith import Smith
-from controllers.stack import SampledReference
+from controllers.stable_inversion import StableInversion
+from controllers.stack import Controller, SampledReference
 from twin.sim.plant.mechanism import Mechanism
 
 PERIOD = 0.002
 RIGS = (1, 256)
+CURE = 0.35
+"""Most ms a tick of the cure may take for one rig."""
 REQUIRED = {"feedforward": {"rho": 300.0, "kappa": 0.3}, "lqr": {"rho": 300.0, "kappa": 0.3}}
 
 
-def best(work: Callable[[], None], calls: int, rounds: int) -> float:
+def best(
+    work: Callable[[], None],
+    calls: int,
+    rounds: int,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
     """Least microseconds a call over several rounds."""
     times = []
     for _ in range(rounds):
-        begin = time.perf_counter()
+        begin = clock()
         for _ in range(calls):
             work()
-        times.append((time.perf_counter() - begin) / calls)
+        times.append((clock() - begin) / calls)
     return 1e6 * min(times)
 
 
@@ -42,12 +53,30 @@ def law_tick(law: Law, rigs: int) -> Callable[[], None]:
     """One evaluation of a law as the stack does it."""
     reference = SampledReference(Circle(amplitude=0.15, omega=0.75), PERIOD)
     x = np.random.default_rng(1).normal(size=(rigs, 8)) * 0.02
-    q = np.zeros((rigs, law.memory))
+    q, still = np.zeros((rigs, law.memory)), np.zeros((rigs, 2))
+    needed = np.zeros((rigs, len(law.needs)))
+    plan, ticks = law.start(x, reference, PERIOD), count()
 
     def tick() -> None:
-        law.control(0.5, x, reference, q)
+        t = PERIOD * next(ticks)
+        law.command(Feedback(t, x, x, needed, still, still, reference, q, plan))
         if law.memory:
-            law.memory_rate(0.5, x, reference, q)
+            law.memory_rate(t, x, reference, q)
+
+    return tick
+
+
+def controller_tick(law: Law, observer: Observer) -> Callable[[], None]:
+    """All that is calculated for one rig in a control period, of a ball that rolls."""
+    controller = Controller(law, observer, Circle(amplitude=0.15, omega=0.75), PERIOD)
+    y = np.random.default_rng(3).normal(size=(512, 1, 4)) * 1e-3
+    fresh, ticks = (np.zeros(1), np.ones(1, bool)), count()
+    controller.start(Measurement(0.0, y[0], *fresh))
+
+    def tick() -> None:
+        k = next(ticks)
+        step = controller.command(Measurement(PERIOD * k, y[k % 512], *fresh))
+        controller.applied(step.rate)
 
     return tick
 
@@ -101,8 +130,10 @@ def main() -> None:
         built = law(**REQUIRED.get(name, {}))
         parts[f"law {name}"] = lambda rigs, built=built: law_tick(built, rigs)
     for name, observer in catalog(Observer).items():
-        if observer is not Smith:
-            parts[f"observer {name}"] = lambda rigs, kind=observer: observer_tick(kind(), rigs)
+        if observer is Smith:
+            continue
+        parts[f"observer {name}"] = lambda rigs, kind=observer: observer_tick(kind(), rigs)
+        if not issubclass(observer, DelayedObserver):
             parts[f"observer {name} + Smith"] = lambda rigs, kind=observer: observer_tick(
                 Smith(observer=kind()), rigs
             )
@@ -120,6 +151,15 @@ def main() -> None:
     print(
         f"EKF with predictor, one rig: {ekf:.0f} us a tick, {ekf / solve:.2f} of one Riccati solve"
         f" (goal: at most {150 / 620:.2f})"
+    )
+    clock = time.process_time
+    thesis = best(controller_tick(AFL(), Smith(observer=Luenberger())), 400, rounds, clock)
+    tick = controller_tick(StableInversion(), FrictionKalman(delay=0.042))
+    cure = best(tick, 400, rounds, clock)
+    print(
+        f"whole controller, one rig, processor time: AFL behind Luenberger and predictor {thesis:.0f} us a tick, "
+        f"stable inversion behind friction_kalman {cure:.0f} us, {cure / thesis:.1f} times as much"
+        f" (goal: at most {1e3 * CURE:.0f} us)"
     )
 
 
