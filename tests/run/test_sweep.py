@@ -1,0 +1,56 @@
+import csv
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.sweep import sweep as command
+from twin.errors import ScenarioError
+from twin.run.execute import run
+from twin.run.sweep import swept
+from twin.scenario.load import load
+
+SHORT = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
+
+
+def test_values_are_evenly_spaced_whole_where_all_are_or_listed():
+    assert swept("a.b=0:0.5:6") == ("a.b", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert swept("seed=1:5:3") == ("seed", [1, 3, 5])
+    assert swept("seed=1:4:3") == ("seed", [1.0, 2.5, 4.0])
+    assert swept('controller.kind=["afl", "lqr"]') == ("controller.kind", ["afl", "lqr"])
+
+
+@pytest.mark.parametrize(
+    "text", ["a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4"]
+)
+def test_what_is_no_sweep_is_one_line(text):
+    with pytest.raises(ScenarioError, match="FIRST:LAST:NUMBER"):
+        swept(text)
+
+
+def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = ["step", "controller.rho=100:300:2", "--vary", "seed=[1,2]", "-j", "1"]
+    asked += [word for text in SHORT for word in ("--set", text)]
+    done = CliRunner().invoke(command, [*asked, "--json"], standalone_mode=False)
+    assert done.return_value == 0, done.exception
+    found = json.loads(done.stdout)
+    alone = run(load("step", [*SHORT, "seed=2", "controller.rho=300"]))
+    assert found["runs"]["2"][1]["rms_error"] == alone.metrics.rms_error
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name.startswith("sweep-step-controller.rho=100..300..2-seed=1,2")
+    assert (folder / "sweep.png").is_file()
+    rows = list(csv.DictReader((folder / "sweep.csv").read_text().splitlines()))
+    assert [(row["curve"], row["controller.rho"]) for row in rows] == [
+        ("1", "100"), ("1", "300"), ("2", "100"), ("2", "300"),
+    ]  # fmt: skip
+    assert float(rows[3]["rms_error [m]"]) == alone.metrics.rms_error
+
+
+def test_a_value_at_which_the_ball_is_lost_is_told_in_the_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = ["hold", "plant.start.x=[0.0, 0.3]", "-j", "1"]
+    asked += [word for text in SHORT for word in ("--set", text)]
+    done = CliRunner().invoke(command, asked, standalone_mode=False)
+    assert done.return_value == 1
+    assert "aborted at 0.00" in done.stdout
