@@ -3,7 +3,7 @@
 Whatever module lies in this package or in the folder ``laws`` of the working folder, is named by
 an entry point of the group ``ballplate.controllers``, or was added, contributes its concrete
 subclasses; nothing is listed by hand. One that cannot be imported, or takes a name that is taken,
-is left out and named by ``broken``.
+is left out and named by ``broken``. A class of a running program is taken in by ``register``.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ FOLDER = "laws"
 """Folder of the working folder whose files are taken as well."""
 ADDED = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
+_registered: dict[str, type[Law | Observer | Reference]] = {}
 
 
 @cache
@@ -116,6 +117,31 @@ def add(file: Path) -> None:
         raise ValueError(wrong)
 
 
+def register(cls: type[Law | Observer | Reference]) -> None:
+    """Take in a class that lies in no file of the catalog, as one of a notebook, or its new form.
+
+    Only this process knows it: its children cannot import it.
+
+    Raises:
+        ValueError: If it is abstract, has no name, or its name is that of a class of the catalog.
+    """
+    name = vars(cls).get("name")
+    if not isinstance(name, str) or inspect.isabstract(cls):
+        raise ValueError(f"{cls.__name__}: needs a name of its own and every method of its kind")
+    known = {item.name: item for module in _modules()[0] for item in _classes(module)}
+    if known.get(name, cls) is not cls:
+        raise ValueError(f"{cls.__name__}: the name '{name}' is taken by {known[name].__name__}")
+    if name not in known:
+        get_type_hints(cls)  # as whoever checks its settings will
+        _registered[name] = cls
+        _all_classes.cache_clear()
+
+
+def registered() -> frozenset[str]:
+    """Names of the classes that only this process knows."""
+    return frozenset(_registered)
+
+
 def outside() -> list[ModuleType]:
     """The modules that do not lie in this package."""
     return [each for each in _modules()[0] if not each.__name__.startswith("controllers.")]
@@ -136,7 +162,8 @@ def forget() -> None:
 @cache
 def _all_classes() -> list[type[Law | Observer | Reference]]:
     """The classes of all modules; looking through them takes longer than most that asks."""
-    return [item for module in _modules()[0] for item in _classes(module)]
+    found = [item for module in _modules()[0] for item in _classes(module)]
+    return [*found, *_registered.values()]
 
 
 def _classes(module: ModuleType) -> list[type[Law | Observer | Reference]]:

@@ -12,10 +12,10 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from twin import jobs
 from twin.cli import main, output
-from twin.cli.options import titled
 from twin.run import overview_plot
 from twin.run.execute import run as run_scenario
 from twin.run.overview_plot import picture
+from twin.scenario.title import titled
 
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 KEYS = {

@@ -19,7 +19,11 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = {"twin": ROOT / "src" / "twin", "controllers": ROOT / "controllers"}
+PACKAGES = {
+    "ballplate": ROOT / "src" / "ballplate",
+    "twin": ROOT / "src" / "twin",
+    "controllers": ROOT / "controllers",
+}
 DATA = ("models", "scenarios")
 """Folders that whatever runs a scenario may read."""
 BY_NAME = re.compile(r"\b(import_module|__import__|pkgutil)\b")

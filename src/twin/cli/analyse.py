@@ -12,12 +12,13 @@ from rich.table import Table
 from controllers.analysis import designs
 from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row
 from controllers.ballplate import BallPlate
-from twin.cli.options import JSON, LAW, SETTING, titled
+from twin.cli.options import JSON, LAW, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.run.control import build_controller
 from twin.run.execute import run as run_scenario
 from twin.scenario import Scenario, load
 from twin.scenario.clean import clean
+from twin.scenario.title import titled
 from twin.thesis.claims import check_claims, neglected_rows
 
 Numbers = dict[str, Any]

@@ -8,7 +8,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from twin.cli.options import JSON, LAW, PROCESSES, SETTING, check_writable, titled
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.explain.attribution import EffectCase, Explanation, plan, summary
 from twin.explain.attribution import explain as explain_scenario
@@ -16,6 +16,8 @@ from twin.explain.effects import EFFECTS, present, with_typical
 from twin.explain.plot import draw
 from twin.run.record import write_json
 from twin.scenario import load
+from twin.scenario.title import titled
+from twin.writable import check_writable
 
 
 @click.command()

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, PROCESSES, check_writable
+from twin.cli.options import JSON, PROCESSES
 from twin.cli.output import console, print_json, progress
 from twin.fit.fit import fit as fit_table
 from twin.fit.report import row, sentences, write
@@ -18,6 +18,7 @@ from twin.fit.workers import workers
 from twin.jobs import cores
 from twin.study.cluster import Cluster
 from twin.study.store import Store
+from twin.writable import check_writable
 
 
 @click.command()

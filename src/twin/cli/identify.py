@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
 from twin.identify.identify import SHARE, Identification
 from twin.identify.identify import identify as identify_log
@@ -15,6 +15,7 @@ from twin.identify.log import read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.report import digits, interval, sentences, write
 from twin.identify.verdict import IDENTIFIED
+from twin.writable import check_writable
 
 ALL = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 

@@ -1,19 +1,13 @@
-"""Options that several commands have, what they do to a title, and the check of outputs."""
+"""Options that several commands have."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from twin.errors import ScenarioError
-from twin.shipped import find
-
-if TYPE_CHECKING:
-    from twin.scenario import Scenario
 
 SETTING = click.option(
     "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."
@@ -66,39 +60,6 @@ def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
     return load(name, overrides)
 
 
-def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
-    """The scenario with what was changed in its title, so that the title says what ran.
-
-    Args:
-        scenario: With the overrides in force.
-        overrides: ``KEY=VALUE`` each, as given; one of the title itself says nothing more.
-    """
-    changed = [text for text in overrides if text.partition("=")[0].strip() != "title"]
-    if not changed:
-        return scenario
-    return scenario.model_copy(update={"title": f"{scenario.title} ({', '.join(changed)})"})
-
-
-def check_writable(folder: Path, option: str = "--out") -> None:
-    """Check before the work that the results can be written; nothing is left of the check.
-
-    Args:
-        folder: Where they go; it need not exist.
-        option: The option that named it.
-
-    Raises:
-        ScenarioError: If the folder cannot be made or written.
-    """
-    above = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
-    finally:
-        # whatever another command has put there meanwhile stays
-        with suppress(OSError):
-            for each in above:
-                each.rmdir()
+def with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:
+    """The overrides, and that of the option ``--plant``."""
+    return (*overrides, f"plant.kind={plant}") if plant else overrides

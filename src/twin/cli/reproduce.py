@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli import experiments as measured
-from twin.cli.options import JSON, PROCESSES, check_writable
+from twin.cli.options import JSON, PROCESSES
 from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
 from twin.thesis.experiments.tables import tables as measured_tables
@@ -16,6 +16,7 @@ from twin.thesis.reproduce.jobs import plan, row_results
 from twin.thesis.reproduce.report import grid, sentence, write_doc
 from twin.thesis.reproduce.tables import SimulatedTable, chosen
 from twin.thesis.reproduce.tables import tables as simulated_tables
+from twin.writable import check_writable
 
 
 @click.command()

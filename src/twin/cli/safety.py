@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, PROCESSES, check_writable
+from twin.cli.options import JSON, PROCESSES
 from twin.cli.output import console, print_json, progress
 from twin.jobs import cores
 from twin.safety.cases import CASES
@@ -16,6 +16,7 @@ from twin.safety.matrix import run_all
 from twin.safety.mutations import MutationResult, jobs, run_mutations
 from twin.safety.row import FaultRow
 from twin.safety.words import HEADING, cells
+from twin.writable import check_writable
 
 
 @click.command()

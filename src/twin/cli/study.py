@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, LAW, PROCESSES, check_writable
+from twin.cli.options import JSON, LAW, PROCESSES
 from twin.cli.output import console, duration, errors, print_json, progress
 from twin.errors import ScenarioError
 from twin.jobs import cores
@@ -21,6 +21,7 @@ from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.summary import sentences
 from twin.study.work import Work
+from twin.writable import check_writable
 
 BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from controllers.stable_inversion import StableInversion
 from twin.report.diagnosis import Diagnosis
 from twin.run.control import build_law
-from twin.run.replay import Replay, replay_of
-
-if TYPE_CHECKING:
-    from twin.run.execute import Run
+from twin.run.replay import Replay
 
 ENDINGS = {
     "finished": "The run went to its end",
@@ -37,18 +33,11 @@ def summary(run: Replay, found: Diagnosis) -> list[str]:
     return told + _known(run) + _dither(run)
 
 
-def judged(run: Run, model: Run | None = None) -> str:
-    """The verdict on a run that was just made.
-
-    Args:
-        run: The run.
-        model: The same controller on the clean model, if it ran.
-    """
-    if not run.record.length:
-        return f"{ENDINGS[run.outcome.ending]}: {run.outcome.reason}."
-    opened = replay_of(run, "run")
-    clean = model.metrics.tracking_error_percent if model else None
-    return verdict(opened, Diagnosis.of(opened), clean)
+def judged(run: Replay, clean: float | None = None) -> str:
+    """The verdict on a run; arguments as for ``verdict``."""
+    if not len(run.rows["time"]):
+        return f"{ENDINGS[run.metrics['outcome']]}: {run.metrics['reason']}."
+    return verdict(run, Diagnosis.of(run), clean)
 
 
 def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:

@@ -1,0 +1,182 @@
+"""What is changed of a scenario: its keys as keyword arguments, dotted keys, or texts KEY=VALUE."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+
+from twin.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from controllers.interfaces import Law, Observer, Reference
+    from twin.scenario.schema import Scenario
+
+Table = Mapping[str, Any]
+"""A table of a scenario: keys to values or further tables."""
+Settings = Mapping[str, Any] | Sequence[str]
+"""Dotted keys to values, ``{"plant.friction.rolling_mm": 0.1}``, or texts ``"duration=10"``."""
+
+
+class Changes(TypedDict, total=False):
+    """Keys of a scenario, as keyword arguments; ``describe()`` lists every key in them.
+
+    A table changes only the keys it names. ``controller``, ``observer`` and ``reference`` take a
+    table with its ``kind``, a kind alone, or an object or class of ``ballplate.laws``,
+    ``ballplate.observers``, ``ballplate.references`` or of your own.
+    """
+
+    title: str
+    """What tables and pictures call it."""
+    duration: float
+    """How long it runs, in s."""
+    seed: int
+    """Which noise is drawn."""
+    baseline: bool
+    """Whether the clean model runs beside it."""
+    plant: Table
+    """What is simulated: ball, friction, surface, drives, start."""
+    rig: Table
+    """Control period, limits, what the rig knows of its cams."""
+    sensors: Table
+    """Touch screen and plate encoders."""
+    disturbance: Table
+    """Disturbance of the plate."""
+    controller: Table | str | Law | type[Law]
+    """The control law and its settings."""
+    observer: Table | str | Observer | type[Observer]
+    """The observer and its settings."""
+    predictor: Table | None
+    """The Smith predictor; None for none."""
+    reference: Table | str | Reference | type[Reference]
+    """The path of the ball and its settings."""
+    metrics: Table
+    """From when steady tracking is judged, and the settling band."""
+    parameters: str
+    """File of identified parameters that lie over the scenario's own."""
+
+
+class Change(NamedTuple):
+    """One key of a scenario and its new value.
+
+    Attributes:
+        key: Dotted key.
+        value: As JSON and TOML have it.
+        text: ``KEY=VALUE``, as given or as one would write it on the command line.
+    """
+
+    key: str
+    value: Any
+    text: str
+
+    @classmethod
+    def of(cls, key: str, value: Any) -> Change:
+        """That of a key and a plain value."""
+        shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        return cls(key, value, f"{key}={shown}")
+
+
+def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[Change]:
+    """What is changed by dotted keys or texts, and over that by tables.
+
+    Raises:
+        ScenarioError: If a text is not ``KEY=VALUE``, or a value none that a scenario can hold.
+    """
+    from twin.scenario.load import setting
+
+    if isinstance(settings, str):
+        raise ScenarioError(f"settings: must be a table or a list of texts, got '{settings}'")
+    if isinstance(settings, Mapping):
+        found = [Change.of(*pair) for pair in flattened(settings)]
+    else:
+        found = [Change(*setting(text), text) for text in settings]
+    return [*found, *(Change.of(*pair) for pair in flattened(tables))]
+
+
+def scenario_of(name: str | Path, changed: Sequence[Change], *, titled: bool = True) -> Scenario:
+    """The checked scenario.
+
+    Args:
+        name: A shipped scenario, or a TOML file.
+        changed: What is changed of it.
+        titled: Whether its title says so.
+
+    Raises:
+        ScenarioError: If it does not exist, or anything in it is unknown or out of range.
+    """
+    from twin.scenario import title
+    from twin.scenario.load import check, read, resolved
+
+    pairs = [(each.key, each.value) for each in changed]
+    chosen = check(*resolved(*read(str(name)), pairs))
+    return title.titled(chosen, [each.text for each in changed]) if titled else chosen
+
+
+def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and plain values of nested tables.
+
+    Raises:
+        ScenarioError: If a value is none that a scenario can hold.
+    """
+    from twin.scenario.schema import KINDS
+
+    for name, value in tables.items():
+        key = f"{prefix}{name}"
+        if key in KINDS:
+            yield from flattened(_choice(key, value), f"{key}.")
+        elif isinstance(value, Mapping):
+            yield from flattened(value, f"{key}.")
+        else:
+            yield key, _plain(key, value)
+
+
+def _choice(table: str, value: Any) -> Table:
+    """A law, observer or reference as a table of a scenario."""
+    from twin.scenario.schema import KINDS
+
+    if isinstance(value, Mapping):
+        return value
+    if isinstance(value, str):
+        return {"kind": value}
+    kind, cls = KINDS[table], value if isinstance(value, type) else type(value)
+    if not issubclass(cls, kind):
+        allowed = f"a table, the name of a kind, or a {kind.__name__.lower()}"
+        raise ScenarioError(f"{table}: must be {allowed}, got {value!r}")
+    return _registered(table, cls, value)
+
+
+def _registered(table: str, cls: Any, value: Any) -> Table:
+    """A class, or an object with its settings, known to the catalog by its name."""
+    from controllers.ballplate import BallPlate
+    from controllers.catalog import register
+    from twin.scenario.schema import settings_model
+
+    try:
+        register(cls)
+    except ValueError as error:
+        raise ScenarioError(f"{table}: {error}") from None
+    if value is cls:
+        return {"kind": cls.name}
+    if getattr(value, "model", BallPlate()) != BallPlate():
+        raise ScenarioError(f"{table}: runs design on the nominal model; leave its model out")
+    settings = {name: getattr(value, name) for name in settings_model(cls).model_fields}
+    return {"kind": cls.name, **settings}
+
+
+def _plain(key: str, value: Any) -> Any:
+    """A value as JSON and TOML have it."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _plain(key, dataclasses.asdict(value))
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # an array or number of numpy
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _plain(f"{key}.{name}", each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(key, each) for each in value]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise ScenarioError(f"{key}: must be a number, a text, a list or a table, got {value!r}")

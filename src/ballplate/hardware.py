@@ -1,0 +1,83 @@
+"""A real rig, or the emulated one, in place of the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ballplate.reporter import Reporter
+from twin.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from twin.devices.rig import HardwareRig
+    from twin.scenario.schema import Scenario
+
+EMULATED = "emulated"
+"""The word for the virtual rig in place of a rig file."""
+SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
+"""Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
+
+
+@contextmanager
+def connected(
+    on: str | None, scenario: Scenario, keys: Sequence[str], reporter: Reporter, *, reset: bool
+) -> Iterator[HardwareRig | None]:
+    """The requested rig, not switched on; None for the simulation.
+
+    Args:
+        on: Rig file, ``emulated`` or None.
+        scenario: What is to run on it.
+        keys: What is changed of the scenario.
+        reporter: Is told how far the virtual rig lagged.
+        reset: Whether faults found in the drives are reset.
+
+    Raises:
+        TwinError: If there is no such rig, or its file is wrong.
+    """
+    name = reporter.name_of("on")
+    if on is None:
+        if reset:
+            what = reporter.name_of("reset")
+            raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
+        yield None
+        return
+    from twin.run.connect import connect
+    from twin.scenario.rig import check_rig, read_rig
+
+    if scenario.sensors.ideal:
+        raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
+    if on != EMULATED:
+        if scenario.change:
+            raise ScenarioError(
+                f"{name} {on}: [[change]] changes a simulated rig, never a real one; leave it out"
+            )
+        for key in keys:
+            if key.startswith(SIMULATION_ONLY):
+                raise ScenarioError(
+                    f"{name} {on}: {key} describes a simulated rig and changes nothing of a real "
+                    "one; leave it out, or set what the rig has in its file"
+                )
+        yield connect(scenario, read_rig(Path(on)), reset=reset)
+        return
+    from twin.emulator.changes import follow_changes
+    from twin.emulator.serve import emulated
+    from twin.run.plants import build_plant
+
+    # what a virtual rig knows of its cams is part of its scenario
+    known = build_plant([scenario])[1]
+    with emulated(scenario) as virtual:
+        tables = check_rig(virtual.tables, EMULATED)
+        host = connect(scenario, tables, reset=reset, transmission=known)
+        follow_changes(host, scenario, known, virtual.begin)
+        yield host
+        reporter.note(virtual.tell("lag"))
+
+
+def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
+    """Tell the timing of the real-time loop, and the conditions that were detected."""
+    for line in (*rig.scheduling, *rig.clock.timing.text()):
+        reporter.note(line)
+    for time, note in rig.journal:
+        reporter.note(f"{time:.3f} s {note.condition.severity}: {note.text}", weighty=True)

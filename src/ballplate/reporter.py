@@ -1,0 +1,104 @@
+"""Who is told how far some work is and what to beware of: nobody, a notebook, a terminal."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from html import escape
+from time import monotonic
+from typing import Any, Protocol
+
+OWN = ("ballplate", "twin", "contextlib")
+"""Packages whose lines a warning is not about."""
+PICTURES = 0.2
+"""Seconds between two pictures of a notebook's progress."""
+
+
+class BallplateWarning(UserWarning):
+    """Something is allowed but not wise, as an unstable loop."""
+
+
+class Advance(Protocol):
+    """Shows how much of the total is done, and perhaps a note."""
+
+    def __call__(self, done: float, note: str = "", /) -> None:
+        """Show it."""
+
+
+class Reporter:
+    """Shows no progress and passes warnings on to Python's; subclass it to show more."""
+
+    def progress(self, what: str, total: float, unit: str = "") -> AbstractContextManager[Advance]:
+        """The progress of some work, shown within the context.
+
+        Args:
+            what: Label of the work.
+            total: What ``done`` is when all is done.
+            unit: What is counted, as ``runs``; without one the share done is meant.
+        """
+        del what, total, unit
+        return _silent()
+
+    def warn(self, message: str) -> None:
+        """Something is allowed but not wise."""
+        warnings.warn(message, BallplateWarning, stacklevel=_outside())
+
+    def note(self, line: str, *, weighty: bool = False) -> None:
+        """A line about a run on a rig: its timing, or, weightier, what was detected."""
+
+    def name_of(self, argument: str) -> str:
+        """What an argument is called where messages are read."""
+        return argument
+
+
+class Notebook(Reporter):
+    """Shows progress as a bar below the cell of a notebook, gone when the work is done."""
+
+    @contextmanager
+    def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
+        """A bar while the work goes on."""
+        from IPython import display
+
+        shown: Any = display.display(display.HTML(_bar(what, 0.0, "")), display_id=True)
+        last = monotonic()
+
+        def advance(done: float, note: str = "", /) -> None:
+            nonlocal last
+            if monotonic() - last < PICTURES:
+                return
+            last = monotonic()
+            counted = f"{done:.0f} of {total:.0f} {unit}" if unit else f"{done / total:.0%}"
+            words = ", ".join(filter(None, (counted, note)))
+            shown.update(display.HTML(_bar(what, done / total, words)))
+
+        try:
+            yield advance
+        finally:
+            shown.update(display.HTML(""))
+
+
+def default() -> Reporter:
+    """The reporter of where this program runs: a notebook has its own."""
+    shell: Any = sys.modules.get("IPython")
+    running = shell.get_ipython() if shell is not None else None
+    return Notebook() if hasattr(running, "kernel") else Reporter()
+
+
+@contextmanager
+def _silent() -> Iterator[Advance]:
+    yield lambda *_: None
+
+
+def _bar(what: str, share: float, words: str) -> str:
+    bar = f'<progress value="{share:.3f}" max="1"></progress>'
+    return f"<div>{escape(what)} {bar} {escape(words)}</div>"
+
+
+def _outside() -> int:
+    """How many levels above the caller the first line of a user's program is."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] in OWN:
+        frame, level = frame.f_back, level + 1
+    return level

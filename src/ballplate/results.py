@@ -1,0 +1,186 @@
+"""What a run gives: its signals, its indicators, its picture, its folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ballplate.notebook import page, png_image, table
+from ballplate.signals import Signals
+from twin.errors import RecordError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from controllers.arrays import Array
+    from twin.jobs import SecondProcess
+    from twin.run.execute import Run
+    from twin.run.metrics import Motion
+    from twin.run.replay import Replay
+    from twin.scenario.schema import Scenario
+
+
+class Result(Signals):
+    """A run of one rig: a mapping from column to values, and what can be said of them.
+
+    Made by ``run``, ``compare``, ``load`` and ``Rig.result``; shows itself in a notebook.
+
+    Attributes:
+        name: What it is called in tables and pictures.
+        label: What it ran on, as ``honest twin``; of an opened run its name.
+        scenario: What was asked for.
+        metrics: Indicators by name, in SI units but for those that say percent or deg; None for
+            one that does not apply.
+        baseline: The same controller on the clean model; None if that did not run.
+        beside: Further runs of its table and picture, by name.
+        folder: Where it is saved; None if it is not.
+        run: The run with its whole record, as ``twin.run.execute`` made it; None for one that was
+            opened.
+    """
+
+    def __init__(
+        self,
+        replay: Replay,
+        *,
+        label: str = "",
+        run: Run | None = None,
+        baseline: Result | None = None,
+    ) -> None:
+        super().__init__(replay.rows, replay.units)
+        self.name = replay.name
+        self.label = label or replay.name
+        self.scenario: Scenario = replay.scenario
+        self.metrics: dict[str, Any] = dict(replay.metrics)
+        self.baseline = baseline
+        self.beside: dict[str, Result] = {}
+        self.folder = replay.folder
+        self.replay = replay
+        self.run = run
+
+    @classmethod
+    def of(cls, run: Run, name: str, label: str, baseline: Result | None = None) -> Result:
+        """That of a run that was just made."""
+        from twin.run.replay import replay_of
+
+        return cls(replay_of(run, name), label=label, run=run, baseline=baseline)
+
+    @property
+    def title(self) -> str:
+        """What ran, in words."""
+        return self.scenario.title
+
+    @property
+    def outcome(self) -> str:
+        """How it ended: finished, fell, lost, fault, aborted or diverged."""
+        return str(self.metrics["outcome"])
+
+    @property
+    def finished(self) -> bool:
+        """Whether it ran to its end."""
+        return self.outcome == "finished"
+
+    @property
+    def motion(self) -> Motion:
+        """What ball and plate did: time, ball, plate, u, reference, error."""
+        return self.replay.motion if self.run is None else self.run.motion
+
+    @property
+    def ball(self) -> Array:
+        """Ball position in m, shape (K, 2): the true one, of a real rig the estimated one."""
+        return self.motion.ball
+
+    @property
+    def reference(self) -> Array:
+        """Desired ball position in m, shape (K, 2)."""
+        return self.motion.reference
+
+    @property
+    def error(self) -> Array:
+        """Reference minus ball in m, shape (K, 2)."""
+        return self.motion.error
+
+    def summary(self) -> dict[str, Any]:
+        """The indicators as ``metrics.json`` has them: with title, and speed of a run just made."""
+        if self.run is not None:
+            return self.run.summary()
+        return {"scenario": self.title, **self.metrics}
+
+    @property
+    def shown(self) -> dict[str, Result]:
+        """The runs of its picture by label: itself, the clean model, those beside it."""
+        clean = {} if self.baseline is None else {self.baseline.label: self.baseline}
+        return {self.label: self, **clean, **self.beside}
+
+    @property
+    def verdict(self) -> str:
+        """The run in one sentence: its tracking error, and what limited it most."""
+        from twin.report.summary import judged
+
+        clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
+        return judged(self.replay, clean)
+
+    def plot(self) -> Figure:
+        """The picture: path of the ball, error, plate angles and effort."""
+        from twin.run.overview_plot import picture
+
+        motions = {label: each.motion for label, each in self.shown.items()}
+        return picture(motions, self.title, self.scenario.rig.limits.area)
+
+    def report(self, file: str | Path) -> Path:
+        """Write the report of ``ballplate report``, one page that needs nothing else."""
+        from twin.report.html import html
+        from twin.run.record import write_whole
+
+        text = html([self.replay])
+        write_whole(Path(file), lambda target: target.write_text(text, encoding="utf-8"))
+        return Path(file)
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write a run folder, run.parquet, metrics.json and picture.png; returns the folder.
+
+        Args:
+            folder: Where; ``runs/NAME`` by default.
+
+        Raises:
+            RecordError: If it cannot be written, or the run is one that was opened.
+        """
+        place = Path(folder) if folder is not None else Path("runs") / self.name
+        return kept(self, place).folder or place
+
+    def _repr_html_(self) -> str:
+        """For a notebook: title, indicators and picture."""
+        from twin.report.numbers import rows
+
+        shown = self.shown
+        found = rows([each.replay for each in shown.values()])
+        headings = ("", *(label for label in shown), "unit")
+        lines = [(row.label, *row.values, row.unit) for row in found]
+        return page(self.title, table(headings, lines), png_image(self.plot()))
+
+    def __repr__(self) -> str:
+        error = self.metrics.get("tracking_error_percent")
+        said = "" if error is None else f", tracking error {error:.3g} %"
+        return f"<{type(self).__name__} {self.title!r}: {self.outcome}{said}>"
+
+
+def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> Result:
+    """The result, saved in a folder.
+
+    Args:
+        result: Of a run that was just made.
+        folder: Where; made if missing.
+        beside: A process that draws while the rest is written.
+
+    Raises:
+        RecordError: If it cannot be written, or the run is one that was opened.
+    """
+    from twin.run.execute import save
+
+    run = result.run
+    if run is None:
+        raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
+    save(run, folder, {label: each.motion for label, each in result.shown.items()}, beside)
+    result.folder = folder
+    result.replay = replace(result.replay, folder=folder)
+    return result

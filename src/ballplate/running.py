@@ -1,0 +1,198 @@
+"""One scenario run: on its plant or a rig, with the clean model beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.hardware import connected, tell_timing
+from ballplate.reporter import Reporter, default
+from twin.errors import ScenarioError
+from twin.shipped import find
+from twin.writable import check_writable
+
+if TYPE_CHECKING:
+    from ballplate.results import Result
+    from twin.hal.rig import Rig
+    from twin.jobs import SecondProcess
+    from twin.run.execute import Run
+    from twin.run.past import Past
+    from twin.run.record import Recorder
+    from twin.scenario.schema import Scenario
+
+PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
+"""What the plants are called in tables, pictures and progress."""
+CLEAN = "clean model"
+"""The same controller on the frictionless exact equations it was designed on."""
+WORTH_PROCESS = 5.0
+"""Simulated seconds from which a process of its own saves time."""
+Attach = Callable[["Recorder"], None]
+"""Is given the recorder before the run, to observe it."""
+
+
+def run(
+    scenario: str | Path,
+    settings: Settings = (),
+    *,
+    beside: Sequence[str | Path] = (),
+    out: str | Path | None = None,
+    on: str | None = None,
+    reset: bool = False,
+    resume: bool = False,
+    watch: Callable[[Scenario], AbstractContextManager[Attach]] | None = None,
+    reporter: Reporter | None = None,
+    **changes: Unpack[Changes],
+) -> Result:
+    """Run a scenario, the clean model beside it if the scenario compares with it.
+
+    ``run("circle", controller={"kind": "lqr"}, duration=12)`` and ``ballplate run circle --set
+    controller.kind=lqr --set duration=12`` give the same record, bit for bit. Ctrl-C ends the run
+    in order: the result has what was recorded, with the outcome ``aborted``.
+
+    Args:
+        scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
+        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        beside: Scenarios to run as well, simulated and changed alike, for table and picture.
+        out: Folder to save in; see ``Result.save`` for later.
+        on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
+        reset: Whether faults found in the drives of a rig are reset when switching on.
+        resume: Whether to go on with the interrupted run that is in the folder to save in.
+        watch: Makes the context of the run, which is given the recorder to observe.
+        reporter: Who is told progress and warnings; a notebook has its own.
+        changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
+
+    Raises:
+        TwinError: If there is no such scenario, or anything in it is unknown, out of range or
+            cannot be assembled: one line that says what, where, and what is allowed.
+    """
+    report = reporter or default()
+    find(str(scenario))  # a wrong name is told before anything heavy is imported
+    changed = changes_of(settings, changes)
+    for name in beside:
+        find(str(name))
+    chosen = scenario_of(scenario, changed)
+    further = {Path(name).stem: scenario_of(name, changed) for name in beside}
+    from ballplate.results import Result, kept
+    from twin.jobs import SecondProcess
+
+    folder = None if out is None else Path(out)
+    past = _past(folder, chosen, on, report) if resume else None
+    if folder is not None:
+        check_writable(folder, report.name_of("out"))
+    label = PLANTS[chosen.plant.kind] if on is None else f"rig {Path(on).stem}"
+    compared = chosen.baseline and chosen.plant.kind == "mujoco"
+    with SecondProcess(wanted=compared and on is None and _parallel(chosen)) as second:
+        baseline = _begun(chosen, second, report) if compared else None
+        attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
+        keys = [each.key for each in changed]
+        with connected(on, chosen, keys, report, reset=reset) as real, attached as attach:
+            done = one_run(chosen, label, report, attach, real, past)
+        if real is not None:
+            tell_timing(real, report)
+        clean = None
+        if baseline is not None and not done.outcome.interrupted:
+            with suppress(KeyboardInterrupt):
+                clean = baseline()
+        name = Path(scenario).stem
+        result = Result.of(done, name, label)
+        if clean is not None:
+            result.baseline = Result.of(clean, name, CLEAN)
+        for other, its in {} if done.outcome.interrupted else further.items():
+            with suppress(KeyboardInterrupt):
+                result.beside[other] = Result.of(one_run(its, other, report), other, other)
+        return result if folder is None else kept(result, folder, second)
+
+
+def _past(folder: Path | None, scenario: Scenario, on: str | None, reporter: Reporter) -> Past:
+    """What the interrupted run in a folder has simulated already."""
+    from twin.run.execute import versions
+    from twin.run.past import interrupted
+
+    name = reporter.name_of("resume")
+    if on is not None:
+        rig = reporter.name_of("on")
+        raise ScenarioError(f"{name}: only a simulated run can be gone on with; leave out {rig}")
+    if folder is None:
+        raise ScenarioError(f"{name}: needs the folder of the run, {reporter.name_of('out')}")
+    return interrupted(folder, scenario, versions())
+
+
+def one_run(
+    scenario: Scenario,
+    label: str,
+    reporter: Reporter,
+    attach: Attach = lambda _: None,
+    rig: Rig | None = None,
+    past: Past | None = None,
+) -> Run:
+    """Run a scenario with its warnings and its progress.
+
+    Args:
+        scenario: What to run.
+        label: What the progress calls it.
+        reporter: Who is told.
+        attach: Is given the recorder before the run.
+        rig: A real rig; simulated by default.
+        past: What has been simulated already.
+
+    Raises:
+        TwinError: If the scenario cannot be assembled.
+    """
+    from twin.run import execute
+
+    warn_of_dangers(scenario, reporter)
+    with reporter.progress(label, scenario.duration) as advance:
+        return execute.run(scenario, advance, attach, rig, past)
+
+
+def warn_of_dangers(scenario: Scenario, reporter: Reporter) -> None:
+    """Warn if the scenario's loop is unstable, or its observer slower than its law."""
+    from controllers.analysis import instability, slow_observer
+    from twin.run.control import build_controller
+
+    controller = build_controller(scenario)
+    dead_time = scenario.sensors.touch.dead_time
+    for danger in (
+        instability(controller.law, controller.observer, dead_time=dead_time),
+        slow_observer(controller.law, controller.observer),
+    ):
+        if danger:
+            reporter.warn(danger)
+
+
+def importable(scenario: Scenario) -> bool:
+    """Whether another process knows the scenario's law, observer and reference, too."""
+    from controllers.catalog import registered
+
+    kinds = (scenario.controller.kind, scenario.observer.kind, scenario.reference.kind)
+    return registered().isdisjoint(kinds)
+
+
+def _parallel(scenario: Scenario) -> bool:
+    """Whether a second process saves time."""
+    from twin import jobs
+
+    worth = scenario.duration >= WORTH_PROCESS
+    return worth and jobs.cores() > 1 and importable(scenario)
+
+
+def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[], Run]:
+    """Begin the run of the clean model in the second process, if there is one; what ends it."""
+    from twin.run import execute
+    from twin.scenario.clean import clean
+
+    model = clean(scenario)
+    if not beside.there:
+        return lambda: one_run(model, CLEAN, reporter)
+    result = beside.begin(execute.run, model)
+    beside.begin(execute.load_drawing)
+
+    def finished() -> Run:
+        warn_of_dangers(model, reporter)
+        with reporter.progress(CLEAN, model.duration):
+            return result()
+
+    return finished
