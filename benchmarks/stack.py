@@ -157,7 +157,8 @@ def main() -> None:
     tick = controller_tick(StableInversion(), FrictionKalman(delay=0.042))
     cure = best(tick, 400, rounds, clock)
     print(
-        f"whole controller, one rig, processor time: AFL behind Luenberger and predictor {thesis:.0f} us a tick, "
+        "whole controller, one rig, processor time: AFL behind Luenberger and predictor "
+        f"{thesis:.0f} us a tick, "
         f"stable inversion behind friction_kalman {cure:.0f} us, {cure / thesis:.1f} times as much"
         f" (goal: at most {1e3 * CURE:.0f} us)"
     )

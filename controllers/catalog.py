@@ -16,6 +16,7 @@ import pkgutil
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib.metadata import entry_points
 from itertools import chain
@@ -140,6 +141,19 @@ def register(cls: type[Law | Observer | Reference]) -> None:
 def registered() -> frozenset[str]:
     """Names of the classes that only this process knows."""
     return frozenset(_registered)
+
+
+@contextmanager
+def in_files_only() -> Iterator[None]:
+    """Within this context the catalog has only what every process finds."""
+    kept = dict(_registered)
+    _registered.clear()
+    _all_classes.cache_clear()
+    try:
+        yield
+    finally:
+        _registered.update(kept)
+        _all_classes.cache_clear()
 
 
 def outside() -> list[ModuleType]:

@@ -111,3 +111,17 @@ def test_only_the_processors_given_to_this_process_count():
     finally:
         os.sched_setaffinity(0, given)
     assert cores() == len(given)
+
+
+UNGUARDED = """
+from twin.jobs import results
+print("begins")
+print(sorted(dict(results(abs, enumerate([-1, 2]), 2)).values()))
+"""
+
+
+def test_a_script_without_a_guard_runs_once_although_it_starts_processes(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (done.stdout.splitlines(), done.stderr) == (["begins", "[1, 2]"], "")

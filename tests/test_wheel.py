@@ -48,11 +48,12 @@ def test_the_wheel_installs_these_names_and_no_others(wheel):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     data = f"{project['name']}-{project['version']}.dist-info"
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert tops == {"controllers", "scenarios", "twin", data}
+    assert tops == {"ballplate", "controllers", "scenarios", "twin", data}
 
 
 def test_the_packages_of_the_wheel_are_typed(wheel):
-    assert {"twin/py.typed", "controllers/py.typed"} <= set(zipfile.ZipFile(wheel).namelist())
+    typed = {f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")}
+    assert typed <= set(zipfile.ZipFile(wheel).namelist())
 
 
 @pytest.mark.long
@@ -76,3 +77,5 @@ def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_p
     )  # fmt: skip
     assert json.loads(printed)["outcome"] == "finished"
     assert (anywhere / "runs" / "circle" / "picture.png").is_file()
+    code = "import ballplate; print(ballplate.run('hold', duration=0.1).outcome)"
+    assert call(python, "-c", code, cwd=anywhere, env=clean) == "finished\n"

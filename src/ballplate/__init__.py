@@ -1,6 +1,78 @@
-"""A digital twin of a cam-driven ball-and-plate rig."""
+"""A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks.
 
+    import ballplate as bp
+
+    result = bp.run("circle", controller={"kind": "lqr"}, duration=12)
+    result.metrics["tracking_error_percent"]
+    result.plot()
+
+Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
+for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
+``rig``. The model behind it: ``model``, and the classes of ``laws``, ``observers`` and
+``references``. What there is to run and to set: ``scenarios``, ``describe``.
+
+SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
+is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
+numerical library: what works with one loads it when called.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ballplate.catalogue import Keys, describe, scenarios
+from ballplate.changes import Changes
 from ballplate.comparing import Comparison, compare
+from ballplate.identifying import Identified, identify
+from ballplate.loading import Log, load
+from ballplate.models import model
+from ballplate.reporter import BallplateWarning, Reporter
+from ballplate.results import Result
 from ballplate.running import run
+from ballplate.signals import Signals
+from ballplate.stepping import Rig, rig
+from ballplate.studies import StudyResult, study
+from ballplate.sweeping import Sweep, sweep
+from twin.errors import TwinError
 
-__all__ = ["Comparison", "compare", "run"]
+if TYPE_CHECKING:
+    from ballplate import laws, observers, references
+
+__all__ = [
+    "BallplateWarning",
+    "Changes",
+    "Comparison",
+    "Identified",
+    "Keys",
+    "Log",
+    "Reporter",
+    "Result",
+    "Rig",
+    "Signals",
+    "StudyResult",
+    "Sweep",
+    "TwinError",
+    "compare",
+    "describe",
+    "identify",
+    "laws",
+    "load",
+    "model",
+    "observers",
+    "references",
+    "rig",
+    "run",
+    "scenarios",
+    "study",
+    "sweep",
+]
+
+_CLASSES = ("laws", "observers", "references")
+"""Modules that load numpy, and so are loaded when they are named."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _CLASSES:
+        return import_module(f"ballplate.{name}")
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

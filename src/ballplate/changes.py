@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
@@ -74,8 +73,9 @@ class Change(NamedTuple):
     @classmethod
     def of(cls, key: str, value: Any) -> Change:
         """That of a key and a plain value."""
-        shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        return cls(key, value, f"{key}={shown}")
+        from twin.scenario.variants import written
+
+        return cls(key, value, f"{key}={written(value)}")
 
 
 def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[Change]:
@@ -124,30 +124,47 @@ def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
     for name, value in tables.items():
         key = f"{prefix}{name}"
-        if key in KINDS:
-            yield from flattened(_choice(key, value), f"{key}.")
+        if key in KINDS and not isinstance(value, Mapping):
+            yield from _choice(key, value)
         elif isinstance(value, Mapping):
             yield from flattened(value, f"{key}.")
         else:
             yield key, _plain(key, value)
 
 
-def _choice(table: str, value: Any) -> Table:
-    """A law, observer or reference as a table of a scenario."""
+def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
+    """What is varied with plain values; a law, observer or reference is its table.
+
+    Raises:
+        ScenarioError: If a value is none that a scenario can hold.
+    """
+    return {key: [_varied(key, value) for value in values] for key, values in vary.items()}
+
+
+def _varied(key: str, value: Any) -> Any:
     from twin.scenario.schema import KINDS
 
-    if isinstance(value, Mapping):
-        return value
+    if key not in KINDS or isinstance(value, Mapping):
+        return _plain(key, value)
+    ((named, found),) = _choice(key, value)
+    return {"kind": found} if named.endswith(".kind") else found
+
+
+def _choice(table: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """What names a law, observer or reference: a kind alone, or an object, which is all of it."""
+    from twin.scenario.schema import KINDS
+
     if isinstance(value, str):
-        return {"kind": value}
+        yield f"{table}.kind", value
+        return
     kind, cls = KINDS[table], value if isinstance(value, type) else type(value)
     if not issubclass(cls, kind):
         allowed = f"a table, the name of a kind, or a {kind.__name__.lower()}"
         raise ScenarioError(f"{table}: must be {allowed}, got {value!r}")
-    return _registered(table, cls, value)
+    yield table, _table_of(table, cls, value)
 
 
-def _registered(table: str, cls: Any, value: Any) -> Table:
+def _table_of(table: str, cls: Any, value: Any) -> Table:
     """A class, or an object with its settings, known to the catalog by its name."""
     from controllers.ballplate import BallPlate
     from controllers.catalog import register
@@ -157,12 +174,17 @@ def _registered(table: str, cls: Any, value: Any) -> Table:
         register(cls)
     except ValueError as error:
         raise ScenarioError(f"{table}: {error}") from None
+    found = {"kind": cls.name}
     if value is cls:
-        return {"kind": cls.name}
+        return found
     if getattr(value, "model", BallPlate()) != BallPlate():
         raise ScenarioError(f"{table}: runs design on the nominal model; leave its model out")
-    settings = {name: getattr(value, name) for name in settings_model(cls).model_fields}
-    return {"kind": cls.name, **settings}
+    for name, field in settings_model(cls).model_fields.items():
+        given = _plain(f"{table}.{name}", getattr(value, name))
+        default = field.get_default(call_default_factory=True)
+        if field.is_required() or given != _plain(name, default):
+            found[name] = given
+    return found
 
 
 def _plain(key: str, value: Any) -> Any:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
-from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
 from ballplate.notebook import page, png_image, table
 from ballplate.reporter import Reporter, default
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 
     from ballplate.results import Result
     from twin.run.execute import Run
+    from twin.run.metrics import Motion
     from twin.scenario.schema import Scenario
 
 Vary = Mapping[str, Iterable[Any]]
@@ -34,7 +34,9 @@ class Comparison(Mapping[str, "Result"]):
     Attributes:
         title: What is compared.
         headings: What the table calls each run.
+        folders: Where each run that was just made is kept within a folder of the comparison.
         interrupted: Whether Ctrl-C ended it before all had run.
+        replaced: What it replaced where it is saved, in words; empty for nothing.
     """
 
     def __init__(
@@ -43,12 +45,15 @@ class Comparison(Mapping[str, "Result"]):
         title: str,
         headings: Mapping[str, str],
         *,
+        folders: Mapping[str, str] | None = None,
         interrupted: bool = False,
+        replaced: str = "",
     ) -> None:
         self._runs = dict(runs)
         self.title = title
         self.headings = {label: headings.get(label, label) for label in runs}
-        self.interrupted = interrupted
+        self.folders = dict(folders or {})
+        self.interrupted, self.replaced = interrupted, replaced
 
     def __getitem__(self, label: str) -> Result:
         """One of the runs."""
@@ -73,13 +78,20 @@ class Comparison(Mapping[str, "Result"]):
         """
         return pandas().DataFrame.from_dict(self.metrics, orient="index")
 
+    @property
+    def motions(self) -> dict[str, Motion]:
+        """The motion of each run by what the table calls it."""
+        return {self.headings[label]: each.motion for label, each in self._runs.items()}
+
+    def summaries(self) -> dict[str, dict[str, Any]]:
+        """The indicators of each run, as ``Result.summary``."""
+        return {label: each.summary() for label, each in self._runs.items()}
+
     def plot(self) -> Figure:
         """All runs in one picture."""
         from twin.run.overview_plot import picture
 
-        motions = {self.headings[label]: each.motion for label, each in self._runs.items()}
-        area = next(iter(self._runs.values())).scenario.rig.limits.area
-        return picture(motions, self.title, area)
+        return picture(self.motions, self.title, self._area)
 
     def save(self, folder: str | Path = "runs/compare") -> Path:
         """Write a folder per run and compare.png into a folder; returns it.
@@ -88,23 +100,34 @@ class Comparison(Mapping[str, "Result"]):
             RecordError: If it cannot be written, or a run is one that was opened.
         """
         from ballplate.results import kept
+        from twin.run.folders import forget, slug
 
+        self.replaced = forget(Path(folder))
+        self.folders = {label: self.folders.get(label, slug(label)) for label in self._runs}
         for label, each in self._runs.items():
-            kept(each, Path(folder) / _slug(label))
+            kept(each, Path(folder) / self.folders[label])
         return self.draw(folder)
 
     def draw(self, folder: str | Path) -> Path:
-        """Write compare.png alone into a folder; returns the folder.
+        """Write the picture and the indicators alone into a folder; returns the folder.
 
         Raises:
             RecordError: If it cannot be written.
         """
+        from twin.run.folders import MANIFEST
         from twin.run.overview_plot import draw
+        from twin.run.record import write_json
 
-        motions = {self.headings[label]: each.motion for label, each in self._runs.items()}
-        area = next(iter(self._runs.values())).scenario.rig.limits.area
-        draw(Path(folder) / "compare.png", motions, self.title, area)
-        return Path(folder)
+        place = Path(folder)
+        draw(place / "compare.png", self.motions, self.title, self._area)
+        content = {"folders": list(self.folders.values()), "runs": self.summaries()}
+        write_json(place / MANIFEST, content)
+        return place
+
+    @property
+    def _area(self) -> tuple[float, float]:
+        area: tuple[float, float] = next(iter(self._runs.values())).scenario.rig.limits.area
+        return area
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""
@@ -114,6 +137,20 @@ class Comparison(Mapping[str, "Result"]):
         lines = [(row.label, *row.values, row.unit) for row in found]
         shown = table(("", *self.headings.values(), "unit"), lines)
         return page(self.title, shown, png_image(self.plot()))
+
+
+class Case(NamedTuple):
+    """A run of a comparison.
+
+    Attributes:
+        scenario: What is run.
+        heading: What the table calls it: the shortest text that tells it from the others.
+        folder: Where it is kept within the folder of the comparison.
+    """
+
+    scenario: Scenario
+    heading: str
+    folder: str
 
 
 def compare(
@@ -146,37 +183,74 @@ def compare(
     """
     from ballplate.results import Result
 
-    report = reporter or default()
-    runs = {each.name: each for each in scenarios if isinstance(each, Result)}
+    finished = {each.name: each for each in scenarios if isinstance(each, Result)}
     names = [str(each) for each in scenarios if not isinstance(each, Result)]
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
-    base = changes_of(settings, changes)
-    varied = {key: list(values) for key, values in (vary or {}).items()}
-    cases: dict[str, Scenario] = {}
-    headings: dict[str, str] = {}
-    for name in names:
-        named = (name,) if len(scenarios) > 1 or not varied else ()
-        for values in itertools.product(*varied.values()):
-            variant = changes_of((), dict(zip(varied, values, strict=True)))
-            label = " ".join((*named, *(each.text for each in variant)))
-            cases[label] = scenario_of(name, [*base, *variant], titled=False)
-            shown = ", ".join(each.text.partition("=")[2] for each in variant)
-            headings[label] = " ".join((*named, shown)).strip()
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        check_writable(folder, report.name_of("out"))
-    if not (runs or cases):
+    if not (finished or names):
         raise ScenarioError("compare: name a scenario or give a result")
-    title = _title(varied, [each.text for each in base])
-    return side_by_side(cases, runs, title, headings, folder, processes, report)
+    base, varied = changes_of(settings, changes), varied_of(vary or {})
+    cases = cases_of(names, base, varied, alone=not finished)
+    title = title_of(names, cases, finished, varied, [each.text for each in base])
+    folder = None if out is None else Path(out)
+    return side_by_side(cases, finished, title, folder, processes, reporter or default())
+
+
+def cases_of(
+    names: Sequence[str],
+    base: Sequence[Change],
+    varied: Mapping[str, Sequence[Any]],
+    *,
+    alone: bool = True,
+) -> dict[str, Case]:
+    """Label to case of every run: each scenario with each combination of what is varied.
+
+    Args:
+        names: Scenarios.
+        base: What is changed of all of them.
+        varied: Key to plain values.
+        alone: Whether nothing else stands beside them.
+
+    Raises:
+        ScenarioError: If anything in them is unknown or out of range.
+    """
+    from twin.run.folders import slug
+    from twin.scenario.variants import variants
+
+    cases: dict[str, Case] = {}
+    for name in names:
+        named = (name,) if len(names) > 1 or not varied or not alone else ()
+        for variant in variants(varied):
+            label, heading, folder = (
+                " ".join(filter(None, (*named, text)))
+                for text in (variant.label, variant.heading, variant.name)
+            )
+            changed = changes_of((), dict(variant.settings))
+            scenario = scenario_of(name, [*base, *changed], titled=False)
+            cases[label] = Case(scenario, heading, slug(folder))
+    return cases
+
+
+def title_of(
+    names: Sequence[str],
+    cases: Mapping[str, Case],
+    finished: Mapping[str, Result],
+    varied: Iterable[str],
+    changed: Sequence[str],
+) -> str:
+    """What is compared, over which keys, and what all runs share."""
+    from twin.scenario.variants import comparison
+
+    listed = ", ".join((*names, *finished))
+    one = not finished and len(names) == 1
+    what = next(iter(cases.values())).scenario.title if one else listed
+    return comparison(what, varied, changed)
 
 
 def side_by_side(
-    cases: Mapping[str, Scenario],
+    cases: Mapping[str, Case],
     finished: Mapping[str, Result],
     title: str,
-    headings: Mapping[str, str],
     folder: Path | None,
     processes: int | None,
     reporter: Reporter,
@@ -187,7 +261,6 @@ def side_by_side(
         cases: Label to what is to run.
         finished: Label to run.
         title: What is compared.
-        headings: Label to what the table calls the run.
         folder: Where each run is saved as it comes, and the picture; None for nowhere.
         processes: Processes to use; None for all processors if the runs are worth it.
         reporter: Who is told progress and warnings.
@@ -198,18 +271,32 @@ def side_by_side(
     """
     from ballplate.results import Result, kept
 
+    replaced = ""
+    if folder is not None:
+        from twin.run.folders import forget
+
+        check_writable(folder, reporter.name_of("out"))
+        replaced = forget(folder)
     runs: dict[str, Result] = {}
     interrupted = False
     try:
-        for label, done in _each(cases, processes, reporter):
+        scenarios = {label: case.scenario for label, case in cases.items()}
+        for label, done in _each(scenarios, processes, reporter):
             each = Result.of(done, label, label)
-            runs[label] = each if folder is None else kept(each, folder / _slug(label))
+            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
     except KeyboardInterrupt:
         interrupted = True
         if not runs:
             raise
     ordered = {label: runs[label] for label in cases if label in runs}
-    found = Comparison({**finished, **ordered}, title, headings, interrupted=interrupted)
+    found = Comparison(
+        {**finished, **ordered},
+        title,
+        {label: cases[label].heading for label in ordered},
+        folders={label: cases[label].folder for label in ordered},
+        interrupted=interrupted,
+        replaced=replaced,
+    )
     if folder is not None:
         found.draw(folder)
     return found
@@ -234,19 +321,8 @@ def _each(
         return
     for case in cases.values():
         warn_of_dangers(case, reporter)
-    with reporter.progress(", ".join(cases), len(cases), "runs") as advance:
+    with reporter.progress("comparison", len(cases), "runs") as advance:
         found = jobs.results(execute.run, cases.items(), min(processes, len(cases)))
         for number, (label, done) in enumerate(found, 1):
             advance(number)
             yield label, done
-
-
-def _title(varied: Iterable[str], changed: Iterable[str]) -> str:
-    """What is compared: the keys whose values stand over the columns, and what all runs share."""
-    keys, shared = ", ".join(varied), ", ".join(changed)
-    over = f"Comparison over {keys}" if keys else "Comparison"
-    return f"{over} ({shared})" if shared else over
-
-
-def _slug(label: str) -> str:
-    return "".join(char if char.isalnum() or char in "._-" else "-" for char in label)

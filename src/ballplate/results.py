@@ -104,7 +104,9 @@ class Result(Signals):
         """The indicators as ``metrics.json`` has them: with title, and speed of a run just made."""
         if self.run is not None:
             return self.run.summary()
-        return {"scenario": self.title, **self.metrics}
+        from twin.report.numbers import summary_of
+
+        return summary_of(self.replay)
 
     @property
     def shown(self) -> dict[str, Result]:

@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from threading import Thread
+from types import ModuleType
 from typing import Any, TypeVar
 
 from twin.errors import TwinError
@@ -136,10 +137,22 @@ def handed_out(
 
 
 class _Pool(ProcessPoolExecutor):
-    """Processes that Ctrl-C, which reaches all of a terminal, leaves to the one that began them."""
+    """Processes that Ctrl-C, which reaches all of a terminal, leaves to the one that began them.
+
+    They do not run the program again that began them, as processes of Python do: what they work on
+    lies in modules, and a script needs no guard ``if __name__ == "__main__"``.
+    """
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
+        program = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return self._handed(work, *args, **kwargs)
+        finally:
+            sys.modules["__main__"] = program
+
+    def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
         if sys.platform == "win32":
             return super().submit(work, *args, **kwargs)
         # a process keeps the mask it is started with: it is safe even before it runs a line

@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli import ballplate
-from twin.cli.options import titled
 from twin.errors import RecordError
 from twin.run import execute
 from twin.run.past import interrupted
 from twin.run.record import read_run
 from twin.scenario.load import load
+from twin.scenario.title import titled
 
 KEYS = ("plant.kind=lagrange", "duration=6.0", "metrics.start=2.0", "baseline=false")
 

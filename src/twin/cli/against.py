@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.one_run import watched
+from ballplate.running import one_run
 from twin.cli.options import load_scenario
+from twin.cli.terminal import Terminal
 from twin.errors import RecordError
 from twin.shipped import shipped
 
@@ -65,5 +66,8 @@ def opened(
         changed = (*fitting(rows, load_scenario(against, overrides)), *overrides)
         scenario = load_scenario(against, changed)
         label = f"{Path(against).stem} predicted"
-        runs += [log_run(rows, scenario, path.stem), replay_of(watched(scenario, label), label)]
+        runs += [
+            log_run(rows, scenario, path.stem),
+            replay_of(one_run(scenario, label, Terminal()), label),
+        ]
     return runs + (open_runs(others, rigs) if others else [])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.one_run import WORTH_PROCESS, exit_code, warn_of_dangers, watched, with_plant
+from ballplate.changes import changes_of
 from twin.cli.options import (
     ALL,
     JSON,
@@ -16,17 +16,16 @@ from twin.cli.options import (
     PLANT,
     PROCESSES,
     SETTING,
-    check_writable,
     load_scenario,
+    with_plant,
 )
-from twin.cli.output import console, print_json, print_metrics, print_reasons, progress
+from twin.cli.output import console, print_json, print_metrics, print_reasons
+from twin.cli.terminal import Terminal
 from twin.errors import ScenarioError
-from twin.report.numbers import ranking, summary_of
+from twin.report.numbers import ranking
 
 if TYPE_CHECKING:
-    from twin.run.execute import Run
     from twin.run.replay import Replay
-    from twin.scenario import Scenario
 
 
 @click.command()
@@ -70,109 +69,46 @@ def compare(
         raise ScenarioError("--vary: nothing to run; name a scenario, as in circle")
     for name in names:
         load_scenario(name, changed)
-    from twin.run.folders import MANIFEST, forget, run_folder
+    from ballplate.comparing import cases_of, side_by_side, title_of
+    from ballplate.results import Result
+    from twin.run.folders import run_folder
     from twin.run.log_run import distances
-    from twin.run.overview_plot import draw
-    from twin.run.record import write_json
     from twin.run.replay import open_runs
-    from twin.scenario.variants import comparison, varied
+    from twin.scenario.variants import parsed, varied
 
-    finished = {run.name: run for run in (open_runs(kept) if kept else ())}
-    measured, fitted = _measured(logs, names, list(finished.values()), changed)
-    finished = measured | finished
-    cases = _cases(names, (*fitted, *changed), vary, alone=not finished)
-    listed = (*names, *finished)
-    stem = f"compare-{'-'.join(map(_stem, listed))}"
-    folder = out or run_folder(stem, (*varied(vary), *changed))
-    check_writable(folder)
-    replaced = forget(folder)
-    runs, interrupted = _carried_out(cases, processes, folder)
-    headings = {label: cases[label].heading for label in runs}
-    motions = {label: run.motion for label, run in finished.items()}
-    motions |= {headings[label]: done.motion for label, done in runs.items()}
-    first, *_ = (*(case.scenario for case in cases.values()), *_scenarios(finished))
-    what = ", ".join(listed) if finished or len(names) > 1 else first.title
-    title = comparison(what, vary, changed)
-    draw(folder / "compare.png", motions, title, first.rig.limits.area)
-    summaries = {label: summary_of(run) for label, run in finished.items()}
-    summaries |= {label: done.summary() for label, done in runs.items()}
-    inner = [cases[label].folder for label in runs]
-    write_json(folder / MANIFEST, {"folders": inner, "runs": summaries})
+    opened = open_runs(kept) if kept else []
+    measured, fitted = _measured(logs, names, opened, changed)
+    finished = {run.name: Result(run) for run in (*measured, *opened)}
+    over = parsed(vary)
+    cases = cases_of(names, changes_of((*fitted, *changed), {}), over, alone=not finished)
+    stem = f"compare-{'-'.join(map(_stem, (*names, *finished)))}"
+    folder = out or run_folder(stem, (*varied(over), *changed))
+    title = title_of(names, cases, finished, over, changed)
+    found = side_by_side(cases, finished, title, folder, processes, Terminal())
+    summaries = found.summaries()
     if as_json:
         print_json(summaries)
     else:
         console.print(title, style="bold", markup=False)
-        shown = {headings.get(label, label): each for label, each in summaries.items()}
+        shown = {found.headings[label]: each for label, each in summaries.items()}
         print_metrics(shown, everything=everything)
         print_reasons(shown)
-        for line in (*distances(measured.values(), motions), ranking(shown)):
+        for line in (*distances(measured, found.motions), ranking(shown)):
             console.print(line, style="bold", markup=False)
-        files = f"compare.png, compare.json{' and one folder per run' if runs else ''}"
-        console.print(f"written to {folder}/{replaced}: {files}", markup=False, soft_wrap=True)
-    return max(interrupted, *(exit_code(done) for done in runs.values()), 0)
-
-
-class Case(NamedTuple):
-    """A run of a comparison: what is run, what the table calls it, where it is kept."""
-
-    scenario: Scenario
-    heading: str
-    folder: str
-
-
-def _cases(
-    names: Sequence[str], changed: Sequence[str], vary: Sequence[str], *, alone: bool
-) -> dict[str, Case]:
-    """Label to case of every run."""
-    from twin.run.folders import slug
-    from twin.scenario.load import check, read, resolved, setting
-    from twin.scenario.variants import variants
-
-    cases: dict[str, Case] = {}
-    base = [setting(text) for text in changed]
-    for name in names:
-        named = (name,) if len(names) > 1 or not vary or not alone else ()
-        for variant in variants(vary):
-            label, heading, folder = (
-                " ".join(filter(None, (*named, text)))
-                for text in (variant.label, variant.heading, variant.name)
-            )
-            scenario = check(*resolved(*read(name), [*base, *variant.settings]))
-            cases[label] = Case(scenario, heading, slug(folder))
-    return cases
-
-
-def _carried_out(
-    cases: Mapping[str, Case], processes: int | None, folder: Path
-) -> tuple[dict[str, Run], bool]:
-    """The runs, kept as they come, in the order of the cases; and whether Ctrl-C ended them."""
-    from twin.run.execute import save
-
-    runs: dict[str, Run] = {}
-    interrupted = False
-    try:
-        scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, done in _runs(scenarios, processes):
-            runs[label] = done
-            save(done, folder / cases[label].folder, {label: done.motion})
-    except KeyboardInterrupt:
-        interrupted = True
-        if not runs:
-            raise
-    return {label: runs[label] for label in cases if label in runs}, interrupted
-
-
-def _scenarios(runs: Mapping[str, Replay]) -> list[Scenario]:
-    return [run.scenario for run in runs.values()]
+        files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
+        written = f"written to {folder}/{found.replaced}: {files}"
+        console.print(written, markup=False, soft_wrap=True)
+    early = (not found[label].finished for label in found.folders)
+    return int(found.interrupted or any(early))
 
 
 def _measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Replay], changed: Sequence[str]
-) -> tuple[dict[str, Replay], list[str]]:
+) -> tuple[list[Replay], list[str]]:
     """Logs as runs, and what their prediction is to be changed to."""
     from twin.run.log_run import fitting, log_run, read_log
 
-    runs: dict[str, Replay] = {}
+    runs: list[Replay] = []
     fitted: list[str] = []
     for path in logs:
         rows = read_log(path)
@@ -187,35 +123,9 @@ def _measured(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
-        runs[path.stem] = log_run(rows, scenario, path.stem)
+        runs.append(log_run(rows, scenario, path.stem))
     return runs, fitted
 
 
 def _stem(name: str) -> str:
     return Path(name).stem if name.endswith(".toml") else Path(name).name
-
-
-def _runs(cases: dict[str, Scenario], processes: int | None) -> Iterator[tuple[str, Run]]:
-    """Label and run of every case as they come, on as many processes as are worth it."""
-    from twin.jobs import cores, results
-    from twin.run.execute import run as run_scenario
-
-    if not cases:
-        return
-    if processes is None:
-        long = sum(case.duration for case in cases.values()) >= 2 * WORTH_PROCESS
-        processes = cores() if long else 1
-    if min(processes, len(cases)) == 1:
-        for label, case in cases.items():
-            done = watched(case, label)
-            yield label, done
-            if done.outcome.interrupted:
-                return
-        return
-    for case in cases.values():
-        warn_of_dangers(case)
-    with progress("comparison", len(cases), "runs") as advance:
-        found = results(run_scenario, cases.items(), min(processes, len(cases)))
-        for number, (label, done) in enumerate(found, 1):
-            advance(number)
-            yield label, done

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twin.errors import ScenarioError
+from twin.shipped import find
+
+if TYPE_CHECKING:
+    from twin.scenario import Scenario
 
 SETTING = click.option(
     "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."

@@ -8,15 +8,16 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from ballplate.studies import carried_out, work_of
 from twin.cli.options import JSON, LAW, PROCESSES
-from twin.cli.output import console, duration, errors, print_json, progress
-from twin.errors import ScenarioError
+from twin.cli.output import console, duration, errors, print_json
+from twin.cli.terminal import Terminal
 from twin.jobs import cores
-from twin.study.answers import Answer, answers
-from twin.study.carry import carry, remaining
+from twin.study.answers import Answer
+from twin.study.carry import remaining
 from twin.study.cluster import Cluster
 from twin.study.pilot import seconds
-from twin.study.report import compared, document, write
+from twin.study.report import compared, document
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.summary import sentences
@@ -57,31 +58,18 @@ def study(
     """
     if study is None:
         return _list(as_json=as_json)
-    about = read(study, samples=samples, seeds=seeds)
-    try:
-        with errors.status(f"{about.title}: checking every run ..."):
-            work = Work(about)
-    except ScenarioError as error:  # it names the scenario
-        raise ScenarioError(f"study {study}: {error}") from error
+    with errors.status(f"{study}: checking every run ..."):
+        work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
-    check_writable(folder)
     if doc is not None:
         check_writable(doc, "--doc")
-    store = Store(folder)
-    with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
-        processes = processes or (cluster.workers if cluster else cores())
-        if plan:
-            return _plan(work, store, processes)
-        with progress(about.title, work.different, "runs") as advance:
-            rows = carry(
-                work,
-                store,
-                executor=cluster,
-                processes=processes,
-                progress=lambda done, failed: advance(done, f"{failed} failed"),
-            )
-    found = answers(work, rows)
-    write(work, rows, found, folder)
+    if plan:
+        check_writable(folder)
+        return _plan(work, folder, processes, scheduler)
+    done = carried_out(
+        work, out=folder, processes=processes, scheduler=scheduler, reporter=Terminal()
+    )
+    about, found = work.study, done.answers
     if doc is not None:
         document(work, found, doc / f"{Path(study).stem}.md")
     if as_json:
@@ -103,7 +91,10 @@ def _list(*, as_json: bool) -> int:
     return 0
 
 
-def _plan(work: Work, store: Store, processes: int) -> int:
+def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
+    with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
+        processes = processes or (cluster.workers if cluster else cores())
+    store = Store(folder)
     known, chunks = remaining(work.tasks, store, processes)
     total = work.different
     if not chunks:

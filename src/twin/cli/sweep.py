@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.one_run import with_plant
-from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, check_writable, load_scenario
-from twin.cli.output import console, print_json, progress
-from twin.jobs import cores
+from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, load_scenario, with_plant
+from twin.cli.output import console, print_json
+from twin.cli.terminal import Terminal
 
 if TYPE_CHECKING:
-    from twin.run.sweep import Sweep
+    from ballplate.sweeping import Sweep
 
 
 @click.command()
@@ -48,69 +47,51 @@ def sweep(
     indicators are kept, in sweep.csv.
     """
     changed = with_plant(overrides, plant)
-    first = load_scenario(scenario, changed)
+    load_scenario(scenario, changed)
+    from ballplate.sweeping import sweep as run_sweep
     from twin.run.folders import run_folder
-    from twin.run.record import write_whole
-    from twin.run.sweep import Sweep, as_csv, draw, summaries, swept
-    from twin.scenario.load import check, read, resolved, setting
-    from twin.scenario.variants import comparison, variants, varied
+    from twin.scenario.variants import parsed, swept, varied
 
-    key, points = swept(values)
-    curves = variants(vary)
-    base = [setting(text) for text in changed]
-    cases = [
-        (
-            (curve.heading, at),
-            check(*resolved(*read(scenario), [*base, *curve.settings, (key, point)])),
-        )
-        for curve in curves
-        for at, point in enumerate(points)
-    ]
-    named = (values.replace(":", ".."), *varied(vary), *changed)
+    (key, points), curves = swept(values), parsed(vary)
+    named = (values.replace(":", ".."), *varied(curves), *changed)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
-    check_writable(folder)
-    title = comparison(first.title, (values, *vary), changed)
-    found = {}
-    with progress("sweep", len(cases), "runs") as advance:
-        for name, summary in summaries(cases, min(processes or cores(), len(cases))):
-            found[name] = summary
-            advance(len(found))
-    runs = {
-        curve.heading: [found[curve.heading, at] for at in range(len(points))] for curve in curves
-    }
-    done = Sweep(title=title, key=key, values=tuple(points), runs=runs)
-    draw(folder / "sweep.png", done)
-    table = as_csv(done)
-    write_whole(folder / "sweep.csv", lambda file: file.write_text(table, encoding="utf-8"))
+    done = run_sweep(
+        scenario,
+        {key: points, **curves},
+        settings=changed,
+        out=folder,
+        processes=processes,
+        reporter=Terminal(),
+    )
     if as_json:
-        print_json({"title": title, "key": key, "values": points, "runs": runs})
+        print_json({"title": done.title, "key": key, "values": points, "runs": done.curves})
     else:
         _show(done)
         console.print(f"written to {folder}/: sweep.png, sweep.csv", markup=False, soft_wrap=True)
-    return int(any(each["outcome"] != "finished" for each in found.values()))
+    return int(not done.finished)
 
 
 def _show(done: Sweep) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from ballplate.sweeping import named
     from twin.report.numbers import FIRST, LABELS, shown
-    from twin.run.sweep import named
 
-    every = [each for runs in done.runs.values() for each in runs]
-    keys = [key for key in FIRST if any(each.get(key) is not None for each in every)]
+    keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
     console.print(done.title, style="bold", markup=False)
-    several = len(done.runs) > 1
+    curves = done.curves
+    several = len(curves) > 1
     table = Table(header_style="bold")
-    table.add_column(escape(done.key), justify="right", overflow="fold")
-    for curve in done.runs:
+    table.add_column(escape(done.keys[0]), justify="right", overflow="fold")
+    for curve in curves:
         for key in keys[:1] if several else keys:
             label, unit = LABELS[key]
             heading = curve if several else f"{label} [{unit}]"
             table.add_column(escape(heading), justify="right", overflow="fold")
     for at, value in enumerate(done.values):
         cells = []
-        for runs in done.runs.values():
+        for runs in curves.values():
             for key in keys[:1] if several else keys:
                 each = runs[at]
                 early = each["outcome"] != "finished"

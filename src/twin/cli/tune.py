@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import JSON, LAW, PROCESSES, SETTING, check_writable
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING
 from twin.cli.output import console, duration, print_json, progress
+from twin.writable import check_writable
 
 if TYPE_CHECKING:
     from twin.tune.tune import TuneResult

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import JSON, check_writable
+from twin.cli.options import JSON
 from twin.cli.output import console, print_json, print_metrics, warn
+from twin.writable import check_writable
 
 if TYPE_CHECKING:
     from twin.whatif.moment import Moment

@@ -7,7 +7,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,6 +144,13 @@ class Recorder:
             return Channel(names, tuple(quantity.unit for quantity in self.further))
         units = tuple(column.rpartition("_")[2] for column in self.plant)
         return CHANNELS.get(name) or Channel(self.plant, units)
+
+    def of_rig(self, rig: int) -> Recorder:
+        """The record of one rig alone, a copy."""
+        alone = replace(self, rigs=1, data={}, observers=[])
+        alone._time[:] = self._time
+        alone.data = {name: values[:, rig : rig + 1].copy() for name, values in self.data.items()}
+        return alone
 
     def columns(self) -> Iterator[tuple[str, str, Array]]:
         """Name, unit and values of every column but time; the rows of one rig follow the other."""

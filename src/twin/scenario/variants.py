@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from twin.data_file import DataError, parse_toml
 from twin.errors import ScenarioError
 from twin.scenario.load import setting
+
+MOST = 1000
+"""Values that a range may have."""
 
 
 class Variant(NamedTuple):
@@ -29,14 +35,49 @@ class Variant(NamedTuple):
     name: str = ""
 
 
-def variants(vary: Sequence[str]) -> list[Variant]:
-    """All combinations of the values of ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
+def parsed(vary: Sequence[str]) -> dict[str, list[Any]]:
+    """Key to values of each ``KEY=[A, B, ...]`` or ``KEY=A,B,...``.
 
     A value may be a table, as ``controller=[{kind="afl"}, {kind="lqr", rho=100}]``.
 
     Raises:
         ScenarioError: If a text is neither.
     """
+    return dict(map(_parsed, vary))
+
+
+def swept(text: str) -> tuple[str, list[Any]]:
+    """Key and values of ``KEY=FIRST:LAST:NUMBER``, evenly spaced, or ``KEY=[A, B, ...]``.
+
+    Raises:
+        ScenarioError: If the text is neither.
+    """
+    key, equals, values = (part.strip() for part in text.partition("="))
+    form = f"sweep '{text[:200]}': write KEY=FIRST:LAST:NUMBER, as in duration=5:10:6, or KEY=[A,B]"
+    if not key or not equals or not values:
+        raise ScenarioError(form)
+    if values.startswith("["):
+        try:
+            listed = parse_toml(f"values = {values}")["values"]
+        except (tomllib.TOMLDecodeError, DataError):
+            raise ScenarioError(form) from None
+        if not listed:
+            raise ScenarioError(form)
+        return key, listed
+    parts = values.split(":")
+    try:
+        first, last, number = float(parts[0]), float(parts[1]), int(parts[2])
+    except (ValueError, IndexError):
+        raise ScenarioError(form) from None
+    if len(parts) != 3 or not math.isfinite(first + last) or not 2 <= number <= MOST:
+        raise ScenarioError(f"{form}; NUMBER: 2 to {MOST}")
+    spaced = [float(f"{value:.12g}") for value in np.linspace(first, last, number)]
+    whole = "." not in parts[0] + parts[1] and all(value.is_integer() for value in spaced)
+    return key, [int(value) for value in spaced] if whole else spaced
+
+
+def variants(vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
+    """All combinations of the values of some keys; one without any if there is no key."""
     return [
         Variant(
             tuple(pair for item in each for pair in item.settings),
@@ -44,27 +85,25 @@ def variants(vary: Sequence[str]) -> list[Variant]:
             ", ".join(item.heading for item in each),
             " ".join(item.name for item in each),
         )
-        for each in itertools.product(*map(_values, vary))
+        for each in itertools.product(*(_values(key, items) for key, items in vary.items()))
     ]
 
 
-def varied(vary: Sequence[str]) -> list[str]:
+def varied(vary: Mapping[str, Sequence[Any]]) -> list[str]:
     """Each key with the headings of its values, to name a comparison by."""
-    return [
-        f"{text.partition('=')[0]}={','.join(item.heading for item in _values(text))}"
-        for text in vary
-    ]
+    return [f"{key}={','.join(headings(items))}" for key, items in vary.items()]
 
 
-def comparison(what: str, vary: Sequence[str], changed: Sequence[str]) -> str:
+def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
     """The title of a comparison: what ran, over which keys, and what all runs share.
 
     Args:
         what: Title of the scenario, or names of several.
-        vary: ``KEY=[A, B]`` each, or keys.
+        keys: What is varied.
         changed: ``KEY=VALUE`` each.
     """
-    over = " over " + ", ".join(text.partition("=")[0].strip() for text in vary) if vary else ""
+    varied_keys = ", ".join(keys)
+    over = f" over {varied_keys}" if varied_keys else ""
     return f"{what}{over} ({', '.join(changed)})" if changed else f"{what}{over}"
 
 
@@ -79,7 +118,7 @@ def written(value: Any) -> str:
     return value.strip() if isinstance(value, str) else _inline(value)
 
 
-def _values(text: str) -> list[Variant]:
+def _parsed(text: str) -> tuple[str, list[Any]]:
     key, equals, values = text.partition("=")
     key = key.strip()
     if not equals or not key or not values:
@@ -90,8 +129,11 @@ def _values(text: str) -> list[Variant]:
         listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
     except DataError as error:
         raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
-    items = listed if isinstance(listed, list) else [listed]
     setting(f"{key}=0")  # the key is one
+    return key, listed if isinstance(listed, list) else [listed]
+
+
+def _values(key: str, items: Sequence[Any]) -> list[Variant]:
     leaf = key.rpartition(".")[2]
     return [
         Variant(

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from twin.cli.sweep import sweep as command
 from twin.errors import ScenarioError
 from twin.run.execute import run
-from twin.run.sweep import swept
 from twin.scenario.load import load
+from twin.scenario.variants import swept
 
 SHORT = ("plant.kind=lagrange", "duration=0.3", "metrics.start=0")
 
@@ -41,8 +41,8 @@ def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
     assert folder.name.startswith("sweep-step-controller.rho=100..300..2-seed=1,2")
     assert (folder / "sweep.png").is_file()
     rows = list(csv.DictReader((folder / "sweep.csv").read_text().splitlines()))
-    assert [(row["curve"], row["controller.rho"]) for row in rows] == [
-        ("1", "100"), ("1", "300"), ("2", "100"), ("2", "300"),
+    assert [(row["controller.rho"], row["seed"]) for row in rows] == [
+        ("100", "1"), ("100", "2"), ("300", "1"), ("300", "2"),
     ]  # fmt: skip
     assert float(rows[3]["rms_error [m]"]) == alone.metrics.rms_error
 

@@ -1,0 +1,210 @@
+"""Rigs to step with a controller of one's own: read, decide, step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Self, Unpack
+
+from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.running import PLANTS
+from twin.errors import TwinError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ballplate.results import Result
+    from controllers.arrays import Array
+    from controllers.interfaces import Measurement, Reference
+    from twin.run.loop import Outcome
+    from twin.scenario.schema import Scenario
+
+LOOKED = 100
+"""Control periods after which is looked whether numbers have run away, as in a run."""
+
+
+class Rig:
+    """N simulated rigs, stepped a control period at a time; a context manager.
+
+    Entering switches the drives on and takes the first measurement, leaving levels the plates.
+    Within, ``step`` commands plate rates and returns the next measurement. Limits, cams and noise
+    are those of ``run``: a controller that asks for the same gives the same record.
+
+    Args:
+        scenarios: One per rig.
+
+    Attributes:
+        scenarios: One per rig.
+        controller: The scenarios' own controller of all rigs, to compare with or to build on:
+            ``controller.command(measurement).rate``, then ``controller.applied(applied)``.
+        measurement: The newest: ``y`` = (x, phi, y, theta), shape (N, 4), m and rad.
+        applied: Plate rates that were applied in the last step, rad/s, shape (N, 2).
+    """
+
+    measurement: Measurement
+    applied: Array
+
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        from twin.run.assemble import assemble
+        from twin.run.loop import RunMonitor
+        from twin.run.record import Recorder
+
+        self.scenarios = list(scenarios)
+        self._rig, self.controller = assemble(self.scenarios)
+        self._monitor = RunMonitor(self._rig)
+        self.period: float = self._rig.period
+        """Control period in s."""
+        self._ticks = round(self.scenarios[0].duration / self.period)
+        count = len(self.scenarios)
+        self._record = Recorder(self._ticks, count, self.period, self._rig.channels)
+        self._ended: list[Outcome] | None = None
+        self._over = False
+
+    def __enter__(self) -> Self:
+        import numpy as np
+
+        self._rig.__enter__()
+        self.measurement = self._rig.read()
+        self.controller.start(self.measurement)
+        self._rig.start()
+        self.applied = np.zeros((len(self.scenarios), 2))
+        self._begin = time.perf_counter()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        from twin.run.loop import Ending
+
+        self._spent = time.perf_counter() - self._begin
+        self._rig.__exit__(*error)
+        early = not self.done
+        ending, reason = (Ending.ABORTED, "left early") if early else (Ending.FINISHED, "")
+        self._ended = self._monitor.final(self._record.end, ending, reason)
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds since the start."""
+        return self.measurement.time
+
+    @property
+    def done(self) -> bool:
+        """Whether the scenario's duration is over, or every rig has ended."""
+        return self._over or self._record.length >= self._ticks
+
+    @property
+    def reference(self) -> Reference:
+        """The path to follow: ``reference(t)`` is position and four derivatives, (5, N, 2)."""
+        return self.controller.reference
+
+    @property
+    def state(self) -> Array:
+        """The true states, shape (N, 8), as no real rig knows them."""
+        return self._rig.devices.state
+
+    def step(self, rate: ArrayLike, estimate: ArrayLike | None = None) -> Measurement:
+        """Command plate rates for one control period.
+
+        Args:
+            rate: Plate rates (phi', theta') in rad/s, shape (2,) or (N, 2).
+            estimate: State that the controller believes in, shape (8,) or (N, 8), for the record.
+
+        Returns:
+            What the sensors say then.
+
+        Raises:
+            TwinError: If the rig is not entered, or the run is over.
+        """
+        import numpy as np
+
+        if not hasattr(self, "_begin") or self._ended is not None:
+            raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
+        if self.done:
+            raise TwinError(f"the run of {self.scenarios[0].duration:g} s is over; see rig.done")
+        count, now = len(self.scenarios), self.measurement
+        wanted = np.broadcast_to(np.asarray(rate, float), (count, 2))
+        believed = np.nan if estimate is None else np.asarray(estimate, float)
+        requested = (wanted - self.applied) / self.period
+        before, self.applied = self.applied, self._rig.write(wanted)
+        self._record.append(
+            now.time,
+            measured=now.y,
+            age=now.age,
+            touched=now.touched,
+            estimate=np.broadcast_to(believed, (count, 8)),
+            requested=requested,
+            applied=(self.applied - before) / self.period,
+            supervisor=self._rig.supervisor.state,
+            **self._rig.telemetry(),
+        )
+        self._rig.wait()
+        self.measurement = self._rig.read()
+        self._over = self._monitor.watch(self.measurement)
+        if not self._over and (self._record.length - 1) % LOOKED == 0:
+            self._over = self._monitor.examine(self.time)
+        return self.measurement
+
+    def result(self, rig: int = 0) -> Result:
+        """What one of the rigs did, after its context was left.
+
+        Args:
+            rig: Which, from 0.
+
+        Raises:
+            TwinError: If the context is not left yet.
+        """
+        if self._ended is None:
+            raise TwinError("a rig has a result when its context is left")
+        from ballplate.results import Result
+        from twin.run.control import build_reference
+        from twin.run.execute import Run
+        from twin.run.metrics import Motion, measure
+
+        scenario, outcome = self.scenarios[rig], self._ended[rig]
+        record = self._record.of_rig(rig)
+        motion = Motion.of(record, build_reference(scenario)(record.time)[0])
+        judged = scenario.metrics
+        metrics = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
+        speed = record.length * self.period / self._spent
+        done = Run(scenario, record, outcome, metrics, motion, speed)
+        return Result.of(done, f"rig-{rig}", PLANTS[scenario.plant.kind])
+
+
+def rig(
+    scenario: str | Path | Sequence[str | Path],
+    settings: Settings = (),
+    *,
+    count: int | None = None,
+    **changes: Unpack[Changes],
+) -> Rig:
+    """Simulated rigs to step with a controller of one's own.
+
+    ::
+
+        with ballplate.rig("circle", count=16) as rig:
+            while not rig.done:
+                x, phi, y, theta = rig.measurement.y.T
+                rig.step(...)
+
+    Args:
+        scenario: A shipped scenario or a TOML file; or several, one per rig, which must agree in
+            engine, step, control period and duration.
+        settings: What is changed of them, by dotted keys or as texts ``KEY=VALUE``.
+        count: So many rigs of the one scenario that differ in their noise: its seed, the next one,
+            and so on.
+        changes: What is changed of them, by tables.
+
+    Raises:
+        TwinError: If there is no such scenario, or anything in it is unknown, out of range or
+            cannot be assembled.
+    """
+    names = [scenario] if isinstance(scenario, str | Path) else list(scenario)
+    changed = changes_of(settings, changes)
+    scenarios = [scenario_of(name, changed) for name in names]
+    if count is not None:
+        if len(scenarios) != 1 or count < 1:
+            raise TwinError(f"count: must be at least 1, of one scenario, got {count}")
+        (first,) = scenarios
+        scenarios = [
+            first.model_copy(update={"seed": first.seed + number}) for number in range(count)
+        ]
+    return Rig(scenarios)

@@ -1,0 +1,87 @@
+"""The examples, and what the README shows of the package, run as they stand."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from controllers import catalog
+from twin.scenario import load
+from twin.scenario.schema import MetricsTable
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+NAMES = {
+    "first_steps", "own_law", "own_observer", "sweep_to_pandas", "identify_from_a_log",
+    "step_the_rig",
+}  # fmt: skip
+
+
+@pytest.fixture
+def brief(tmp_path, monkeypatch):
+    """Every run is cut to a moment, in this process."""
+    check = load.__globals__["check"]
+
+    def cut(*given):
+        scenario = check(*given)
+        return scenario.model_copy(update={"duration": 0.05, "metrics": MetricsTable()})
+
+    monkeypatch.setitem(load.__globals__, "check", cut)
+    monkeypatch.setattr("twin.jobs.cores", lambda: 1)
+    monkeypatch.setattr(catalog, "_registered", {})
+    monkeypatch.chdir(tmp_path)
+    yield
+    catalog.forget()
+
+
+def run(code, name):
+    """Run a program in a module of its own."""
+    module = type(sys)(name)
+    sys.modules[name] = module
+    try:
+        exec(compile(code, name, "exec"), vars(module))
+    finally:
+        del sys.modules[name]
+
+
+def test_these_are_the_examples():
+    assert {path.stem for path in EXAMPLES} == NAMES
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_a_text_notebook_of_at_most_forty_lines_of_code(path):
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# %% [markdown]\n# # ")
+    lines = [line.strip() for line in text.splitlines()]
+    assert sum(bool(line) and not line.startswith("#") for line in lines) <= 40
+
+
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize(
+    "path", [path for path in EXAMPLES if "identify" not in path.stem], ids=lambda path: path.stem
+)
+def test_an_example_runs_with_short_runs(path, capsys):
+    run(path.read_text(encoding="utf-8"), path.stem)
+    assert capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("brief")
+def test_what_the_readme_shows_of_python_runs():
+    (code,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+    run(code, "readme")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_as_it_stands(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", path], cwd=tmp_path, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    if path.stem == "identify_from_a_log":
+        (found,) = re.findall(r"rolling friction (\S+) mm", done.stdout)
+        assert float(found) == pytest.approx(0.25, abs=0.01)

@@ -1,0 +1,79 @@
+"""A rig stepped by hand does what a run does with the same controller."""
+
+import numpy as np
+import pytest
+
+import ballplate
+
+SHORT = {"duration": 0.3, "metrics": {"start": 0}, "baseline": False}
+
+
+def driven(rig):
+    """The rig, driven by the scenario's own controller."""
+    with rig:
+        while not rig.done:
+            step = rig.controller.command(rig.measurement)
+            rig.step(step.rate, step.estimate)
+            rig.controller.applied(rig.applied)
+    return rig
+
+
+def test_stepped_with_the_scenarios_own_controller_it_gives_the_record_of_the_run():
+    alone = ballplate.run("circle", **SHORT)
+    found = driven(ballplate.rig("circle", **SHORT)).result()
+    assert list(found) == list(alone)
+    for name in found:
+        # what was requested is told in rates
+        near = 1e-9 if name.startswith("requested") else 0.0
+        np.testing.assert_allclose(found[name], alone[name], rtol=0, atol=near, err_msg=name)
+    assert found.metrics["outcome"] == "finished"
+    assert found.metrics["rms_error"] == alone.metrics["rms_error"]
+
+
+def test_many_rigs_of_one_scenario_differ_in_their_noise_and_in_nothing_else():
+    rig = driven(ballplate.rig("circle", plant={"kind": "lagrange"}, count=3, **SHORT))
+    assert rig.state.shape == (3, 8)
+    each = [rig.result(number) for number in range(3)]
+    assert [one.scenario.seed for one in each] == [0, 1, 2]
+    assert not np.array_equal(each[0]["measured_x"], each[1]["measured_x"])
+    alone = ballplate.run("circle", plant={"kind": "lagrange"}, seed=2, **SHORT)
+    np.testing.assert_allclose(each[2]["measured_x"], alone["measured_x"], atol=1e-9)
+
+
+def test_a_rate_beyond_the_limits_is_applied_as_far_as_they_allow():
+    with ballplate.rig("hold", plant={"kind": "lagrange"}, **SHORT) as rig:
+        rig.step([1e3, 0.0])
+        most = rig.scenarios[0].rig.limits.acceleration * rig.period
+        assert 0 < rig.applied[0, 0] <= most * (1 + 1e-12)
+        assert rig.time == pytest.approx(rig.period)
+
+
+def test_a_ball_that_falls_ends_its_rig():
+    start = {"kind": "lagrange", "start": {"x": 0.3, "x_rate": 1.0}}
+    with ballplate.rig("hold", plant=start, duration=2, metrics={"start": 0}) as rig:
+        while not rig.done:
+            rig.step([0.0, 0.0])
+    assert rig.result().outcome == "fell"
+    assert rig.time < 1
+
+
+def test_out_of_its_context_and_after_its_end_a_rig_is_not_stepped(tmp_path):
+    rig = ballplate.rig("hold", plant={"kind": "lagrange"}, duration=0.004, metrics={"start": 0})
+    with pytest.raises(ballplate.TwinError, match="within its context"):
+        rig.step([0, 0])
+    with rig:
+        while not rig.done:
+            rig.step([0, 0])
+        with pytest.raises(ballplate.TwinError, match="is over"):
+            rig.step([0, 0])
+        with pytest.raises(ballplate.TwinError, match="when its context is left"):
+            rig.result()
+    assert rig.result().finished
+    assert ballplate.load(rig.result().save(tmp_path)).finished
+
+
+def test_a_rig_left_early_was_aborted():
+    with ballplate.rig("hold", plant={"kind": "lagrange"}, **SHORT) as rig:
+        rig.step([0, 0])
+    assert rig.result().outcome == "aborted"
+    assert len(rig.result().time) == 1

@@ -1,0 +1,212 @@
+"""`ballplate.run` does what the command does, to the bit; what it changes is said in Python."""
+
+import json
+import subprocess
+import sys
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import ballplate
+from ballplate.changes import changes_of
+from ballplate.reporter import Notebook, Reporter
+from controllers import catalog
+from twin.cli import main
+
+QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
+COMMAND = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proportional(ballplate.laws.Law):
+    """Tilts against the ball's distance."""
+
+    name: ClassVar[str] = "proportional"
+    gain: float = 20.0
+
+    def control(self, t, x, reference, q):
+        away = reference(t)[0] - x[..., 0::4] - x[..., 1::4]
+        return self.gain * away * [1.0, -1.0] - 60 * x[..., 2::4] - 14 * x[..., 3::4]
+
+
+@pytest.fixture
+def own(monkeypatch):
+    """A law of the running program, forgotten afterwards."""
+    monkeypatch.setattr(catalog, "_registered", {})
+    catalog.forget()
+    yield Proportional
+    catalog.forget()
+
+
+@pytest.fixture(scope="module")
+def circle():
+    """The mechanism and the clean model, for a moment."""
+    return ballplate.run("circle", ["duration=0.2", "metrics.start=0"])
+
+
+def command(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    return end.value.code
+
+
+def test_the_same_call_and_command_write_the_same_files(tmp_path, circle):
+    circle.save(tmp_path / "python")
+    shorter = ("--set", "duration=0.2", "--set", "metrics.start=0")
+    assert command("run", "circle", *shorter, "--out", str(tmp_path / "command")) == 0
+    for name in ("run.parquet", "picture.png"):
+        one, other = ((tmp_path / each / name).read_bytes() for each in ("python", "command"))
+        assert one == other, name
+    numbers = [
+        json.loads((tmp_path / each / "metrics.json").read_text()) for each in ("python", "command")
+    ]
+    assert {**numbers[0], "real_time_factor": 0} == {**numbers[1], "real_time_factor": 0}
+
+
+def test_tables_dotted_keys_and_texts_change_the_same():
+    tables = changes_of((), {"plant": {"friction": {"rolling_mm": 0.1}}, "controller": "lqr"})
+    dotted = changes_of({"plant.friction.rolling_mm": np.float64(0.1), "controller": "lqr"}, {})
+    texts = changes_of(["plant.friction.rolling_mm=0.1", "controller.kind=lqr"], {})
+    assert tables == dotted == texts
+
+
+def test_a_table_changes_only_the_keys_it_names():
+    done = ballplate.run("circle", **{**QUICK, "reference": {"amplitude": 0.1}})
+    assert done.scenario.reference.settings == {"amplitude": 0.1, "omega": 0.75}
+    assert done.title.endswith("metrics.start=0, reference.amplitude=0.1)")
+
+
+def test_a_law_by_class_is_all_of_its_settings_not_those_of_the_scenario():
+    afl = ballplate.laws.AFL(gains=(180.0, 162.0, 66.0, 13.0))
+    given, default, kept = (
+        ballplate.run("circle", controller=each, **QUICK) for each in (afl, type(afl), "afl")
+    )
+    assert given["requested_phi_acc"].tobytes() == kept["requested_phi_acc"].tobytes()
+    assert default.scenario.controller.settings == {}
+    with pytest.raises(ballplate.TwinError, match="nominal model"):
+        ballplate.run("circle", controller=ballplate.laws.LQR(model=heavy()), **QUICK)
+
+
+def heavy():
+    return ballplate.model("circle", plant={"ball": {"mass": 0.1}})
+
+
+@pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
+def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place(own):
+    first = ballplate.run("hold", controller=own(gain=30.0), **QUICK)
+    assert '(controller={kind="proportional", gain=30.0}, ' in first.title
+
+    class Other(own):
+        """Does nothing."""
+
+        name = "proportional"
+
+        def control(self, t, x, reference, q):
+            return np.zeros((1, 2))
+
+    second = ballplate.run("hold", controller=Other, **QUICK)
+    assert first["requested_phi_acc"].any()
+    assert not second["requested_phi_acc"].any()
+
+
+@pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
+def test_a_law_that_only_this_process_knows_runs_in_it(own, monkeypatch):
+    monkeypatch.setattr("twin.jobs._pool", None)
+    found = ballplate.compare("hold", vary={"controller": [own, "lqr"]}, processes=2, **QUICK)
+    assert [each.outcome for each in found.values()] == ["finished", "finished"]
+    with pytest.raises(ballplate.TwinError, match="taken by LQR"):
+        ballplate.run("hold", controller=type("LQR", (own,), {"name": "lqr"}), **QUICK)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ballplate.run("cirle"), "did you mean 'circle'"),
+        (lambda: ballplate.run("hold", controller={"kind": "lqr", "rh": 1}), "did you mean 'rho'"),
+        (lambda: ballplate.run("hold", controller=3), "must be a table, the name of a kind"),
+        (lambda: ballplate.run("hold", "duration=1"), "a list of texts"),
+        (lambda: ballplate.run("hold", {"duration": object()}), "must be a number"),
+        (lambda: ballplate.run("hold", out="/proc/nowhere"), "out /proc/nowhere: cannot be"),
+        (lambda: ballplate.run("hold", reset=True), "reset: a simulated rig .* needs on"),
+        (lambda: ballplate.run("hold", {"plant.kind": "x"}, on="r.toml"), "mujoco"),
+        (lambda: ballplate.load("nowhere"), "no such record"),
+        (lambda: ballplate.describe("rolling"), "nothing called 'rolling'; did you mean"),
+        (lambda: ballplate.sweep("hold", {}), "at least one key"),
+        (lambda: ballplate.rig("hold", count=0), "count: must be at least 1"),
+        (lambda: ballplate.identify("nowhere"), "log nowhere: not found"),
+        (lambda: ballplate.study("nowhere"), "study 'nowhere': not found"),
+    ],
+)
+def test_a_mistake_is_the_line_of_the_command_as_an_exception(call, words):
+    with pytest.raises(ballplate.TwinError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_unwise_is_a_warning_of_the_line_that_asked_for_it():
+    gains = {"kind": "afl", "gains": [1800.0, 1620.0, 660.0, 13.0]}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        ballplate.run("hold", controller=gains, **QUICK)
+    (warning,) = caught
+    assert warning.category is ballplate.BallplateWarning
+    assert warning.filename == __file__
+
+
+def test_progress_of_a_run_and_its_clean_model_is_told(circle):
+    class Told(Reporter):
+        def __init__(self):
+            self.labels = []
+
+        def progress(self, what, total, unit=""):
+            self.labels.append((what, total))
+            return super().progress(what, total, unit)
+
+    told = Told()
+    ballplate.run("circle", ["duration=0.2", "metrics.start=0"], reporter=told)
+    assert told.labels == [("honest twin", 0.2), ("clean model", 0.2)]
+    assert [circle.label, circle.baseline.label] == ["honest twin", "clean model"]
+
+
+def test_in_a_notebook_progress_is_a_bar_that_goes_when_the_work_is_done(monkeypatch):
+    shown = []
+
+    class Display:
+        HTML = str
+
+        @classmethod
+        def display(cls, content, display_id):
+            shown.append(content)
+            return cls
+
+        @staticmethod
+        def update(content):
+            shown.append(content)
+
+    module = type(sys)("IPython")
+    module.display = Display
+    module.get_ipython = lambda: type("Shell", (), {"kernel": None})
+    monkeypatch.setitem(sys.modules, "IPython", module)
+    monkeypatch.setattr("ballplate.reporter.PICTURES", 0.0)
+    assert isinstance(ballplate.reporter.default(), Notebook)
+    ballplate.run("hold", **QUICK)
+    assert "exact equations <progress" in shown[0]
+    assert shown[-1] == ""
+
+
+LIGHT = """
+import sys
+before = set(sys.modules)
+import ballplate
+print(*{name.partition(".")[0] for name in set(sys.modules) - before})
+"""
+
+
+def test_the_import_loads_no_library_but_its_own():
+    done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert {"ballplate", "twin"} <= loaded
+    assert loaded - {"ballplate", "twin", "controllers"} <= set(sys.stdlib_module_names)
