@@ -109,6 +109,12 @@ class Supervisor:
         self._unseen = 0.0
         self._before[:] = np.nan
 
+    def forget_ball(self) -> None:
+        """Judge the ball from now on only, as somebody has put it elsewhere."""
+        self._unseen = 0.0
+        self._pace = 0
+        self._before[:] = np.nan
+
     def report(self, fault: Fault, rig: int = 0) -> None:
         """Take in what a device has detected."""
         which = np.arange(len(self.state)) == rig

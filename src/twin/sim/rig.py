@@ -108,6 +108,10 @@ class SimulatedDevices:
         self.state = self.plant.state
         self.on_plate = self.plant.on_plate
 
+    def forget(self) -> None:
+        """Let the screen take the balls to have been where they are all the time."""
+        self._screen.forget(self.state[:, 0::4])
+
     def rest(self) -> None:
         """Forget the disturbance that has added up: drives without torque make none."""
         self._drift[:] = 0.0

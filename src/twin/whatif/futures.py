@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 from twin.errors import RecordError
 from twin.jobs import SecondProcess
 from twin.run.control import build_reference
-from twin.run.execute import drawn
+from twin.run.execute import drawn, versions
 from twin.run.metrics import Motion
 from twin.run.record import write_json, write_whole
 from twin.run.replay import open_run
+from twin.scenario.load import load
+from twin.scenario.schema import Scenario
 from twin.whatif.branch import branch
 from twin.whatif.exact import exact
 from twin.whatif.future import Future, future, save
@@ -49,16 +52,39 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
         TwinError: If there is no such run or moment, or nothing can go on from it.
     """
     if path.suffix == ".csv":
-        raise RecordError(f"{path}: no run folder")
+        if scenario is None:
+            raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
+        return _estimated(path.stem, path, load(scenario), at)
+    if scenario is not None:
+        raise RecordError(f"--scenario: {path} is a record and says itself what ran; leave it out")
     (run,) = open_run(path)
     file = path / "run.parquet" if path.is_dir() else path
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
+    other = [
+        f"{name} {run.versions.get(name, 'unknown')} (here {version})"
+        for name, version in versions().items()
+        if run.versions.get(name) != version
+    ]
+    if "true_x" not in run.rows or "lateness" in run.rows or other:
+        moment = _estimated(run.name, file, run.scenario, at)
+        note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
+        return replace(moment, notes=(*moment.notes, note)) if other else moment
     period = run.scenario.rig.period
     first, last = run.rows["time"][[0, -1]]
     if not first - period / 2 <= at <= last + period / 2:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
     return exact(run, file, period * round(at / period))
+
+
+def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:
+    """A moment of what was measured."""
+    from twin.identify.log import read  # noqa: PLC0415  heavy: loaded when needed
+    from twin.whatif.estimated import estimated  # noqa: PLC0415
+    from twin.whatif.judge import judge  # noqa: PLC0415
+
+    at = scenario.rig.period * round(at / scenario.rig.period)
+    return estimated(name, judge(read(file), scenario, at), scenario, at)
 
 
 def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]]) -> list[Future]:
