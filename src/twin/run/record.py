@@ -275,7 +275,9 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     try:
-        table = pq.read_table(file)
+        # not pq.read_table, which imports pandas wherever that is installed
+        with pq.ParquetFile(file) as parquet:
+            table = parquet.read()
     except FileNotFoundError as error:
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
     except (OSError, pa.ArrowException) as error:
@@ -285,7 +287,7 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     if encoded is None:
         raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
     columns = {
-        name: np.asarray(table[name].to_numpy(), float)
+        name: _numbers(table[name])
         for name in table.column_names
         if pa.types.is_floating(table[name].type) or pa.types.is_integer(table[name].type)
     }
@@ -319,6 +321,22 @@ def read_beside(file: Path, name: str) -> bytes | None:
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
     return metadata.get(name.encode())
+
+
+def _numbers(column: pa.ChunkedArray) -> Array:
+    """A column of numbers, shape (K,).
+
+    ``to_numpy`` does the same, but imports pandas wherever that is installed.
+    """
+    if column.null_count:
+        return np.asarray(column.to_numpy(), float)
+    kind = column.type.to_pandas_dtype()
+    parts = [
+        np.frombuffer(chunk.buffers()[1], kind, len(chunk), chunk.offset * np.dtype(kind).itemsize)
+        for chunk in column.chunks
+        if len(chunk)
+    ]
+    return np.concatenate([np.zeros(0), *parts]).astype(float)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -11,10 +11,12 @@ from controllers.interfaces import Measurement
 from controllers.stack import Controller
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
+from twin.run.record import CHANNELS
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
 from twin.whatif.judge import Usable
 from twin.whatif.moment import LOOK_BACK, Moment, Recorded
+from twin.whatif.recorded import columns_of
 from twin.whatif.smooth import path
 
 LED = 0.6
@@ -36,14 +38,17 @@ def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
         scenario: What ran.
         at: The moment, s; a whole number of periods within the log.
     """
-    time, period = log.time, scenario.rig.period
-    ball, _ = path(time, log.samples)
-    u = np.diff(log.command, axis=0, append=log.command[-1:]) / period
+    columns = columns_of(log)
+    ball, u = (
+        np.stack([columns[name] for name in names], axis=1)
+        for names in (("estimated_x", "estimated_y"), CHANNELS["applied"].columns)
+    )
     return Moment(
         name=name,
         at=at,
         scenario=scenario,
-        recorded=Recorded(time, ball, log.plate, u),
+        recorded=Recorded(log.time, ball, log.plate, u),
+        columns=columns,
         exact=False,
         before_mm=_apart(log, scenario, at),
         controller=partial(_warmed, log, scenario, at),

@@ -47,6 +47,7 @@ def exact(run: Replay, file: Path, at: float) -> Moment:
         at=at,
         scenario=run.scenario,
         recorded=Recorded(motion.time, motion.ball, motion.plate, motion.u),
+        columns=run.rows,
         exact=True,
         before_mm=None if apart is None else 1000 * apart,
         controller=partial(_controller, run.scenario, snapshot),

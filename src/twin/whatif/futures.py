@@ -22,6 +22,7 @@ from twin.whatif.branch import branch
 from twin.whatif.exact import exact
 from twin.whatif.future import Future, future, save
 from twin.whatif.moment import Moment
+from twin.whatif.recorded import save_recorded
 
 SHOWN_BEFORE = 2.0
 """Time in s before the moment that the picture shows."""
@@ -105,7 +106,7 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
 
 
 def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, one a future, with a picture of all.
+    """Write a folder of run folders, of record and futures, with a picture of all.
 
     Args:
         moment: Where they begin.
@@ -119,8 +120,12 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     area = moment.scenario.rig.limits.area
     title = f"What if: {moment.name} from {moment.at:g} s on"
     picture = beside.begin(drawn, shown(moment, found), title, area)
+    for stale in folder.glob("branch-*/run.parquet"):
+        stale.unlink()
     for number, each in enumerate(found, start=1):
         save(each, moment, folder / f"branch-{number}")
+    end = max(each.run.record.end for each in found)
+    save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
     write_json(folder / "whatif.json", summary(moment, found))
     write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
 

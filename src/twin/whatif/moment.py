@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -40,7 +40,8 @@ class Moment:
         name: Of the run.
         at: Its time, s; a whole number of periods.
         scenario: Of the run.
-        recorded: What was recorded before and after it.
+        recorded: What was recorded before and after it, for comparison.
+        columns: All of it, by the names of a record.
         exact: Whether the state is the run's own to the bit, or estimated.
         before_mm: Largest distance in mm of twin and record over the last second before it; None
             if there is no such second.
@@ -54,6 +55,7 @@ class Moment:
     at: float
     scenario: Scenario
     recorded: Recorded
+    columns: Mapping[str, Array]
     exact: bool
     before_mm: float | None
     controller: Callable[[], Controller]

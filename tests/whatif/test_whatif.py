@@ -1,0 +1,248 @@
+"""whatif: another future goes on from a moment of a run as the run itself would have."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from twin.cli import ballplate
+from twin.errors import TwinError
+from twin.run import execute
+from twin.run.export import export
+from twin.run.replay import open_run, open_runs
+from twin.scenario.load import load
+from twin.whatif.futures import branches_of, futures, moment_of
+
+AT = 1.2
+LATE = 2.2
+"""A moment with a whole second before it to compare over."""
+KEYS = (
+    "plant.kind=lagrange",
+    "duration=3.0",
+    "metrics.start=0.5",
+    "plant.start.x=0.03",
+    "plant.start.y=-0.02",
+    "controller.kind=afl_integral",
+)
+COLUMNS = (
+    "time",
+    "measured_x",
+    "measured_y",
+    "measured_phi",
+    "measured_theta",
+    "age",
+    "touched",
+    "applied_phi_acc",
+    "applied_theta_acc",
+)
+
+
+def recorded(folder, *keys):
+    done = execute.run(load("circle", [*KEYS, *keys]))
+    execute.record_run(done, folder)
+    return done
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "circle"
+    recorded(folder)
+    return folder
+
+
+def log_of(run, file, change=lambda columns: columns):
+    (opened,) = open_run(run)
+    columns = change({name: opened.rows[name].copy() for name in COLUMNS})
+    export(file, columns, {name: opened.units[name] for name in columns})
+    return file
+
+
+@pytest.fixture(scope="module")
+def log(run, tmp_path_factory):
+    return log_of(run, tmp_path_factory.mktemp("logs") / "log.csv")
+
+
+def one(moment, *settings, lasting=1.0):
+    (found,) = futures(moment, lasting, [settings])
+    return found
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        (),
+        ("plant.kind=mujoco", "observer.kind=kalman", "plant.servo.backlash_deg=0.02"),
+        ('change=[{at=1.1, over=0.4, set={"plant.level_deg"=[0.3, 0.0]}}]',),
+    ],
+)
+def test_an_unchanged_future_is_the_rest_of_a_simulated_run(tmp_path, keys):
+    done = recorded(tmp_path / "run", *keys)
+    moment = moment_of(tmp_path / "run", AT)
+    assert moment.exact
+    assert moment.before_mm == 0.0
+    found = one(moment, lasting=1.8)
+    assert found.max_difference == 0.0
+    rest = done.record["applied"][round(AT / 0.002) :]
+    assert np.array_equal(found.run.record["applied"], rest)
+
+
+def test_a_future_goes_on_from_the_last_snapshot_before_the_moment(tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.run.snapshot.EVERY", 0.5)
+    recorded(tmp_path / "run")
+    assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
+    monkeypatch.setattr("twin.whatif.exact.snapshots_of", lambda _: [])
+    assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
+
+
+def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
+    settings = "plant.friction.rolling_mm=0.4", "plant.level_deg=[0.2, 0.0]"
+    values = '"plant.friction.rolling_mm"=0.4, "plant.level_deg"=[0.2, 0.0]'
+    change = f"change=[{{at={AT}, set={{{values}}}}}]"
+    changed = recorded(tmp_path / "changed", change)
+    found = one(moment_of(run, AT), *settings)
+    ticks = slice(round(AT / 0.002), round((AT + 1.0) / 0.002))
+    assert np.array_equal(found.run.record["state"], changed.record["state"][ticks])
+    assert found.max_difference > 1e-4
+
+
+def test_another_controller_begins_where_the_old_one_is(run):
+    moment = moment_of(run, AT)
+    old = moment.controller()
+    laws = ("controller.kind=afl", "controller.gains=[180.0, 162.0, 66.0, 13.0]")
+    for settings in (laws, ("observer.kind=kalman",), ("reference.kind=hold",)):
+        record = one(moment, *settings, lasting=0.2).run.record
+        true = record["state"][0, 0]
+        assert np.abs(record["estimate"][0, 0] - true).max() < 0.05
+        # one period cannot bring the plate further off the rate it had
+        assert np.abs(record["applied"][0, 0]).max() < 20
+        assert old.rate.any()
+
+
+def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
+    moment = moment_of(log, LATE, "circle")
+    assert not moment.exact
+    (opened,) = open_run(run)
+    row = round(LATE / 0.002)
+    found = one(moment, "plant.friction.rolling_mm=0.18", "controller.kind=afl_integral")
+    start = found.run.record["state"][0, 0]
+    true = np.array([opened.rows[f"true_{name}"][row] for name in ("x", "y", "phi", "theta")])
+    assert np.abs(start[[0, 4]] - true[:2]).max() < 0.5e-3
+    assert np.abs(start[[2, 6]] - true[2:]).max() < np.radians(0.05)
+    assert moment.before_mm < 5
+
+
+def test_a_twin_that_does_not_fit_says_so_before_the_branch(log, tmp_path):
+    scenario = tmp_path / "tilted.toml"
+    shipped = Path(__file__).parents[2] / "scenarios" / "circle.toml"
+    scenario.write_text(f"{shipped.read_text()}\n[plant]\nlevel_deg = [1.0, 0.0]\n")
+    right, wrong = (moment_of(log, LATE, name) for name in ("circle", str(scenario)))
+    assert wrong.before_mm > 10 * right.before_mm
+
+
+def test_gaps_are_said_and_nothing_is_put_there(run, tmp_path):
+    def holed(columns):
+        time = columns["time"]
+        kept = (time < 0.5) | (time > 0.7)
+        return {name: values[kept] for name, values in columns.items()}
+
+    moment = moment_of(log_of(run, tmp_path / "holed.csv", holed), AT, "circle")
+    ((begin, end),) = moment.gaps
+    assert 0.4 < begin < 0.5 < 0.7 - 0.05 < end < 0.75
+    assert "gaps, which nothing is put into" in moment.notes[0]
+    inside = (moment.recorded.time > begin) & (moment.recorded.time < end - 0.1)
+    assert not np.isfinite(moment.recorded.ball[inside]).any()
+    # one second before the moment there is a gap, so there is nothing to compare with
+    assert moment.before_mm is None
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(ballplate, ["whatif", *map(str, arguments)])
+
+
+def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_path):
+    out = tmp_path / "out"
+    level = "plant.level_deg=[0.2, 0.0]"
+    branches = ("--branch", "", "--branch", f"{level}; observer.kind=kalman")
+    result = invoke(run, "--at", AT, "--for", 0.5, *branches, "--out", out, "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["before_mm"] == 0.0
+    assert [each["set"] for each in told["branches"]] == [[], [level, "observer.kind=kalman"]]
+    assert told["branches"][0]["max_difference_m"] == 0.0
+    assert told["branches"][1]["max_difference_m"] > 0
+    assert told["branches"][0]["outcome"] == "finished"
+    assert (out / "picture.png").stat().st_size > 10_000
+    shown = {each.name: each for each in open_runs((out,))}
+    assert set(shown) == {"branch-1", "branch-2", "recorded"}
+    assert shown["branch-2"].rows["time"][0] == pytest.approx(AT)
+    assert shown["recorded"].rows["time"][-1] >= AT + 0.5
+    again = invoke(out / "branch-1", "--at", AT + 0.1)
+    assert again.exit_code != 0
+
+
+WRONG = {
+    ("--at", "9"): "--at 9: .* goes from 0 to 2.998 s",
+    ("--at", "-1"): "--at -1: .* goes from 0 to",
+    ("--at", "1", "--set", "plant.ball.radius=0.03"): "plant.ball.radius: cannot change while",
+    ("--at", "1", "--set", "duration=3"): "duration: cannot change while a plant runs",
+    ("--at", "1", "--set", "controller.kind=pid"): "no 'pid'",
+    ("--at", "1", "--set", "plant.friction.rolling_mm=-1"): "must be greater than or equal",
+    ("--at", "1", "--scenario", "circle"): "says itself what ran",
+}
+
+
+@pytest.mark.parametrize(("arguments", "says"), WRONG.items())
+def test_what_cannot_be_is_one_line(run, arguments, says):
+    out = invoke(run, *arguments)
+    assert isinstance(out.exception, TwinError)
+    assert str(out.exception).count("\n") == 0
+    assert re.search(says, str(out.exception))
+
+
+def without(*names):
+    return lambda columns: {name: each for name, each in columns.items() if name not in names}
+
+
+def changed(name, change):
+    return lambda columns: columns | {name: change(columns[name])}
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (without("applied_phi_acc"), "no commands"),
+        (changed("measured_x", lambda x: 30 * x), "is it of another rig, or in another unit"),
+        (changed("measured_phi", np.degrees), "the plate reaches"),
+        (changed("time", lambda t: 5 * t), "a row every 10 ms, but the scenario has rig.period"),
+        (changed("time", lambda t: t[::-1]), "must rise from row to row"),
+        (changed("touched", lambda t: 0 * t), "never seen"),
+        (
+            changed("touched", lambda t: np.where(np.abs(np.arange(len(t)) - 600) < 100, 0, t)),
+            "has a gap from",
+        ),
+    ],
+)
+def test_a_log_that_is_of_no_use_is_one_line(run, tmp_path, change, says):
+    file = log_of(run, tmp_path / "log.csv", change)
+    with pytest.raises(TwinError, match=says):
+        moment_of(file, AT, "circle")
+
+
+def test_a_log_does_not_say_what_ran(log):
+    with pytest.raises(TwinError, match="give --scenario NAME"):
+        moment_of(log, AT)
+
+
+def test_a_run_of_another_version_is_gone_on_with_from_its_estimated_state(run, monkeypatch):
+    monkeypatch.setattr("twin.whatif.futures.versions", lambda: {"mujoco": "99"})
+    moment = moment_of(run, AT)
+    assert not moment.exact
+    assert "(here 99)" in moment.notes[-1]
+
+
+def test_settings_hold_for_every_branch():
+    assert branches_of(["a=1"], []) == [("a=1",)]
+    assert branches_of(["a=1"], ["b=2; c=[1, 2]", ""]) == [("a=1", "b=2", "c=[1, 2]"), ("a=1",)]
