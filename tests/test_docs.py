@@ -24,6 +24,7 @@ WRITTEN = {
     "glossary.md",
     "studies.md",
     "tune.md",
+    "whatif.md",
     "regenerate.py",
     "screenshots.py",
 } | {

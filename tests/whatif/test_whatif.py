@@ -137,7 +137,7 @@ def test_what_a_csv_log_shows_is_where_the_twin_begins(run, log):
 def test_a_twin_that_does_not_fit_says_so_before_the_branch(log, tmp_path):
     scenario = tmp_path / "tilted.toml"
     shipped = Path(__file__).parents[2] / "scenarios" / "circle.toml"
-    scenario.write_text(f"{shipped.read_text()}\n[plant]\nlevel_deg = [1.0, 0.0]\n")
+    scenario.write_text(f"{shipped.read_text()}\n[plant]\nlevel_deg = [3.0, 0.0]\n")
     right, wrong = (moment_of(log, LATE, name) for name in ("circle", str(scenario)))
     assert wrong.before_mm > 10 * right.before_mm
 

@@ -283,6 +283,8 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
+    if len(set(table.column_names)) < len(table.column_names):
+        raise RecordError(f"{file}: not a readable Parquet file: two columns have one name")
     encoded = (table.schema.metadata or {}).get(b"ballplate")
     if encoded is None:
         raise RecordError(f"{file}: a Parquet file, but not a record of ballplate")
