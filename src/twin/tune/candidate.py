@@ -80,6 +80,7 @@ class Candidate:
             "refused": self.loop if isinstance(self.loop, str) else None,
             "disk_margin": None if loop is None else loop.disk,
             "delay_margin": None if loop is None else loop.delay,
+            "margins_with_observer": None if loop is None else loop.observed,
             "rigs": 0 if last is None else last.rigs,
             "cost": None if last is None else last.cost,
             "effort": None if last is None else last.effort,

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from controllers.analysis import margins, sampled_loop, unstable
+from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.interfaces import Law, Observer
+from controllers.observers import Ideal
 from twin.run.control import build_controller
 from twin.scenario import Scenario
 
 
 class NominalLoop(NamedTuple):
-    """Margins of a sampled loop about the level plate with the nominal dead time, no friction.
+    """Margins of a sampled loop about the level plate, without friction.
 
     Attributes:
         disk: Least disk margin at any of its cuts, dimensionless; 0 if it is unstable, None if it
             cannot be linearised.
         delay: Least further dead time in s at any cut; None as well where none destabilises it.
         stable: Whether it is; None if it cannot be linearised.
+        observed: Whether observer, predictor and dead time are in it. Without, as for an observer
+            that learns and so cannot be linearised, it is the law with the full state.
     """
 
     disk: float | None
     delay: float | None
     stable: bool | None
+    observed: bool = True
 
 
 def nominal_loop(scenario: Scenario) -> NominalLoop:
@@ -46,9 +50,17 @@ def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLo
         dead_time: Of the ball's measurement in s.
     """
     try:
-        loop = sampled_loop(law, observer, dead_time=dead_time)
-    except ValueError:  # a law that switches, an observer that learns
-        return NominalLoop(None, None, None)
+        return _least(sampled_loop(law, observer, dead_time=dead_time))
+    except ValueError:
+        pass
+    try:
+        loop = sampled_loop(law, Ideal(model=law.model, period=observer.period))
+    except ValueError:  # a law that switches
+        return NominalLoop(None, None, None, observed=False)
+    return _least(loop)._replace(observed=False)
+
+
+def _least(loop: Loop) -> NominalLoop:
     if len(unstable(loop.eigenvalues())):
         return NominalLoop(0.0, 0.0, stable=False)
     found = [margins(loop, cut, points=150) for cut in ("u1", "u2", "x", "y")]

@@ -40,8 +40,11 @@ def sentences(found: TuneResult) -> list[str]:
     loop = found.chosen.loop
     if not isinstance(loop, str) and loop.disk is None:
         lines.append(
-            "The controller has no linearisation, so that nothing is said of the margins of its "
-            "nominal loop."
+            "The law has no linearisation, so that nothing is said of the margins of its loop."
+        )
+    elif not isinstance(loop, str) and not loop.observed:
+        lines.append(
+            "The observer has no linearisation: margins are those of the law with the full state."
         )
     return lines
 
