@@ -1,6 +1,7 @@
 """The search on a formula instead of runs: it finds what is known, and keeps what it must."""
 
 import numpy as np
+import optuna
 import pytest
 
 from twin.tune.candidate import Candidate, score
@@ -124,6 +125,20 @@ def test_constraints_bound_the_result_and_are_no_part_of_its_cost():
     assert 0.8 < best.fields["a"] <= 1.5
     found = formula.indicators([(best.fields, 16)], 1, ())[0]
     assert best.last.cost == tail_mean(found.values[:, 0], 0.1)
+
+
+def test_optuna_is_told_what_violates_a_constraint_and_what_was_given_up(monkeypatch):
+    create, studies = optuna.create_study, []
+    monkeypatch.setattr(
+        optuna, "create_study", lambda **k: studies.append(create(**k)) or studies[0]
+    )
+    candidates = searched(Formula(limits={"effort": 1.5}, candidates=32))
+    for trial, candidate in zip(studies[0].trials, candidates, strict=True):
+        kept = candidate.last is not None and candidate.last.kept
+        assert all(value <= 0 for value in trial.constraints.values()) == kept
+        last = candidate.last
+        whole = last is not None and last.rigs == 16 and last.cost is not None
+        assert trial.state.name == ("COMPLETE" if whole else "PRUNED")
 
 
 def test_a_loop_without_margin_is_never_run(free):
