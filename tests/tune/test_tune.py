@@ -49,13 +49,13 @@ delay = 0.01
 [[tasks]]
 name = "circle"
 scenario = "circle"
-set = ["duration=0.4", "metrics.start=0.2", "baseline=false"]
+set = ["duration=0.2", "metrics.start=0.1", "baseline=false"]
 scale = 0.01
 
 [[tasks]]
 name = "push"
 scenario = "hold"
-set = ["duration=0.4", "plant.start.x_rate=0.1"]
+set = ["duration=0.2", "plant.start.x_rate=0.1"]
 scale = 0.01
 """
 
@@ -219,7 +219,8 @@ def test_without_a_name_the_shipped_ones_are_listed():
     assert json.loads(result.stdout).keys() == shipped().keys()
 
 
-def test_a_plan_runs_nothing(file, folder):
+def test_a_plan_runs_nothing(file, folder, monkeypatch):
+    monkeypatch.setattr("twin.tune.trials.PILOT_RIGS", 1)
     out = folder / "planned"
     result = CliRunner().invoke(
         command, [str(file), "--plan", "--processes", "1", "--out", str(out)]

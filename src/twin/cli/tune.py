@@ -120,7 +120,8 @@ def _show(found: TuneResult) -> None:
     for row in fields_table(found):
         shown.add_row(*row)
     console.print(shown)
-    shown = Table("task", "", "median", "90 %", "largest", "cost 1 at", "finished", "effort")
+    head = ("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished", "effort")
+    shown = Table(*head)
     for row in task_table(found):
         shown.add_row(*row)
     console.print(shown)

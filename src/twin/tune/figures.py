@@ -7,9 +7,12 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
+from twin.report.numbers import LABELS
 from twin.tune.tune import TuneResult
 
 BEFORE, AFTER, OTHER = "#d55e00", "#009e73", "#9aa7b1"
@@ -36,7 +39,8 @@ def trade_off(found: TuneResult) -> Figure:
         whole = [(e, k) for c, e, k in ran]
         if whole:
             ax.plot(*zip(*whole, strict=True), "o", ms=4, color=OTHER, label="candidates")
-            ax.plot(*zip(*front(whole), strict=True), "-", lw=1, color=OTHER, label="best so far")
+            best = zip(*front(whole), strict=True)
+            ax.plot(*best, "-", lw=1, color=OTHER, label="least cost at each effort")
         for candidate, colour, label in (
             (found.candidates[0], BEFORE, "before"),
             (found.chosen, AFTER, "after"),
@@ -56,6 +60,7 @@ def trade_off(found: TuneResult) -> Figure:
         )
         ax.set_xscale("log")
         ax.set_yscale("log")
+        _ticks(ax.xaxis, ax.yaxis)
         ax.set_xlabel("largest RMS effort of a run [rad/s²]")
         ax.set_ylabel(f"cost of the worst {found.tune.tail:.0%}, first {few} rigs")
         ax.legend(frameon=False, loc="upper center", ncols=4)
@@ -76,12 +81,13 @@ def sensitivities(found: TuneResult) -> Figure:
     """Cost of the result with one field changed, over that of the result."""
     with mpl.rc_context({"font.size": 9}):
         names = list(found.tune.fields)[::-1]
-        figure = _figure(10, 0.9 + 0.34 * len(names))
+        figure = _figure(10, 0.9 + 0.45 * len(names))
         ax = figure.subplots()
         for each in found.neighbours:
             at = names.index(each.key)
             value = each.value if isinstance(each.value, str) else f"{each.value:.4g}"
             bad = each.ratio is None
+            lower = isinstance(each.value, str) or each.value < float(found.chosen.fields[each.key])
             ax.plot(
                 1.0 if each.ratio is None else each.ratio,
                 at,
@@ -93,14 +99,15 @@ def sensitivities(found: TuneResult) -> Figure:
             ax.annotate(
                 f"{value}: fails" if bad else value,
                 (1.0 if each.ratio is None else each.ratio, at),
-                xytext=(0, 5),
+                xytext=(0, 5 if lower else -5),
                 textcoords="offset points",
                 ha="center",
+                va="bottom" if lower else "top",
                 fontsize=7,
             )
         ax.axvline(1.0, lw=1, color=OTHER)
         ax.set_yticks(range(len(names)), names)
-        ax.set_ylim(-0.6, len(names) - 0.3)
+        ax.set_ylim(-0.6, len(names) - 0.4)
         ax.margins(x=0.1)
         ax.set_xlabel("cost over that of the result; hollow: a constraint is not kept")
     return figure
@@ -115,18 +122,21 @@ def before_and_after(found: TuneResult) -> Figure:
         figure = _figure(10, 2.9 * rows)
         axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
         for ax, task in zip(axes, tasks, strict=False):
-            for side, colour, label in (
+            label, unit = LABELS[task.indicator]
+            factor = 1000 if unit == "mm" else 1
+            for side, colour, when in (
                 (found.before, BEFORE, "before"),
                 (found.after, AFTER, "after"),
             ):
-                known = sorted(v for v in side.values[task.name] if v is not None)
+                known = sorted(factor * v for v in side.values[task.name] if v is not None)
                 shares = np.arange(1, len(known) + 1) / side.rigs
-                ax.step(known, shares, where="post", color=colour, label=label)
-            ax.axvline(task.scale, ls=":", color="#555555")
+                ax.step(known, shares, where="post", color=colour, label=when)
+            ax.axvline(factor * task.scale, ls=":", color="#555555")
             ax.set_title(task.name)
             ax.set_xscale("log")
+            _ticks(ax.xaxis)
             ax.set_ylim(0, 1.02)
-            ax.set_xlabel(f"{task.indicator.replace('_', ' ')}{unit(task.indicator)}")
+            ax.set_xlabel(f"{label} [{unit}]")
         axes[0].set_ylabel("share of the fresh rigs")
         axes[0].legend(frameon=False)
         for ax in axes[len(tasks) :]:
@@ -134,9 +144,9 @@ def before_and_after(found: TuneResult) -> Figure:
     return figure
 
 
-def unit(indicator: str) -> str:
-    """The unit of an indicator's own number, in brackets; empty for none."""
-    for end, text in (("percent", "%"), ("deg", "deg"), ("_max", "rad/s²"), ("_rms", "rad/s²")):
-        if indicator.endswith(end):
-            return f" [{text}]"
-    return " [m]"
+def _ticks(*axes: Axis) -> None:
+    """Put plain numbers at 1, 2 and 5 of each decade of logarithmic axes."""
+    for axis in axes:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())

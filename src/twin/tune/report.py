@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.html import inline, render
+from twin.report.numbers import LABELS, shown
 from twin.run.record import write_json, write_whole
 from twin.tune.certificate import CONFIDENCE, Certificate
 from twin.tune.figures import before_and_after, sensitivities, trade_off
@@ -79,14 +80,16 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     rows = []
     for task in found.tune.tasks:
         for label, side in (("before", found.before), ("after", found.after)):
+            name, unit = LABELS[task.indicator]
             numbers = side.quantiles[task.name]
             effort = side.effort[task.name]
             rows.append(
                 (
                     task.name,
                     label,
-                    *("-" if numbers is None else f"{value:.3g}" for value in numbers or (0,) * 3),
-                    f"{task.scale:g}",
+                    f"{name} [{unit}]",
+                    *(shown(value, unit) for value in numbers or (None,) * 3),
+                    shown(task.scale, unit),
                     f"{side.finished[task.name]} of {side.rigs}",
                     "-" if effort is None else f"{effort[0]:.2g}",
                 )
