@@ -54,11 +54,15 @@ class StableInversion(Law):
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
     preview: float = 1.4
     """How far the reference is asked ahead, s; 0 for not at all."""
-    spread: float = 1.4
+    spread: float = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""
     smooth: float = 0.012
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
+    resting_speed: float = 0.015
+    """Wished speed in m/s, now and a second on, below which the ball is to be held rather than
+    moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
+    never."""
     dither_deg: float = 0.0
     """Amplitude of the dither in deg; 0 for none. Play needs three quarters of its own width."""
     dither_frequency: float = 8.0
@@ -101,7 +105,7 @@ class StableInversion(Law):
         """Plate accelerations in rad/s^2, shape (..., 2), from plan and observer."""
         wanted = now.plan.at(now.time)
         F, d, gain = now.needed[..., :1], now.needed[..., 1:3], 1 + now.needed[..., 3:]
-        free, drag = wanted.free, wanted.drag
+        free, drag = wanted.free, self._dragged(wanted, now.x)
         slope = Tilts(
             (free.angle + F * drag.angle - d / self.model.k1) / gain,
             (free.rate + F * drag.rate) / gain,
@@ -110,6 +114,18 @@ class StableInversion(Law):
         if self.dither_deg:
             slope = self._shaken(slope, now.time, wanted.velocity)
         return self._about(now.x, wanted.position, wanted.velocity, slope)
+
+    def _dragged(self, wanted: Wanted, x: Array) -> Tilts:
+        """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
+        if not self.resting_speed:
+            return wanted.drag
+        v = x[..., 1::4]
+        share = wanted.pace / self.resting_speed**2
+        planned = share * share / (1 + share * share)
+        length = np.sqrt((v * v).sum(axis=-1, keepdims=True) + self.smooth**2)
+        own = (1 - planned) * v / (length * self.model.k1)
+        angle, rate, acceleration = wanted.drag
+        return Tilts(planned * angle + own, planned * rate, planned * acceleration)
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """The same without a plan, for a plant without friction: the flat model's slope."""
@@ -146,6 +162,8 @@ class Wanted(NamedTuple):
     """Of the ball, m, shape (..., 2)."""
     velocity: Array
     """Of the ball, m/s, shape (..., 2)."""
+    pace: Array
+    """Square of its speed, and of what its acceleration adds in a second, (m/s)^2, (..., 1)."""
     free: Tilts
     """Slopes that it takes without friction, rad."""
     drag: Tilts
@@ -177,16 +195,19 @@ class InversePlan:
             tick -= self._preview.count
         laid = self._laid
         free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
-        return Wanted(laid.position[tick], laid.velocity[tick], free, drag)
+        return Wanted(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
 
     def _lay(self) -> None:
         """The next slice."""
         k1, count = self._law.model.k1, self._preview.count
         position, velocity, acceleration = self._preview.advance()
-        speed = np.sqrt((velocity**2).sum(axis=-1, keepdims=True) + self._law.smooth**2)
+        square = (velocity**2).sum(axis=-1, keepdims=True)
+        pace = square + (acceleration**2).sum(axis=-1, keepdims=True)
+        speed = np.sqrt(square + self._law.smooth**2)
         self._laid = Wanted(
             position[:count],
             velocity[:count],
+            pace[:count],
             self._free.lay(acceleration / k1),
             self._drag.lay(velocity / (k1 * speed)),
         )

@@ -73,7 +73,7 @@ class FrictionKalman(DelayedObserver):
     """Speed vs in m/s over which the friction changes its sign."""
     learning_speed: float = 0.02
     """Speed in m/s above which friction and tilt gain are learnt."""
-    walk: tuple[float, float, float, float] = (0.003, 0.02, 0.002, 0.0005)
+    walk: tuple[float, float, float, float] = (0.01, 0.02, 0.005, 0.0005)
     """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
     as standard deviation after a second."""
     spread: tuple[float, float, float] = (0.03, 0.03, 0.02)

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -51,6 +52,15 @@ def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     assert folder.name == "circle-duration=0.2-metrics.start=0-plant=lagrange"
     written = {path.name for path in folder.iterdir()}
     assert written == {"run.parquet", "metrics.json", "picture.png"}
+
+
+def test_run_shows_another_scenario_beside(ballplate):
+    code, out, _ = ballplate("run", "circle", *QUICK, "--beside", "cure")
+    assert code == 0
+    assert re.search(r"exact equations\s*┃\s*cure\s*┃", out)
+    code, _, err = ballplate("run", "circle", *QUICK, "--beside", "crue")
+    assert code == 2
+    assert "did you mean 'cure'" in err
 
 
 def test_run_json_prints_one_object_with_every_indicator_and_nothing_else(ballplate):

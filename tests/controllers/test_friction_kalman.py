@@ -98,10 +98,11 @@ class World:
 @pytest.fixture(scope="module")
 def consistency():
     """Normalised squares of errors and innovations over 200 rigs, and the last estimates."""
-    observer = FrictionKalman(delay=0.042, spread=(0.01, 0.005, 0.02))
+    walk = (0.003, 0.02, 0.002, 0.0005)
+    observer = FrictionKalman(delay=0.042, spread=(0.01, 0.015, 0.02), walk=walk)
     world = World(observer, rigs=200)
     nees, nis, carried = [], [], []
-    for tick in range(1500):
+    for tick in range(1000):
         x = observer.correct(world.measure())
         if tick % 100 == 99:
             error = observer.s - world.truth()
@@ -140,7 +141,7 @@ def test_friction_and_tilt_gain_are_found_within_the_spread_stated(consistency):
         apart = (found[name] - truth[:, column]) / found[f"{name}_spread"]
         assert within(apart**2, 1), name
     # and something was learnt
-    assert found["friction_spread"].mean() < 0.9 * 0.005
+    assert found["friction_spread"].mean() < 0.5 * 0.015
     assert found["tilt_gain_x_spread"].mean() < 0.9 * 0.02
 
 

@@ -68,20 +68,21 @@ def test_the_planned_slope_makes_the_ball_follow_the_path_itself():
 class Withheld(Reference):
     """A path that another one follows from some time on; remembers how far ahead it was asked."""
 
+    here, there = Circle(amplitude=0.1, omega=1.0), Circle(amplitude=0.12, omega=2.0)
+
     def __init__(self, other_from=math.inf):
         self.other_from, self.now, self.farthest = other_from, 0.0, 0.0
 
     def __call__(self, t):
         t = np.asarray(t, float)
         self.farthest = max(self.farthest, float(t.max()) - self.now)
-        here, there = Circle(amplitude=0.1, omega=1.0)(t), Circle(amplitude=0.12, omega=2.0)(t)
-        return np.where((t > self.other_from)[..., None], there, here)
+        return np.where((t > self.other_from)[..., None], self.there(t), self.here(t))
 
 
 @pytest.mark.parametrize("preview", [0.0, 0.02, 0.5, 1.4])
 def test_the_future_beyond_the_preview_has_no_influence(preview):
     law = StableInversion(preview=preview)
-    parting, ticks = 3.0, 1700
+    parting, ticks = 1.8, 1000
     commands = []
     for path in (Withheld(), Withheld(other_from=parting)):
         plan = law.start(np.zeros((1, 8)), path, T)
@@ -139,6 +140,25 @@ def test_a_dither_costs_the_effort_that_is_told():
         np.testing.assert_allclose(law.command(here)[0], SIGN * wanted, rtol=1e-9, atol=1e-9)
         found.append(-(w**2) * circle)
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(law.dither_effort, rel=1e-6)
+
+
+def test_a_ball_at_rest_has_friction_fed_forward_along_its_own_heading():
+    law, known = StableInversion(), (0.05, 0.0, 0.0, 0.0, 0.0)
+    x = np.zeros((1, 8))
+    x[0, 1] = 0.01
+    for path, own in ((Hold(), True), (Circle(amplitude=0.15, omega=1.0), False)):
+        plan = law.start(np.zeros((1, 8)), path, T)
+        t = 6.0
+        plan.at(t)
+        with_, without = (
+            law.command(feedback(t, x, path, plan, (F, *known[1:])))[0] for F in (0.05, 0.0)
+        )
+        drag = plan.at(t).drag
+        planned = drag.acceleration + law.K[2] * drag.angle + law.K[3] * drag.rate
+        planned = planned + MODEL.c2 * (law.K[0] * drag.angle + law.K[1] * drag.rate)
+        heading = np.array([0.01 / math.hypot(0.01, law.smooth), 0.0]) / MODEL.k1
+        expected = (law.K[2] + MODEL.c2 * law.K[0]) * heading if own else planned[0]
+        np.testing.assert_allclose(with_ - without, 0.05 * SIGN * expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("preview", [0.0, 1.4])
