@@ -312,7 +312,7 @@ def test_a_plant_that_tells_where_it_is_replaces_the_drive_s_own_integration(dri
     enable(drive, 3.0)
     run(drive, 0.1)
     assert drive.motor.position == math.floor(0.5 / (2 * math.pi) * 2**20)
-    assert drive.motor.plate == math.floor(-0.1 / (2 * math.pi) * 16384)
+    assert drive.motor.plate == math.floor(-0.1 / (2 * math.pi) * 245760)
 
 
 def test_a_reboot_forgets_every_setting_and_says_so(drive):

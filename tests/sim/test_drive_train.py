@@ -4,10 +4,15 @@ from scipy.integrate import solve_ivp
 
 from twin.sim.drive_train import Hysteresis, Play, Resonance
 from twin.sim.drives import DriveModel, SimulatedDrives
+from twin.sim.vibration import Vibration
 
 
 def column(*values):
     return np.array(values, float)[:, None]
+
+
+def streams(rigs):
+    return [np.random.SeedSequence(rig) for rig in range(rigs)]
 
 
 def loop(part, reach, turns=6, steps=400):
@@ -63,12 +68,41 @@ def test_rigs_side_by_side_keep_their_own_parts_and_a_stiff_one_follows_at_once(
     model = DriveModel(
         hysteresis=np.array([0.0, 0.004]), resonance=np.array([0.0, 2.0]), backlash=np.zeros(2)
     )
-    drives = SimulatedDrives(model, 0.002, 5.0, 2)
+    drives = SimulatedDrives(model, 0.002, 5.0, streams(2))
     assert not drives.ideal
     rates = np.random.default_rng(0).normal(size=(50, 2, 2))
     followed = np.array([drives.follow(rate) for rate in rates])
     assert np.array_equal(followed[:, 0], rates[:, 0])
     assert np.abs(followed[:, 1] - rates[:, 1]).max() > 0.1
-    alone = SimulatedDrives(DriveModel(hysteresis=0.004, resonance=2.0), 0.002, 5.0, 1)
+    alone = SimulatedDrives(DriveModel(hysteresis=0.004, resonance=2.0), 0.002, 5.0, streams(1))
     single = np.array([alone.follow(rate[1:]) for rate in rates])
     assert np.array_equal(single[:, 0], followed[:, 1])
+
+
+def test_a_motor_is_ahead_of_its_shaft_by_what_the_play_holds_back():
+    drives = SimulatedDrives(DriveModel(backlash=0.004), 0.002, 5.0, streams(1))
+    forth = [drives.follow(np.full((1, 2), 1.0)) for _ in range(100)]
+    assert drives.ahead == pytest.approx(np.full((1, 2), 5.0 * 0.004 / 2))
+    back = [drives.follow(np.full((1, 2), -1.0)) for _ in range(100)]
+    assert drives.ahead == pytest.approx(np.full((1, 2), -5.0 * 0.004 / 2))
+    shafts = 0.002 * np.sum(forth + back, axis=0)
+    assert shafts + drives.ahead == pytest.approx(np.zeros((1, 2)), abs=1e-12)
+
+
+def test_a_random_vibration_has_the_size_of_the_steady_one_about_its_frequency():
+    amplitude, f, wander, count = 0.7, 1.4, 0.5, 60_000
+    part = Vibration(
+        column(amplitude, amplitude), column(f, f), column(wander, 0.0), 0.01, streams(2)
+    )
+    rates = np.array([part.rate() for _ in range(count)])
+    steady = amplitude * np.sin(2 * np.pi * f * 0.01 * np.arange(1, count + 1))
+    assert rates[:, 1, 0] == pytest.approx(steady)
+    # 600 s hold some 600 independent stretches: the variance is known to 6 %
+    assert rates[:, 0].var(axis=0) == pytest.approx(np.full(2, amplitude**2 / 2), rel=0.2)
+    spectrum = np.abs(np.fft.rfft(rates[:, 0, 0])) ** 2
+    frequencies = np.fft.rfftfreq(count, 0.01)
+    near = np.abs(frequencies - f) < 1 / wander
+    assert spectrum[near].sum() > 0.8 * spectrum.sum()
+    # its lines are Lorentzian of half-width 1 / (2 pi wander): 80 % lie within 3.1 of them
+    close = np.abs(frequencies - f) < 1 / (2 * np.pi * wander)
+    assert spectrum[close].sum() == pytest.approx(0.5 * spectrum.sum(), rel=0.2)

@@ -14,7 +14,7 @@ PERIOD, RATIO = 0.002, 5.0
 
 def shafts(model, rates):
     """Shaft angles after each period for motor rates (K,) on both axes, rad, shape (K, 2)."""
-    drives = SimulatedDrives(model, PERIOD, RATIO, rigs=1)
+    drives = SimulatedDrives(model, PERIOD, RATIO, [np.random.SeedSequence(0)])
     return PERIOD * np.cumsum([drives.follow(np.full((1, 2), rate))[0] for rate in rates], axis=0)
 
 

@@ -14,6 +14,7 @@ from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.parts import Parts
 
 BALL = BallPlate()
 TICK = 2
@@ -309,3 +310,21 @@ def test_impossible_friction_is_refused(rolling):
 def test_a_rolling_friction_too_small_to_simulate_is_refused():
     with pytest.raises(ModelError, match="rolling friction"):
         Mechanism(friction=Friction(rolling=1e-6))
+
+
+def test_dry_friction_of_the_plates_joints_is_lost_motion_that_presses_the_wheels_less():
+    torque = 3.0
+    plant = Mechanism(rigs=2, parts=[Parts(), Parts(joint_friction=torque)])
+    plant.start(np.repeat(BESIDE, 2, axis=0))
+    assert plant.state[:, 2] == pytest.approx(np.zeros(2), abs=1e-9)
+    lag = []
+    for sign in (1.0, -1.0):
+        # there, past level, and on at 1 deg/s of the plate: no time to creep
+        rate = np.full((2, 2), sign * plant.ratio * math.radians(1.0)) * (1.0, 0.0)
+        plant.advance(rate, round(0.5 / plant.step) if sign > 0 else round(1.0 / plant.step))
+        lag.append(np.degrees(plant.motor[:, 0] / plant.ratio - plant.state[:, 2]))
+    width = lag[0] - lag[1]
+    # friction presses the wheel's contact by torque over lever, which is a spring of 80 kN/m
+    lever, stiffness = 0.16, 8e4
+    expected = math.degrees(2 * torque / (stiffness * lever**2))
+    assert width[1] - width[0] == pytest.approx(expected, rel=0.03)

@@ -92,7 +92,7 @@ def test_held_noise_changes_only_every_so_many_periods():
 
 def test_an_encoder_counts_in_whole_counts():
     encoders = SimulatedEncoders(EncoderModel(), seeds(1))
-    count = 2 * np.pi / 16384
+    count = 2 * np.pi / 245760
     plate = np.array([[10.4 * count, -3.6 * count]])
     assert encoders.read(plate) == pytest.approx(np.array([[10 * count, -4 * count]]), abs=1e-15)
 

@@ -72,7 +72,7 @@ HELP = {
         "Analyse the system and its control loops and compare with the thesis, chapters "
         "5 and 6.2.1."
     ),
-    "calibrate": "Calibrate the cam table, the level and the touch screen of a rig.",
+    "calibrate": ("Calibrate cam table, level and touch screen of a rig; measure its lost motion."),
 }
 """Command name to the first sentence of its help: `ballplate --help` imports no command."""
 

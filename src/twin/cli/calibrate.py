@@ -1,4 +1,4 @@
-"""The command calibrate: the cam table, the level and the touch screen of a rig."""
+"""The command calibrate: cam table, level, touch screen and lost motion of a rig."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli.calibrate_lost_motion import lost_motion
 from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
@@ -31,10 +32,11 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 
 @click.group()
 def calibrate() -> None:
-    """Calibrate the cam table, the level and the touch screen of a rig."""
+    """Calibrate the cam table, the level and the touch screen of a rig; measure its lost motion."""
 
 
 calibrate.add_command(touch)
+calibrate.add_command(lost_motion)
 
 
 @calibrate.command()

@@ -18,7 +18,13 @@ from twin.fit.workers import workers
 from twin.jobs import cores
 from twin.report.numbers import shown
 from twin.study.store import Store
-from twin.thesis.experiments import deciding, explained, explained_page, ingredients
+from twin.thesis.experiments import (
+    deciding,
+    explained,
+    explained_page,
+    ingredients,
+    joint_friction,
+)
 from twin.thesis.experiments.explanation import table
 from twin.thesis.experiments.judge import UNITS
 
@@ -80,6 +86,7 @@ def document(path: Path) -> int:
         variants = ingredients.evaluated(lambda share: advance(2 + share))
         starts = deciding.own_starts()
         outcomes = deciding.outcomes((("9.3", 0.75), ("9.7", 0.75), ("9.3", 0.5)))
-    explained_page.write(path, cells, confirmed, variants, outcomes, starts)
+    loops = joint_friction.loops()
+    explained_page.write(path, cells, confirmed, variants, outcomes, starts, loops)
     console.print(f"written to {path}")
     return 0

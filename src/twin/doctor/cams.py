@@ -21,7 +21,7 @@ RATE = np.radians(10.0)
 SETTLE = 0.1
 """Seconds that it stands before it is read."""
 READINGS = 25
-"""Periods over which it is read: an encoder count of 0.022 deg is averaged over noise."""
+"""Periods over which it is read: counts and noise of the encoder average out."""
 DEGREE = 3
 """Of the polynomial by which the rig differs from the table it is compared with."""
 

@@ -141,6 +141,9 @@ def _judged(name: str, seen: float) -> CheckResult:
     if seen < 0:
         return failed(what, text, f"wrong way: change {name}.plate_sign or {name}.motor_sign")
     if abs(seen / TILT - 1) > SCALE:
-        advice = f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table"
+        advice = (
+            f"check {name}.plate_counts, {name}.motor_counts, {name}.gear and the cam table; a "
+            "little too far or too short may be lost motion (calibrate lost-motion)"
+        )
         return failed(what, text, advice)
     return passed(what, text)

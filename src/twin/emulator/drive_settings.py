@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from twin.sim.encoders import COUNTS
+
 RPM = math.pi / 30
 
 
@@ -34,7 +36,7 @@ class DriveSettings:
     node: int
     serial: int = 0
     motor_counts: int = 1 << 20
-    plate_counts: int = 16384
+    plate_counts: int = COUNTS
     plate_per_motor: float = 0.2
     start_counts: int = 0
     plate_start_counts: int = 0

@@ -44,7 +44,7 @@ class Rig:
     LEVELLING_TIME = 2.0
     """Longest time in s that leaving the rig spends on levelling the plate."""
     LEVEL = 5e-4
-    """Plate angle in rad that counts as level: one count of the plate encoders."""
+    """Plate angle in rad that counts as level, 0.03 deg."""
     ANCHOR = 0.02
     """Default time in s from one look at the measured plate angle to the next."""
 

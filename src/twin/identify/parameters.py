@@ -118,8 +118,8 @@ HIDDEN = {
     ),
     "lost_motion": IdentifiedParameter(
         "plant.servo.backlash_deg", "deg",
-        "turn the plate by a slow triangle of 1 deg without the ball and plot its encoders over "
-        "the motors': the width of the loop; flat corners are play, round ones hysteresis",
+        "turn the plate by a slow triangle without the ball, motors against plate encoders "
+        "(ballplate calibrate lost-motion): width and corners of the loop",
     ),
     "start": IdentifiedParameter(
         "reference.start", "s",

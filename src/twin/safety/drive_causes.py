@@ -139,7 +139,7 @@ def motor_jump(rig: LockstepDrives) -> None:
 
 def plate_jump(rig: LockstepDrives) -> None:
     """The plate encoder of drive phi jumps."""
-    rig.drives[0].motor.jump_plate(100)
+    rig.drives[0].motor.jump_plate(1500)  # 2.2 deg
 
 
 def stalled(rig: LockstepDrives) -> None:

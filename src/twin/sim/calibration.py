@@ -17,6 +17,7 @@ from twin.errors import ModelError
 from twin.hal.cams import CamTable, model_hash
 from twin.hal.interface import Transmission
 from twin.paths import model_path
+from twin.sim.encoders import COUNTS
 from twin.sim.plant.mechanism import Mechanism, load_model
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
@@ -52,7 +53,7 @@ def sweep_cams(
     grid_lines: int = 21,
     plate_range: float = math.radians(10),
     motor_range: float = math.radians(57),
-    counts: int = 16384,
+    counts: int = COUNTS,
     degree: int = 8,
 ) -> CamTable:
     """Sweep both motors over a grid of poses at rest, read the encoders, and invert.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from controllers.arrays import Array, Number
 from twin.settings import Unit, setting
 from twin.sim.drive_train import Hysteresis, Play, Resonance, TrainPart
+from twin.sim.vibration import Vibration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +29,12 @@ class DriveModel:
         resonance_damping: Its damping ratio.
         vibration: Amplitude in rad/s^2 of a vibration of both plate axes, a quarter turn apart.
         vibration_frequency: Its frequency in Hz.
+        vibration_wander: Time in s in which it forgets its phase and size, random about its
+            frequency and of the same rms; 0 for a steady one.
         disturbance: Variances of white plate accelerations that are added to the commanded ones,
-            for phi and theta, (rad/s^2)^2; Table B.1.
+            for phi and theta, (rad/s^2)^2. None by default: what Table B.1 calls so, 1.0816e-4 and
+            2.8090e-5, are control efforts recorded at rest (Fig. B.3), in size a controller's own
+            answer to the screen's noise, which the twin makes by itself.
     """
 
     bandwidth: Number = setting("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
@@ -38,9 +44,8 @@ class DriveModel:
     resonance_damping: Number = setting("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
     vibration: Number = setting("plant.servo.vibration", 0.0, ge=0, le=100)
     vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
-    disturbance: tuple[float, float] | Array = setting(
-        "disturbance.variance", (1.0816e-4, 2.8090e-5), otherwise=(0.0, 0.0), ge=0
-    )
+    vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
+    disturbance: tuple[float, float] | Array = setting("disturbance.variance", (0.0, 0.0), ge=0)
 
 
 class SimulatedDrives:
@@ -50,14 +55,22 @@ class SimulatedDrives:
         model: The imperfections; its disturbance is the rig's to add.
         period: Control period in s.
         ratio: Motor angle per plate angle, dimensionless.
-        rigs: Number of rigs.
+        seeds: One seed sequence per rig.
     """
 
-    def __init__(self, model: DriveModel, period: float, ratio: float, rigs: int) -> None:
-        self._period, self._ratio, self._rigs = period, ratio, rigs
-        self._rate: Array = np.zeros((rigs, 2))
-        self._tick = 0
+    def __init__(
+        self,
+        model: DriveModel,
+        period: float,
+        ratio: float,
+        seeds: Sequence[np.random.SeedSequence],
+    ) -> None:
+        self._period, self._ratio, self._rigs = period, ratio, len(seeds)
+        self._rate: Array = np.zeros((self._rigs, 2))
+        self.ahead: Array = np.zeros((self._rigs, 2))
+        """By how much the motors have turned further than the shafts, rad, shape (N, 2)."""
         self._every: tuple[TrainPart, ...] = ()
+        self._vibration = Vibration(period, seeds)
         self._equip(model)
 
     def change(self, model: DriveModel, rate: Array) -> None:
@@ -86,16 +99,18 @@ class SimulatedDrives:
         mean = [-math.expm1(-share) / share if share else 0.0 for share in shares]
         self._left, self._mean = np.array(left)[:, None], np.array(mean)[:, None]
         omega = 2 * math.pi * each(model.vibration_frequency)
-        self._swing = ratio * each(model.vibration) / omega
-        self._turn = omega * period
-        self._vibrating = bool(self._swing.any())
+        self._vibration.be(
+            ratio * each(model.vibration) / omega,
+            each(model.vibration_frequency),
+            each(model.vibration_wander),
+        )
         self._every = (
             Play(each(model.backlash) * ratio),
             Hysteresis(each(model.hysteresis) * ratio),
             Resonance(each(model.resonance), each(model.resonance_damping), period),
         )
         self._parts = [part for part in self._every if part.acts.any()]
-        self.ideal = not (any(shares) or self._parts or self._vibrating)
+        self.ideal = not (any(shares) or self._parts or self._vibration.acts)
         """Whether the shafts follow every command at once."""
 
     def follow(self, rate: Array) -> Array:
@@ -103,12 +118,12 @@ class SimulatedDrives:
         lacking = self._rate - rate
         mean: Array = rate + self._mean * lacking
         self._rate = rate + self._left * lacking
+        turned = mean
         for part in self._parts:
             # a rig without the part keeps its rate to the last bit
             followed = part.follow(mean * self._period) / self._period
             mean = np.where(part.acts, followed, mean)
-        if self._vibrating:
-            self._tick += 1
-            phase = self._turn * self._tick
-            mean = mean + self._swing * np.concatenate((np.sin(phase), np.cos(phase)), axis=1)
+        self.ahead = self.ahead + self._period * (turned - mean)
+        if self._vibration.acts:
+            mean = mean + self._vibration.rate()
         return mean

@@ -12,6 +12,9 @@ from controllers.arrays import Array, Number, column, constant
 from twin.settings import setting
 from twin.sim.noise import HeldPeriods, Noise
 
+COUNTS = 245760
+"""Of a plate encoder per turn."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EncoderModel:
@@ -20,11 +23,12 @@ class EncoderModel:
     Fields may be arrays with one entry per rig.
 
     Attributes:
-        counts: Counts per revolution: 4096 pulses with fourfold decoding.
+        counts: Counts per revolution: 4096 pulses, fourfold decoding, and 15 more of each, for
+            every plate angle printed in Tables 9.2 to 9.9 is a multiple of 360/245760 deg.
         variance: Noise variance of phi and theta in rad^2; Table B.1.
     """
 
-    counts: Number = setting("sensors.encoders.counts", 16384, ge=0)
+    counts: Number = setting("sensors.encoders.counts", COUNTS, ge=0)
     variance: tuple[float, float] | Array = setting(
         "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
     )

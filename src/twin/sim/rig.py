@@ -28,7 +28,8 @@ class SimulatedDevices:
         encoders: Imperfections of the plate encoders.
         drives: Imperfections of the drives beyond those of the plant, and their disturbance.
         hold: Control periods for which noise and disturbance are held.
-        seeds: One seed sequence per rig; it spawns those of screen, frames, encoders, disturbance.
+        seeds: One seed sequence per rig; it spawns those of screen, frames, encoders,
+            disturbance, vibration.
     """
 
     def __init__(
@@ -47,9 +48,9 @@ class SimulatedDevices:
         self._period = period
         self._screen = SimulatedScreen(touch, period, seeds, hold)
         self._encoders = SimulatedEncoders(encoders, seeds, hold)
-        self._drives = SimulatedDrives(drives, period, plant.ratio, plant.rigs)
         shaken = self._shaken(drives)
         self._disturbance = Noise(shaken, [s.spawn(1)[0] for s in seeds], hold)
+        self._drives = SimulatedDrives(drives, period, plant.ratio, seeds)
         self._drift: Array = np.zeros((plant.rigs, 2))
         self._rate: Array = np.zeros((plant.rigs, 2))
         self._followed: Array = self._rate
@@ -125,8 +126,8 @@ class SimulatedDevices:
         return self._encoders.read(self.state[:, 2::4])
 
     def motor(self) -> Array:
-        """Motor shaft angles in rad, shape (N, 2)."""
-        return self.plant.motor
+        """Motor angles in rad, before what is lost on the way to the shafts, shape (N, 2)."""
+        return self.plant.motor + self._drives.ahead
 
     def command(self, motor_rate: Array) -> None:
         """Motor rates in rad/s, shape (N, 2), held until the next command."""

@@ -110,7 +110,7 @@ class AxisConfig:
     gear: float = bounded(1.0, 0.01, 1000, **_from("cartridge motor on the cam: none", "M"))
     motor_sign: int = _fact(1, "never checked", "L")
     plate_counts: int = bounded(
-        16384, 16, 1 << 32, **_from("4096 pulses x4; may be 4096, or 2^16 or 2^32 inside", "L")
+        245760, 16, 1 << 32, **_from("360/245760 deg divides all angles of Tables 9.2 to 9.9", "M")
     )
     plate_sign: int = _fact(1, "never checked", "L")
     plate_object: tuple[int, int] = _fact((0x2050, 0), "EDS; which input is not known", "L")

@@ -18,7 +18,7 @@ class MonitorConfig:
         burst: Emergencies within 1 s that level.
         travel: Commanded motor travel without a single count of motion, rad, that is a fault.
         plate_travel: Motor travel without a count of the plate encoder, rad; with cams of ratio 5
-            it moves the plate by 16 counts of 16384, or by three times the play of 0.1 deg.
+            it moves the plate by 230 counts of 245760, or by three times the play of 0.1 deg.
         frozen: Time of fresh data without a count, s, that must have passed as well: answers lag.
         jump: Factor of the rate limit that no encoder can pass.
         plate_rate: Fastest plausible plate motion, rad/s.

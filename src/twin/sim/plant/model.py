@@ -145,6 +145,10 @@ def _build(
         model.key_qpos[:], model.key_act[:] = stands.key_qpos, stands.key_act
     elif not parts.balanced:
         _stand_level(model)
+    if parts.joint_friction is not None:
+        # last: it would keep the plate from coming to rest level
+        for axis in _AXES:
+            model.dof_frictionloss[model.joint(axis).dofadr[0]] = parts.joint_friction
     return model
 
 

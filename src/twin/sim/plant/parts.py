@@ -31,6 +31,8 @@ class Parts:
         preload: Tension of the spring at level, N.
         torque: Largest torque of a motor, N m.
         speed: Largest speed of a motor, rad/s.
+        joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
+            give way, lost motion between motor and plate.
         plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
         level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
 
@@ -76,6 +78,14 @@ class Parts:
         "plant.servo.torque_limit", None, gt=0, exact="have ideal motors"
     )
     speed: float | None = setting("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    joint_friction: float | None = setting(
+        "plant.plate.joint_friction",
+        0.0,
+        otherwise=None,
+        ge=0,
+        le=20,
+        exact="have a plate that goes where it is told",
+    )
     plate_centre: tuple[float, float] | None = setting(
         "plant.plate.offset_mm",
         None,
@@ -90,7 +100,7 @@ class Parts:
     def __post_init__(self) -> None:
         """Check the ranges."""
         signed = {"offset", "plate_centre", "level"}
-        may_be_zero = {"oval", "sliding", "spinning", "damping_ratio"}
+        may_be_zero = {"oval", "sliding", "spinning", "damping_ratio", "joint_friction"}
         for item in fields(self):
             value = getattr(self, item.name)
             if value is None:
@@ -110,6 +120,7 @@ class Parts:
             sliding=None,
             spinning=None,
             damping_ratio=None,
+            joint_friction=None,
             torque=None,
             speed=None,
         )

@@ -12,6 +12,7 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 from twin.scenario.load import check, read, resolved
+from twin.sim.encoders import COUNTS
 from twin.thesis.experiments.judge import ExperimentTrace
 from twin.thesis.experiments.tables import MeasuredExperiment
 from twin.thesis.reproduce.cases import BALL, DISTURBANCE, PLATE
@@ -40,7 +41,7 @@ def noise(factor: float) -> RigKeys:
     return {
         **{key: [factor * each for each in variance] for key, variance in variances.items()},
         "sensors.touch.grid": 4096 if factor else 0,
-        "sensors.encoders.counts": 16384 if factor else 0,
+        "sensors.encoders.counts": COUNTS if factor else 0,
     }
 
 

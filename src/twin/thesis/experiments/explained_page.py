@@ -9,14 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from controllers.observers.kalman import NOISE
 from twin.errors import RecordError
 from twin.markdown import table
 from twin.run.record import write_whole
+from twin.sim.encoders import COUNTS
+from twin.thesis.experiments import instruments
 from twin.thesis.experiments.deciding import Outcome
+from twin.thesis.experiments.deciding_page import deciding
 from twin.thesis.experiments.explained import errors, goals, ratios, stored
 from twin.thesis.experiments.explanation import PARAMETERS
 from twin.thesis.experiments.hypotheses import HYPOTHESES
 from twin.thesis.experiments.ingredients import LEFT_OUT, OTHERS, VariantResult
+from twin.thesis.experiments.joint_friction import Loop
 from twin.thesis.experiments.predict import Goal
 from twin.thesis.experiments.tables import EARLY, LATE, SLIDING
 
@@ -39,8 +44,6 @@ gone through; leaving a table out guards the numbers, not the choice of the ingr
 - **Play** between motor and plate, its whole width, as plate angle.
 - The sliding mode has case 2 of Table 8.10, which the text calls its choice, in place of the
   printed settings, which cannot all be the rig's: with alpha = 1.5 no u1 of 1.549 is possible.
-- Plate encoders of 245760 counts a turn: all 48 printed angles are multiples of that. No
-  disturbance: what Table B.1 calls one is as large as the controller's answer to the noise.
 """
 
 
@@ -51,6 +54,7 @@ def write(
     variants: Sequence[VariantResult],
     outcomes: Sequence[Outcome],
     starts: Sequence[tuple[str, str, float, float, float]],
+    found: Sequence[Loop],
 ) -> None:
     """Put the explanation after the prediction on its page, in place of the former one.
 
@@ -61,6 +65,7 @@ def write(
         variants: With ingredients left out and hypotheses put in.
         outcomes: What records would show.
         starts: What each run would ask for alone.
+        found: What a slow triangle shows on mechanisms with dry friction.
 
     Raises:
         RecordError: If a file cannot be read or written.
@@ -71,12 +76,13 @@ def write(
         raise RecordError(f"cannot read {path}: {error}") from error
     parts = [
         INTRODUCTION,
+        *_instruments(),
         *_parameters(),
         *_goals(goals(cells), goals(confirmed)),
         *_tracking(cells, confirmed),
         *_variants(variants),
         *_unexplained(cells, starts),
-        *_deciding(outcomes, variants),
+        *deciding(outcomes, variants, found),
         *_maxima(cells, confirmed),
     ]
     page = prediction(text) + "\n".join(parts).rstrip() + "\n"
@@ -93,6 +99,30 @@ def explanation(text: str) -> str:
     """The second part of a page; empty if it has none."""
     _, found, rest = text.partition(f"\n{HEADING}")
     return f"\n{HEADING}{rest}" if found else ""
+
+
+def _instruments() -> list[str]:
+    printed, own = instruments.printed_ratio(), instruments.own_ratio()
+    soon, late = instruments.turned(1.0), instruments.turned(10.0)
+    known = math.degrees(math.sqrt(NOISE[1]))
+    return [
+        "## Encoders and 'disturbance': two defaults of the twin\n",
+        f"- **Plate encoders of {COUNTS} counts a turn.** The 48 printed plate angles are "
+        f"{instruments.off_counts(COUNTS):.3f} counts from whole ones, as much as printing four "
+        f"digits rounds; with 16384 (4096 pulses, fourfold) they are "
+        f"{instruments.off_counts(16384):.2f} off, with any other number 0.03 or more. 245760 is "
+        "15 times 16384: gears or interpolation between disc and counter.",
+        "- **No disturbance.** What Table B.1 calls one is the variance of *control efforts* in a "
+        "static state (caption of Fig. B.3). Their deviations are "
+        f"{printed[0]:.1f} and {printed[1]:.1f} times those of the touch screen on x and y; LQR "
+        f"(100, 0.1) behind observer (8.1) at 2 ms answers the screen's white noise with "
+        f"{own[0]:.1f} and {own[1]:.1f} times. So it is the controller's output, and a twin that "
+        "adds it to its own controller's counts it twice. A real one could not hide either: on "
+        f"drives that follow rates it would turn a plate at rest by {soon[0]:.3f} deg in 1 s and "
+        f"{late[0]:.2f} deg in 10 s, and Table B.1 found {known:.4f} deg. The other reading is "
+        "`disturbance.variance = [1.0816e-4, 2.8090e-5]`; the thesis's own simulations of chapter "
+        "8 had it, and `ballplate reproduce` has it there.\n",
+    ]
 
 
 def _parameters() -> list[str]:
@@ -254,50 +284,6 @@ def _unexplained(
         f"the price of {len(starts)} more numbers for {2 * len(starts)} cells: no explanation.",
         f"- Table 9.1: phi_max measured {step['thesis']:.2f} deg, explained "
         f"{_shown(step['explained'])}.\n",
-    ]
-
-
-def _deciding(outcomes: Sequence[Outcome], variants: Sequence[VariantResult]) -> list[str]:
-    known = stored()["all"]
-    slope = math.degrees(known["friction"] / 20.0)
-    lines = [
-        (
-            f"{each.table}, {each.row}",
-            each.case,
-            f"{each.time:.1f}",
-            f"{each.frequency:.2f}",
-            f"{each.amplitude:.3f}",
-        )
-        for each in outcomes
-    ]
-    head = ("experiment", "if", "phi is largest at [s]", "oscillation [Hz]", "rms [deg]")
-    by_name = {each.variant.name: each for each in variants}
-    modes = {
-        label: " ".join(
-            f"{row['explained']:.1f}"
-            for row in by_name[name].rows
-            if row["table"] == "9.9" and row["column"] == "e_tt"
-        )
-        for label, name in (
-            ("case 2", "the explanation"),
-            ("as printed", "sliding mode as printed"),
-        )
-    }
-    return [
-        "## Which measurement would decide, cheapest first\n",
-        "1. **When the maxima occur** (time axes of the records): decides the start, by the table.",
-        "2. **A slow triangle of 1 deg on the plate**, motor against plate encoder: a loop with a "
-        f"half-width of {known['play'] / 2:.2f} deg if there is lost motion, none if there is not. "
-        "Corners of the loop tell play (flat) from hysteresis (round).",
-        "3. **Frequency of the residual oscillation under AFL and under backstepping**: by play it "
-        "differs from law to law as in the table, by a vibrating spring it is one for both.",
-        "4. **AFL with and without predictor in turns on one day, a tilt test before and after**: "
-        f"the ball starts to roll at {slope:.2f} deg if friction is that with predictor, at "
-        f"{slope * known['without_predictor']:.2f} deg if that without. If friction is the same "
-        "within the day, the gap between the series comes from something else.",
-        f"5. **Sliding mode with both settings**: Table 9.9 is {modes['case 2']} % by case 2 and "
-        f"{modes['as printed']} % as printed.\n",
-        table(head, lines),
     ]
 
 

@@ -26,8 +26,8 @@ INTRODUCTION = """\
 Written by `ballplate reproduce 9 --doc docs/experiments.md`. Chapter 9 of the thesis measured
 tracking errors of 13 to 38 % on a rig whose simulations promise less than 1 %. Here the twin runs
 the same experiments: the MuJoCo mechanism with rolling friction, dead time of 42 ms, noise and
-quantisation of all sensors and the disturbance of Table B.1, under the thesis's laws, Luenberger
-observer (8.1) and Smith predictor at 2 ms. **One number is identified, the rolling friction, from
+quantisation of all sensors, under the thesis's laws, Luenberger observer (8.1) and Smith predictor
+at 2 ms. **One number is identified, the rolling friction, from
 the three tracking errors of Table 9.3; every other cell is a prediction.** *Frictionless* is the
 same twin without that friction.
 """

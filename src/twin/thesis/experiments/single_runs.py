@@ -15,6 +15,7 @@ from controllers.state_feedback import LQR, PolePlacement
 from twin.run.assemble import assemble
 from twin.run.loop import Ending, drive
 from twin.run.record import Recorder
+from twin.sim.encoders import COUNTS
 from twin.thesis.experiments.batch import RigKeys, noise, on_rig, rolling
 from twin.thesis.experiments.fit import identified
 
@@ -26,7 +27,7 @@ glass is given as 0.01 to 0.05 mm. At 0.05 mm the twin does not overshoot, at 0.
 COMMON: RigKeys = {
     **noise(0.0),
     "sensors.touch.grid": 4096,
-    "sensors.encoders.counts": 16384,
+    "sensors.encoders.counts": COUNTS,
     "rig.limits.margin": 0.2,
 }
 
