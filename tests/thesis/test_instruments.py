@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from controllers.state_feedback import LQR
+from twin.run.assemble import assemble
+from twin.run.loop import drive
+from twin.run.record import Recorder
 from twin.scenario import load
 from twin.sim.encoders import COUNTS
 from twin.thesis.experiments.instruments import (
@@ -42,10 +45,6 @@ def test_the_answer_of_a_loop_to_noise_is_that_of_a_loop_that_is_run():
         *("reference.kind=hold", "sensors.touch.dead_time=0", "sensors.touch.grid=0"),
         *("sensors.encoders.counts=0", "duration=20", "metrics.start=0"),
     )
-    from twin.run.assemble import assemble  # noqa: PLC0415
-    from twin.run.loop import drive  # noqa: PLC0415
-    from twin.run.record import Recorder  # noqa: PLC0415
-
     rig, controller = assemble(load("step", overrides))
     record = Recorder(10_000, 1, 0.002, keep=("applied",))
     drive(rig, controller, 20.0, record)
