@@ -39,7 +39,7 @@ values = [0.1, 0.2]
 """
 CALLS = {
     "list": "list",
-    "run": "run hold --plant lagrange --set duration=0.2 --set metrics.start=0",
+    "run": "run hold --plant lagrange --set duration=0.2 --set metrics.start=0 --out runs/hold",
     "report": "report runs/hold",
     "plan": "study short.toml --plan",
     "help": "all",

@@ -72,7 +72,7 @@ def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_p
     listed = call(ballplate, "list", cwd=anywhere, env=clean)
     assert "circle" in listed
     printed = call(
-        ballplate, "run", "circle", "--set", "duration=1", "--set", "metrics.start=0", "--json",
+        ballplate, "run", "circle", "--set", "duration=1", "--json", "--out", "runs/circle",
         cwd=anywhere, env=clean,
     )  # fmt: skip
     assert json.loads(printed)["outcome"] == "finished"

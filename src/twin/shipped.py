@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 
 import controllers
@@ -50,5 +51,23 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
     """
     path = known.get(name) or Path(name)
     if not is_file(path):
-        raise ScenarioError(f"{what} '{shortened(name)}': not found{nearest(name, known)}")
+        raise ScenarioError(f"{what} '{shortened(name)}': not found{_hint(what, name, known)}")
     return path
+
+
+def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
+    """The nearest names, else the short ones; and the command that lists all."""
+    close = get_close_matches(name, known, n=3, cutoff=0.6)
+    every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""
+    if close:
+        quoted = [f"'{each}'" for each in close]
+        return f"; did you mean {' or '.join(quoted)}?{every}"
+    if len(known) <= FEW:
+        return nearest(name, known)
+    return f" (known: {', '.join(each for each in known if '/' not in each)}{every})"
+
+
+LISTS = {"scenario": "list", "study": "study"}
+"""What a file is called to the command that lists the shipped ones."""
+FEW = 12
+"""Names that a message may list."""

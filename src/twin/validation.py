@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin
@@ -40,19 +40,22 @@ def read_model(model: type[Model], path: Path, **given: Any) -> Model:
         raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
 
 
-def one_line(model: type[BaseModel], error: ValidationError) -> str:
+def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()) -> str:
     """The first finding of a validation: which key, what is wrong, what is allowed.
 
     Args:
         model: What the tables were to be.
         error: What was found.
+        elsewhere: Dotted keys of all tables; of an unknown key those of its name are suggested.
     """
     # An unknown key explains a missing one beside it, so it comes first.
     first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
     place = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         *path, name = (str(part) for part in first["loc"])
-        return f"{place}: unknown key{nearest(name, _fields(model, path))}"
+        alike = [f"'{key}'" for key in elsewhere if key.endswith(f".{name}")]
+        meant = f"; did you mean {' or '.join(alike[:4])}?" if alike else ""
+        return f"{place}: unknown key{meant or nearest(name, _fields(model, path))}"
     if first["type"] == "missing":
         return f"{place}: missing; it has no default"
     if first["type"] == "value_error":
@@ -60,6 +63,17 @@ def one_line(model: type[BaseModel], error: ValidationError) -> str:
         return f"{place}: {text}" if place else text
     message = first["msg"].removeprefix("Input should be ")
     return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
+
+
+def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Every dotted key of a table and the tables in it."""
+    for name, field in model.model_fields.items():
+        candidates = get_args(field.annotation) or (field.annotation,)
+        inner = next(filter(_is_table, candidates), None)
+        if inner is None:
+            yield f"{prefix}{name}"
+        else:
+            yield from keys_of(inner, f"{prefix}{name}.")
 
 
 def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:

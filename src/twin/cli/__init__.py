@@ -33,6 +33,7 @@ COMMANDS = {
     "safety": "twin.cli.safety:safety",
     "analyse": "twin.cli.analyse:analyse",
     "calibrate": "twin.cli.calibrate:calibrate",
+    "completion": "twin.cli.completion:completion",
 }
 """Command name to where it is defined; imported only when called, to start fast."""
 
@@ -72,7 +73,10 @@ HELP = {
         "Analyse the system and its control loops and compare with the thesis, chapters "
         "5 and 6.2.1."
     ),
-    "calibrate": ("Calibrate cam table, level and touch screen of a rig; measure its lost motion."),
+    "calibrate": "Calibrate cam table, level and touch screen of a rig; measure its lost motion.",
+    "completion": (
+        "Print the script that completes commands, scenarios, runs and keys in a shell."
+    ),
 }
 """Command name to the first sentence of its help: `ballplate --help` imports no command."""
 

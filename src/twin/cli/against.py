@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.running import one_run
+from twin.cli import completion as tab
 from twin.cli.options import load_scenario
 from twin.cli.terminal import Terminal
 from twin.errors import RecordError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 AGAINST = click.option(
     "--against",
     metavar="SCENARIO",
+    shell_complete=tab.scenarios,
     help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
 )
 

@@ -12,6 +12,7 @@ from rich.table import Table
 from controllers.analysis import designs
 from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row
 from controllers.ballplate import BallPlate
+from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.run.control import build_controller
@@ -33,7 +34,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 
 
 @click.command()
-@click.argument("scenario", default="sine")
+@click.argument("scenario", default="sine", shell_complete=tab.scenarios)
 @LAW
 @SETTING
 @JSON

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.changes import changes_of
+from twin.cli import completion as tab
 from twin.cli.options import (
     ALL,
     JSON,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("sources", nargs=-1, required=True)
+@click.argument("sources", nargs=-1, required=True, shell_complete=tab.sources)
 @LAW
 @SETTING
 @PLANT
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     "--vary",
     multiple=True,
     metavar="KEY=[A,B,...]",
+    shell_complete=tab.settings,
     help="Run once for each value of a key; repeat the option for all combinations.",
 )
 @click.option(

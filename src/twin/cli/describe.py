@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW
 from twin.cli.output import console, print_json
 from twin.markdown import table
@@ -28,7 +29,9 @@ of a key, a table, or a law, observer or reference.
 
 
 @click.command()
-@click.argument("name", metavar="[KEY|TABLE|KIND]", required=False, default="")
+@click.argument(
+    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
+)
 @click.option("--doc", type=click.Path(path_type=Path), help="Write the page of all settings.")
 @LAW
 @JSON

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.emulator.screen_bytes import Protocol
@@ -19,7 +20,7 @@ from twin.scenario import load
 
 
 @click.command()
-@click.argument("scenario", default="circle")
+@click.argument("scenario", default="circle", shell_complete=tab.scenarios)
 @SETTING
 @click.option(
     "--protocol",

@@ -8,6 +8,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.explain.attribution import EffectCase, Explanation, plan, summary
@@ -21,7 +22,7 @@ from twin.writable import check_writable
 
 
 @click.command()
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=tab.scenarios)
 @LAW
 @SETTING
 @click.option(

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.output import console
 from twin.errors import RecordError
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--rig", type=int, help="Rig, if the record has several [the first].")
 @click.option(

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from twin.cli import completion as tab
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
 from twin.identify.identify import SHARE, Identification
@@ -21,7 +22,7 @@ ALL = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
 @click.command()
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=ALL)
 @click.option(
     "--hold-out",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twin.cli import completion as tab
 from twin.errors import ScenarioError
 from twin.shipped import find
 
@@ -15,7 +16,12 @@ if TYPE_CHECKING:
     from twin.scenario import Scenario
 
 SETTING = click.option(
-    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a key of the scenario."
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a key of the scenario.",
+    shell_complete=tab.settings,
 )
 PLANT = click.option(
     "--plant",

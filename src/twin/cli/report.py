@@ -2,45 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.against import AGAINST
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.errors import RecordError
-from twin.report.figures import Format, details, encoded, overview
-from twin.report.html import html
-from twin.report.numbers import as_csv, as_latex
 from twin.run.folders import run_folder
-from twin.run.record import write_whole
-from twin.run.replay import Replay
 
-Runs = list[Replay]
+if TYPE_CHECKING:
+    from twin.run.replay import Replay
 
-
-def _text(make: Callable[[Runs], str]) -> Callable[[Runs], dict[str, bytes]]:
-    return lambda runs: {"": make(runs).encode()}
+ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
+"""Format to the ending of its file."""
 
 
-def _pictures(kind: Format) -> Callable[[Runs], dict[str, bytes]]:
-    return lambda runs: {
-        "": encoded(overview(runs), kind),
-        "-details": encoded(details(runs), kind),
-    }
+def _contents(kind: str, runs: list[Replay]) -> dict[str, bytes]:
+    """What is added to the stem of each file of a format, and the file's content."""
+    from twin.report.numbers import as_csv, as_latex
 
+    match kind:
+        case "png" | "pdf":
+            from twin.report.figures import details, encoded, overview
 
-FORMATS: dict[str, tuple[str, Callable[[Runs], dict[str, bytes]]]] = {
-    "html": (".html", _text(html)),
-    "png": (".png", _pictures("png")),
-    "pdf": (".pdf", _pictures("pdf")),
-    "csv": (".csv", _text(as_csv)),
-    "latex": (".tex", _text(as_latex)),
-}
-"""Format to its file ending and what makes the files: ending of the stem to content."""
+            return {
+                "": encoded(overview(runs), kind),
+                "-details": encoded(details(runs), kind),
+            }
+        case "csv":
+            return {"": as_csv(runs).encode()}
+        case "latex":
+            return {"": as_latex(runs).encode()}
+    from twin.report.html import html
+
+    return {"": html(runs).encode()}
 
 
 class Formats(click.ParamType[tuple[str, ...]]):
@@ -55,14 +55,14 @@ class Formats(click.ParamType[tuple[str, ...]]):
         if isinstance(value, tuple):
             return value
         names = tuple(name.strip() for name in str(value).split(","))
-        wrong = [name for name in names if name not in FORMATS]
+        wrong = [name for name in names if name not in ENDINGS]
         if wrong:
-            self.fail(f"no format '{wrong[0]}' (known: {', '.join(FORMATS)})", param, ctx)
+            self.fail(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})", param, ctx)
         return names
 
 
 @click.command()
-@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
 @click.option(
@@ -91,18 +91,19 @@ def report(
         stem = out or run_folder(f"{opened[0].name}-against-{against}", overrides) / "report"
     else:
         stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
-    if stem.suffix in {ending for ending, _ in FORMATS.values()}:
+    if stem.suffix in ENDINGS.values():
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     for name in formats:
-        ending, make = FORMATS[name]
-        for more, content in make(opened).items():
-            path = stem.with_name(f"{stem.name}{more}{ending}")
+        for more, content in _contents(name, opened).items():
+            path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
             _write(path, content)
             console.print(f"written to {path}")
     return 0
 
 
 def _write(path: Path, content: bytes) -> None:
+    from twin.run.record import write_whole
+
     write_whole(path, lambda target: target.write_bytes(content))

@@ -8,6 +8,7 @@ import click
 
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
+from twin.cli import completion as tab
 from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, with_plant
 from twin.cli.output import console, print_json, print_metrics, print_reasons
 from twin.cli.rigs import RESET, RIG
@@ -31,7 +32,7 @@ def list_scenarios(*, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=tab.scenarios)
 @LAW
 @SETTING
 @PLANT

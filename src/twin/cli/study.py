@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 
 from ballplate.studies import carried_out, work_of
+from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES
 from twin.cli.output import console, duration, errors, print_json
 from twin.cli.terminal import Terminal
@@ -29,7 +30,7 @@ BYTES = 800
 
 
 @click.command()
-@click.argument("study", required=False)
+@click.argument("study", required=False, shell_complete=tab.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, load_scenario, with_plant
 from twin.cli.output import console, print_json
 from twin.cli.terminal import Terminal
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("scenario")
-@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER")
+@click.argument("scenario", shell_complete=tab.scenarios)
+@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
 @LAW
 @SETTING
 @PLANT
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     "--vary",
     multiple=True,
     metavar="KEY=[A,B,...]",
+    shell_complete=tab.settings,
     help="A curve for each value of another key, as in controller.kind=[afl,lqr].",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/sweep-...].")

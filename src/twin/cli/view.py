@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from twin.cli import completion as tab
 from twin.cli.against import AGAINST
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.errors import TwinError, ViewError
-from twin.run.replay import Replay
-from twin.view import viewer
-from twin.view.layout import LAYOUTS, Layout
-from twin.view.live import address, reach
-from twin.view.recording import forward, screenshot, write
+
+if TYPE_CHECKING:
+    from twin.run.replay import Replay
+    from twin.view.layout import Layout
 
 WEB_PORT = 9090
+LAYOUTS = ("showing", "tuning")
 
 
 @click.command()
-@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
 @click.option(
@@ -64,6 +66,9 @@ def view(
     RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
     there is none.
     """
+    from twin.view.live import address, reach
+    from twin.view.recording import forward, screenshot, write
+
     opened = open_all(runs, rigs, against, overrides)
     if connect is not None:
         forward(reach(address(connect)), opened, layout)
@@ -87,6 +92,8 @@ def view(
 
 def _show(recording: Path, serve: int | None) -> int:
     """Keep a viewer open until it is closed."""
+    from twin.view import viewer
+
     opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
     if opened.page:
         console.print(f"open {opened.page} in a browser; Ctrl-C ends it", soft_wrap=True)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from twin.errors import LogError
 from twin.hal.cams import CamTable
-from twin.identify.log import LogError
 from twin.sim.drive_train import Hysteresis, Play
 
 SHAPES: dict[str, type[Play] | type[Hysteresis]] = {"flat": Play, "round": Hysteresis}

@@ -7,6 +7,8 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from twin.run.indicators import UNITS
+
 if TYPE_CHECKING:
     from twin.run.replay import Replay
 
@@ -65,8 +67,6 @@ def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
 
 def summary_of(run: Replay) -> dict[str, Any]:
     """What ``--json`` prints of a finished run."""
-    from twin.run.metrics import UNITS  # noqa: PLC0415  heavy: loaded when needed
-
     return {"scenario": run.scenario.title, **run.metrics, "units": UNITS}
 
 

@@ -16,8 +16,9 @@ from twin.hal.rig import Entry, Rig
 from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
+from twin.run.indicators import UNITS
 from twin.run.loop import Outcome, drive
-from twin.run.metrics import UNITS, Metrics, Motion, measure
+from twin.run.metrics import Metrics, Motion, measure
 from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder, write_json, write_run, write_whole
 from twin.run.snapshot import Keeper, Snapshot, packed

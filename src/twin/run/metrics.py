@@ -16,25 +16,6 @@ from controllers.arrays import Array
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
 
-UNITS = {
-    "outcome_time": "s",
-    "tracking_error_percent": "%",
-    "rms_error": "m",
-    "mean_error": "m",
-    "max_steady_error": "m",
-    "overshoot_percent": "%",
-    "settling_time": "s",
-    "steady_error": "m",
-    "phi_max_deg": "deg",
-    "theta_max_deg": "deg",
-    "u1_max": "rad/s^2",
-    "u2_max": "rad/s^2",
-    "u_rms": "rad/s^2",
-    "judged_from": "s",
-    "real_time_factor": "1",
-}
-"""Unit of every indicator as JSON has it."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:

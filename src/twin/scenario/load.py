@@ -17,7 +17,7 @@ from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import change
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 from twin.shipped import find
-from twin.validation import Model, one_line
+from twin.validation import Model, keys_of, one_line
 
 Tables = dict[str, Any]
 
@@ -223,7 +223,17 @@ def validated(
     try:
         return model.model_validate_json(json.dumps(tables, default=str))
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {prefix}{one_line(model, error)}") from None
+        known = every_key() if model is Scenario else []
+        raise ScenarioError(f"{source}: {prefix}{one_line(model, error, known)}") from None
+
+
+def every_key() -> list[str]:
+    """Every dotted key of a scenario, with the settings of every law, observer and reference."""
+    found = list(keys_of(Scenario))
+    for table in KINDS:
+        for cls in choices(table).values():
+            found += [f"{table}.{name}" for name in settings_model(cls).model_fields]
+    return list(dict.fromkeys(found))
 
 
 def _toml_value(text: str) -> Any:

@@ -1,0 +1,79 @@
+"""What the Tab key offers, and that it comes fast."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from click.shell_completion import BashComplete
+
+from twin.cli import ballplate
+from twin.cli.completion import VARIABLE
+
+
+def offered(*words):
+    """What is offered for the last word."""
+    shell = BashComplete(ballplate, {}, "ballplate", VARIABLE)
+    return [each.value for each in shell.get_completions(list(words[:-1]), words[-1])]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("compl",), ["completion"]),
+        (("run", "ci"), ["circle"]),
+        (("compare", "circle", "thesis/9_2_0"), ["thesis/9_2_050", "thesis/9_2_075"]),
+        (("run", "circle", "--set", "plant.friction.rol"), ["plant.friction.rolling_mm="]),
+        (("sweep", "circle", "controller.rho"), ["controller.rho="]),
+        (("run", "x", "--set", "controller.kind=afl_"), ["controller.kind=afl_integral"]),
+        (("study", "fric"), ["friction"]),
+        (("describe", "plant.fric"), ["plant.friction"]),
+    ],
+)
+def test_commands_scenarios_studies_and_keys_are_offered(words, expected):
+    assert offered(*words)[: len(expected)] == expected
+
+
+def test_runs_are_offered_once_they_are_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "circle-a=1").mkdir(parents=True)
+    (tmp_path / "runs" / "study-x").mkdir()
+    (tmp_path / "runs" / "circle-a=1" / "run.parquet").touch()
+    assert offered("report", "runs/ci") == ["runs/circle-a=1"]
+    assert offered("report", "la") == ["last"]
+    assert offered("compare", "runs/") == ["runs/circle-a=1"]
+    assert "runs/study-x" not in offered("view", "runs/")
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "report", "view", "sweep", "export"])
+def test_offering_scenarios_and_runs_imports_nothing_heavy(command):
+    code = (
+        "import sys; from twin.cli import ballplate; from click.shell_completion import *\n"
+        f"shell = BashComplete(ballplate, {{}}, 'ballplate', '{VARIABLE}')\n"
+        f"shell.get_completions(['{command}'], 'x')\n"
+        "print(*{name.partition('.')[0] for name in sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = {"numpy", "scipy", "matplotlib", "pydantic", "rerun", "mujoco", "pyarrow"}
+    assert not heavy & set(done.stdout.split())
+
+
+@pytest.mark.skipif(not shutil.which("bash"), reason="there is no bash here")
+def test_the_script_for_bash_completes_in_bash(tmp_path):
+    program = tmp_path / "ballplate"
+    program.write_text(f"#!{sys.executable}\nfrom twin.cli import main\nmain()\n")
+    program.chmod(0o755)
+    script = (
+        f'PATH="{tmp_path}:$PATH"; eval "$(ballplate completion bash)"\n'
+        "COMP_WORDS=(ballplate run ci); COMP_CWORD=2; _ballplate_completion ballplate\n"
+        'echo "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "circle"
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_the_other_scripts_call_the_program_back(shell, capsys):
+    ballplate.main(["completion", shell], standalone_mode=False)
+    assert re.search(rf"{VARIABLE}={shell}_complete", capsys.readouterr().out)
