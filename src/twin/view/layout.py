@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import rerun.blueprint as rrb
@@ -13,31 +13,39 @@ from twin.view.signals import GROUPS
 Layout = Literal["showing", "tuning"]
 LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
 
+Words = Mapping[str, str]
+"""Entity of a plot to which line of it has which colour."""
+Ranges = Mapping[str, tuple[float, float]]
+"""Entity of a plot to what its axis shows."""
 _KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg")
 """The plots next to the mechanism."""
 
 
 def blueprint(
     roots: Sequence[str],
-    groups: set[str],
+    groups: Words,
     timeline: str,
     layout: Layout = "showing",
     *,
     live: bool = False,
+    ranges: Ranges | None = None,
 ) -> rrb.Blueprint:
     """The arrangement for one run, or for several side by side.
 
     Args:
         roots: Root entities of the runs.
-        groups: Entities of the plots there are, below each root.
+        groups: Entities of the plots there are, below each root, and which line has which colour.
+            A legend would cover the lines, so that stands in the titles.
         timeline: Name of the time line.
         layout: Which tab is open.
         live: Whether a run in progress is watched: then dropped rows are plotted, too.
+        ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
+    axes = ranges or {}
     return rrb.Blueprint(
         rrb.Tabs(
-            _showing(roots, groups),
-            _tuning(roots, groups, live=live),
+            _showing(roots, groups, axes),
+            _tuning(roots, groups, axes, live=live),
             active_tab=LAYOUTS.index(layout),
         ),
         rrb.BlueprintPanel(state="collapsed"),
@@ -46,28 +54,28 @@ def blueprint(
     )
 
 
-def _showing(roots: Sequence[str], groups: set[str]) -> rrb.Container:
+def _showing(roots: Sequence[str], groups: Words, axes: Ranges) -> rrb.Container:
     worlds = [_world(root, len(roots) > 1) for root in roots]
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
-            _plate(roots),
+            _plate(roots, groups),
             rrb.Vertical(_state(roots), _events(roots), row_shares=[1, 2]),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
     )
-    right = rrb.Vertical(*_plots(roots, groups, _KEY))
+    right = rrb.Vertical(*_plots(roots, groups, _KEY, axes))
     return rrb.Horizontal(left, right, column_shares=[3, 2], name="showing")
 
 
-def _tuning(roots: Sequence[str], groups: set[str], *, live: bool) -> rrb.Container:
-    plots = _plots(roots, groups, tuple(group.entity for group in GROUPS))
+def _tuning(roots: Sequence[str], groups: Words, axes: Ranges, *, live: bool) -> rrb.Container:
+    plots = _plots(roots, groups, tuple(group.entity for group in GROUPS), axes)
     if live:
         plots.append(rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]"))
     half = (len(plots) + 1) // 2
     side = rrb.Vertical(
-        _plate(roots),
+        _plate(roots, groups),
         _world(roots[0], len(roots) > 1),
         _state(roots),
         _events(roots),
@@ -83,15 +91,19 @@ def _tuning(roots: Sequence[str], groups: set[str], *, live: bool) -> rrb.Contai
 
 
 def _plots(
-    roots: Sequence[str], groups: set[str], wanted: Sequence[str]
+    roots: Sequence[str],
+    groups: Words,
+    wanted: Sequence[str],
+    axes: Ranges,
 ) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{group.entity}",
             contents=_lines(roots, group.entity),
-            name=group.title,
-            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+            name=f"{group.title}: {groups[group.entity]}",
+            plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+            axis_y=rrb.ScalarAxis(range=axes[group.entity]) if group.entity in axes else None,
         )
         for group in GROUPS
         if group.entity in groups and group.entity in wanted
@@ -114,7 +126,11 @@ def _lines(roots: Sequence[str], group: str) -> list[str]:
 
 
 def _world(root: str, several: bool) -> rrb.Spatial3DView:
-    title = root.removeprefix("/") if several else "mechanism (green: forces on wheels and ball)"
+    title = (
+        root.removeprefix("/").replace("\\", "")
+        if several
+        else "mechanism (green: forces on wheels and ball)"
+    )
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
         name=title,
@@ -126,13 +142,13 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
     )
 
 
-def _plate(roots: Sequence[str]) -> rrb.Spatial2DView:
-    ball = "ball blue, " if len(roots) == 1 else ""
+def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
+    ball = "ball blue" if len(roots) == 1 else groups["position_x_mm"]
     x, y = (550 * side for side in SCREEN)
     return rrb.Spatial2DView(
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
-        name=f"from above [mm]: {ball}reference white, estimate orange, measured grey",
+        name=f"from above [mm]: {ball}, reference white, estimate orange, measured grey",
         background=[16, 18, 22],
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )

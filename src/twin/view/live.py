@@ -17,6 +17,7 @@ from twin.view.layout import Layout, blueprint
 from twin.view.live_process import Address, LiveProcess, step_back
 from twin.view.recording import new_stream, send
 from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.signals import explained
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.viewer import environment
 
@@ -135,7 +136,9 @@ def _begin(
     layout: Layout,
 ) -> None:
     """Connect, and send what does not change."""
-    groups = set(runs[0].plots(block))
+    names = [each.name for each in runs]
+    plots = [each.plots(block) for each in runs]
+    groups = {group: explained([plot[group] for plot in plots], names) for group in plots[0]}
     plan = blueprint([each.root for each in runs], groups, TIMELINE, layout, live=True)
     stream.connect_grpc(url, default_blueprint=plan)
     for each in runs:

@@ -14,6 +14,7 @@ from twin.errors import ViewError
 from twin.run.record import write_whole
 from twin.run.replay import Replay
 from twin.view.layout import Layout, blueprint
+from twin.view.signals import explained, shown_range
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.viewer import headless
 
@@ -83,10 +84,18 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout
     streams = [
         RunStream(run.name, run.scenario, i if together else None) for i, run in enumerate(runs)
     ]
-    groups = {
-        group for each, run in zip(streams, runs, strict=True) for group in each.plots(run.rows)
-    }
-    plan = blueprint([each.root for each in streams], groups, TIMELINE, layout)
+    plots = [each.plots(run.rows) for each, run in zip(streams, runs, strict=True)]
+    names = [run.name for run in runs]
+    entities = {group for plot in plots for group in plot}
+    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
+    groups = {group: explained(lines, names) for group, lines in shown.items()}
+    plan = blueprint(
+        [each.root for each in streams],
+        groups,
+        TIMELINE,
+        layout,
+        ranges={group: shown_range(lines) for group, lines in shown.items()},
+    )
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         for entity, shape in (*each.fixed(), *each.styles(run.rows)):

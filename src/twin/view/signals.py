@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,17 @@ BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = (
     (150, 150, 150),
     (235, 235, 235),
 )
+WORDS = {
+    BLUE: "blue",
+    VERMILION: "red",
+    GREEN: "green",
+    PINK: "pink",
+    ORANGE: "orange",
+    SKY: "light blue",
+    GREY: "grey",
+    BLACK: "white",
+}
+"""What a person calls these, on the dark ground of the viewer."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +75,26 @@ class Group:
 
 
 GROUPS = (
-    Group("position_x_mm", "position x [mm]"),
-    Group("position_y_mm", "position y [mm]"),
+    Group("position_x_mm", "x [mm]"),
+    Group("position_y_mm", "y [mm]"),
     Group("error_mm", "tracking error [mm]"),
-    Group("angle_deg", "plate angles: phi about y, theta about x [deg]"),
+    Group("angle_deg", "plate angles [deg]"),
     Group("rate_deg_per_s", "plate rates [deg/s]"),
-    Group("effort_rad_per_s2", "control effort: plate acceleration [rad/s²]"),
-    Group("estimation_error_mm", "estimation error of the position [mm]"),
-    Group("friction_mm_per_s2", "estimated friction and disturbance [mm/s²]"),
-    Group("tilt_gain_percent", "estimated error of the tilt gain [%]"),
-    Group("delay_ms", "touch: age reported by the screen, dead time simulated [ms]"),
+    Group("effort_rad_per_s2", "plate acceleration [rad/s²]"),
+    Group("estimation_error_mm", "estimation error [mm]"),
+    Group("friction_mm_per_s2", "friction, disturbance [mm/s²]"),
+    Group("tilt_gain_percent", "tilt gain error [%]"),
+    Group("delay_ms", "touch screen [ms]"),
     Group("timing_ms", "loop timing [ms]"),
-    Group("wheel_force_N", "contact force of the wheels on their cams [N]"),
-    Group("ball_force_N", "contact force of the ball on the screen [N]"),
+    Group("wheel_force_N", "wheels on cams [N]"),
+    Group("ball_force_N", "ball on screen [N]"),
     Group("torque_Nm", "motor torques [N m]"),
 )
 
+ROOM = 0.06
+"""Room above and below the lines of a plot, as a share of its height."""
+LEAST = 0.05
+"""Least half of the height of a plot, in its unit."""
 FORCES = (
     ("wheel_force_N", "wheel_", "_N"),
     ("ball_force_N", "ball_", "_N"),
@@ -165,6 +180,43 @@ def signals(
             for name, colour in zip(late, (BLUE, VERMILION, GREEN, PINK), strict=False)
         }
     return found
+
+
+def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> str:
+    """Which line of a plot has which colour, in words.
+
+    Args:
+        plots: The lines of each run.
+        names: What the runs are called.
+    """
+    if len(plots) > 1:
+        words = [f"{name} {WORDS[RUNS[i % len(RUNS)]]}" for i, name in enumerate(names)]
+        second = [f"{name} lighter" for name in ("theta", "y") if name in plots[0]]
+        return ", ".join(words if "distance" in plots[0] else words + second)
+    lines = {name: signal for name, signal in plots[0].items() if not name.endswith("_low")}
+    return ", ".join(
+        f"{name.removesuffix('_high').replace('_', ' ')} {WORDS[signal.colour]}"
+        for name, signal in lines.items()
+        if not name.endswith("_saturated")
+    )
+
+
+def shown_range(plots: Sequence[Mapping[str, Signal]]) -> tuple[float, float]:
+    """What the axis of a plot of one or several runs shows: its lines, but not their limits.
+
+    Of several runs the tracking error is drawn as a distance alone.
+    """
+    lines = [
+        signal.values[np.isfinite(signal.values)]
+        for plot in plots
+        for name, signal in plot.items()
+        if not name.startswith("limit")
+        and not (len(plots) > 1 and "distance" in plot and name != "distance")
+    ]
+    values = np.concatenate([*lines, np.empty(0)])
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    margin = max(ROOM * (high - low), LEAST - (high - low) / 2)
+    return low - margin, high + margin
 
 
 def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:

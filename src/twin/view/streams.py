@@ -94,7 +94,6 @@ class RunStream:
             self._scenario.rig.limits.area,
             surface,
             colour=self._colour,
-            label=None if self._among is None else self.name,
         )
         lifted = np.column_stack((path, np.full(len(path), self.scene.surface + 0.001)))
         yield (

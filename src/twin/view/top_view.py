@@ -26,7 +26,6 @@ def fixed(
     surface: SurfaceMap | None,
     *,
     colour: Colour,
-    label: str | None = None,
 ) -> Iterator[tuple[str, rr.AsComponents]]:
     """What does not move in the top view.
 
@@ -36,7 +35,6 @@ def fixed(
         area: Operating area |x|, |y| in m.
         surface: How friction varies over the screen; None for a plain one.
         colour: Of the ball and its trail.
-        label: Text at the ball; None for no text.
     """
     width, height = 1000 * np.array(SCREEN)
     yield (
@@ -85,10 +83,7 @@ def fixed(
         ("estimate", (230, 159, 0), 5.0, 21.0),
         ("reference", (255, 255, 255), 5.0, 22.0),
     ):
-        text = None if label is None or name != "ball" else [label]
-        look = rr.Points2D.from_fields(
-            colors=[dot], radii=[radius], labels=text, show_labels=True, draw_order=order
-        )
+        look = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
         yield f"{root}/{name}", look
     trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
     yield f"{root}/trail", trail

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from twin.view.layout import blueprint
+from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range
+
+ANGLE = {
+    "phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE),
+    "limit_high": Signal(np.full(3, 10.0), PINK),
+    "limit_low": Signal(np.full(3, -10.0), PINK),
+}
+
+
+def test_limits_do_not_squash_the_lines_and_a_flat_line_has_room():
+    assert shown_range([ANGLE]) == (pytest.approx(-1.24), pytest.approx(3.24))
+    assert shown_range([{"phi": Signal(np.zeros(3), BLUE)}]) == (-0.05, 0.05)
+
+
+def test_of_several_runs_the_error_is_as_high_as_the_distance():
+    plot = {"distance": Signal(np.array([0.0, 1.0]), BLUE), "x": Signal(np.array([-9.0, 0]), BLUE)}
+    assert shown_range([plot])[0] < -9
+    assert shown_range([plot, plot])[0] == pytest.approx(-0.06)
+
+
+def test_titles_say_in_words_which_line_is_which():
+    position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
+    position["reference"] = Signal(np.zeros(2), BLACK)
+    assert explained([position], ["run"]) == "ball blue, estimate orange, reference white"
+    assert explained([ANGLE], ["run"]) == "phi blue, limit pink"
+    two = {"phi": ANGLE["phi"], "theta": ANGLE["phi"]}
+    assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr red, theta lighter"
+
+
+def test_no_legend_covers_a_plot():
+    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
+    views = [plan.root_container]
+    plots = []
+    while views:
+        each = views.pop()
+        views += getattr(each, "contents", []) if hasattr(each, "kind") else []
+        if type(each).__name__ == "TimeSeriesView":
+            plots.append(each)
+    assert plots
+    for plot in plots:
+        legend = plot.properties["PlotLegend"]
+        assert legend.visible.as_arrow_array().to_pylist() == [False]
+        assert "blue" in plot.name
