@@ -76,7 +76,15 @@ def connected(
 
 
 def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
-    """Tell the timing of the real-time loop, and the conditions that were detected."""
+    """Tell the timing of the real-time loop, and the conditions that were detected.
+
+    If one of them ended the run while the computer was late, that comes first.
+    """
+    from twin.hal.faults import Severity
+
+    stopped = any(entry.note.condition.severity is Severity.STOP for entry in rig.journal)
+    if stopped and (line := rig.clock.timing.blame()):
+        reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):
         reporter.note(line)
     for time, note in rig.journal:

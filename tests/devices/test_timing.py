@@ -83,3 +83,16 @@ def test_the_timing_log_says_what_happened_in_words():
         "control: p50 0.050 ms, p99 0.150 ms, max 0.150 ms",
         "bus round trip: p50 0.400 ms, p99 0.400 ms, max 0.400 ms",
     ]
+
+
+def test_a_fault_is_put_down_to_a_late_computer_only_if_it_was_late():
+    log = TimingLog(0.002)
+    for _ in range(100):
+        log.tick(0.0001)
+    assert log.blame() == ""
+    log.tick(0.011)
+    assert "1 of 101 periods were late or missed, one by 11 ms" in log.blame()
+    often = TimingLog(0.002)
+    for late in (0.0001, 0.001) * 10:
+        often.tick(late)
+    assert "this computer was too late, not the rig: 10 of 20 periods" in often.blame()

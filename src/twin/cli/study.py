@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from ballplate.studies import carried_out, work_of
@@ -18,7 +19,7 @@ from twin.study.answers import Answer
 from twin.study.carry import remaining
 from twin.study.cluster import Cluster
 from twin.study.pilot import seconds
-from twin.study.report import compared, document
+from twin.study.report import compared, document, grids
 from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.summary import sentences
@@ -148,6 +149,12 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 def _show(about: Study, found: list[Answer]) -> None:
     console.print(f"[bold]{about.title}[/bold]: {about.metrics[0]}")
+    for grid in grids(about, found):
+        console.print(grid.title, markup=False)
+        values = Table(*map(escape, grid.headings), header_style="bold")
+        for row in grid.rows:
+            values.add_row(*map(escape, row))
+        console.print(values)
     table = Table("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail")
     for answer in found:
         table.add_row(*compared(answer))

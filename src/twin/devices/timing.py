@@ -9,6 +9,10 @@ from typing import Any
 
 LATE = 0.25
 """Share of a period from which a tick counts as late."""
+BLAMED = 0.05
+"""Share of late or missed periods from which on a fault is put down to the computer."""
+SLIP = 5.0
+"""Periods that a single one must be late for the same."""
 
 
 class LatencyHistogram:
@@ -132,6 +136,18 @@ class TimingLog:
             "stages": {name: stage.as_dict() for name, stage in self.stages.items()},
             "round_trip": self.trips.as_dict(),
         }
+
+    def blame(self) -> str:
+        """What to do if it was the computer that failed a run; empty if it was in time."""
+        due = max(1, self.ticks + self.missed)
+        share = (self.missed + self.late) / due
+        if share < BLAMED and self.lateness.longest < SLIP * self.period:
+            return ""
+        return (
+            f"this computer was too late, not the rig: {self.missed + self.late} of {due} periods "
+            f"were late or missed, one by {1e3 * self.lateness.longest:.0f} ms; close other "
+            "programs, or allow real-time priority (README), and run it again"
+        )
 
     def text(self) -> list[str]:
         """The statistics in a few lines, for the end of a run."""

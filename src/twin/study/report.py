@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.csv as pa_csv
@@ -13,9 +13,11 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 
 from twin.html import inline, render
+from twin.report.numbers import LABELS
 from twin.run.record import write_whole
-from twin.study.answers import Answer
-from twin.study.figures import figures, metric_label
+from twin.study.answers import Answer, Spread
+from twin.study.figures import figures, metric_label, parameter_label, where_label
+from twin.study.schema import Study
 from twin.study.summary import NEGLIGIBLE, needed, sentences
 from twin.study.work import Work
 
@@ -32,6 +34,9 @@ NAMES = {
     "lhs": ("rank correlation", ""),
     "montecarlo": ("rank correlation", ""),
 }
+
+ENOUGH = 20
+"""Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
 
 
 def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> None:
@@ -55,11 +60,13 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         figures=drawn,
         headings=HEADINGS,
         metric=metric_label(study),
+        grids=grids(study, found),
         compared=[compared(answer) for answer in found],
         indices=[row for answer in found for row in _indices(answer)],
         index_name=two[0],
         second_name=two[1],
         needed=needed(study, found),
+        unit=LABELS[study.metrics[0]][1],
         endings=endings(work, rows),
         about=_about(work),
     )
@@ -134,16 +141,55 @@ def data(work: Work, rows: pa.Table) -> pa.Table:
     return pa.table(columns)
 
 
+class Grid(NamedTuple):
+    """A table of a metric over the values of a parameter, a column per variant.
+
+    Attributes:
+        title: The metric, and where the other parameters stand.
+        headings: The parameter, then the variants.
+        rows: Value and one cell per variant each.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def grids(study: Study, found: Sequence[Answer]) -> list[Grid]:
+    """The medians of a study with curves: parameter by variant."""
+    with_curves = [answer for answer in found if answer.curves]
+    made = []
+    for number, curve in enumerate(with_curves[0].curves if with_curves else ()):
+        where = where_label(study, curve.where)
+        columns = [answer.curves[number].spreads for answer in with_curves]
+        rows = tuple(
+            (str(value), *(_cell(spreads[at]) for spreads in columns))
+            for at, value in enumerate(curve.values)
+        )
+        title = f"{metric_label(study)}{f' at {where}' if where else ''}, median"
+        heads = (parameter_label(study, curve.key), *(answer.variant for answer in with_curves))
+        made.append(Grid(title, heads, rows))
+    return made
+
+
+def _cell(spread: Spread) -> str:
+    """A median, and how many runs it leaves out."""
+    left_out = f" ({spread.failed} of {spread.runs} failed)" if spread.failed else ""
+    return f"{_digits(spread.median)}{left_out}"
+
+
 def compared(answer: Answer) -> tuple[str, ...]:
     """One row of the table of variants."""
     whole = answer.whole
     low, high = whole.chance
+    few = whole.runs < ENOUGH
     return (
         answer.variant,
-        *(_digits(value) for value in (whole.median, whole.low, whole.high)),
+        _digits(whole.median),
+        *("-" if few else _digits(value) for value in (whole.low, whole.high)),
         str(whole.runs),
         str(whole.failed),
-        f"{100 * low:.1f} to {100 * high:.1f} %",
+        "too few runs" if few else f"{100 * low:.1f} to {100 * high:.1f} %",
     )
 
 

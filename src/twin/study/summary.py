@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from twin.report.numbers import LABELS
 from twin.study.answers import Answer
 from twin.study.family import Point
 from twin.study.figures import metric_label, where_label
@@ -93,16 +94,18 @@ def needed(study: Study, found: Sequence[Answer]) -> list[tuple[str, str, str, s
             if reach is not None:
                 about = study.parameters[key]
                 unit = "of nominal" if about.relative else about.unit
-                within = f"± {reach:.2g} {unit}".strip()
+                # slopes are per m of a metric in m; one mm is asked for
+                scale = 1e-3 if LABELS[study.metrics[0]][1] == "mm" else 1.0
+                within = f"± {scale * reach:.2g} {unit}".strip()
                 out.append((answer.variant, where_label(study, where), key, within))
     return out
 
 
 def _tolerances(study: Study, found: Sequence[Answer]) -> list[str]:
     """The first few rows of ``needed`` in words."""
-    metric = metric_label(study)
+    metric, unit = metric_label(study), LABELS[study.metrics[0]][1]
     return [
-        f"To predict the {metric} of {variant}{f' at {where}' if where else ''} within 1, {key} "
-        f"must be known within {within}."
+        f"To predict the {metric} of {variant}{f' at {where}' if where else ''} within "
+        f"{f'1 {unit}'.strip()}, {key} must be known within {within}."
         for variant, where, key, within in needed(study, found)[:3]
     ]
