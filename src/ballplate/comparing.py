@@ -242,7 +242,8 @@ def title_of(
     from twin.scenario.variants import comparison
 
     listed = ", ".join((*names, *finished))
-    one = not finished and len(names) == 1
+    titled = any(text.partition("=")[0].strip() == "title" for text in changed)
+    one = cases and (titled or (not finished and len(names) == 1))
     what = next(iter(cases.values())).scenario.title if one else listed
     return comparison(what, varied, changed)
 

@@ -32,6 +32,7 @@ def test_a_comparison_is_titled_by_what_ran():
     assert comparison("Circle", ["controller.kind"], ["duration=5"]) == (
         "Circle over controller.kind (duration=5)"
     )
+    assert comparison("Mine", [], ["title=Mine"]) == "Mine"
     assert varied(parsed(['controller=[{kind="afl"}, {kind="lqr"}]'])) == ["controller=afl,lqr"]
 
 

@@ -106,7 +106,9 @@ def read(path: Path) -> Log:
         columns, metadata = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     except (OSError, pa.ArrowException, UnicodeDecodeError, csv.Error) as error:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
-    return _log(columns, metadata, path.name)
+    run = path.resolve().parent.name
+    source = f"{run}/{path.name}" if path.name == "run.parquet" else path.name
+    return _log(columns, metadata, source)
 
 
 def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:

@@ -129,6 +129,9 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         RecordError: If there is no record, or none of this program, or not of such rigs.
     """
     path = last() if is_last(path) else path
+    inner = run_folders(path)
+    if inner and inner != [path]:
+        raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
     file = path / "run.parquet" if path.is_dir() else path
     values, units, metadata = read_run(file)
     missing = [name for name in NEEDED if name not in values]

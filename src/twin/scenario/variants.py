@@ -100,11 +100,12 @@ def comparison(what: str, keys: Iterable[str], changed: Sequence[str]) -> str:
     Args:
         what: Title of the scenario, or names of several.
         keys: What is varied.
-        changed: ``KEY=VALUE`` each.
+        changed: ``KEY=VALUE`` each; one of the title itself says nothing more.
     """
     varied_keys = ", ".join(keys)
     over = f" over {varied_keys}" if varied_keys else ""
-    return f"{what}{over} ({', '.join(changed)})" if changed else f"{what}{over}"
+    said = [text for text in changed if text.partition("=")[0].strip() != "title"]
+    return f"{what}{over} ({', '.join(said)})" if said else f"{what}{over}"
 
 
 def headings(values: Sequence[Any]) -> list[str]:

@@ -30,7 +30,7 @@ def draw(path: Path, rows: Sequence[Prediction]) -> None:
     """
     figure = Figure(figsize=(11, 6), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 4, sharex=True, sharey="col")
+    axes = figure.subplots(2, 4, sharex=True, sharey=True)
     for column, (law, pair) in enumerate(LAWS.items()):
         for line, table in enumerate(pair):
             ax = axes[line, column]
