@@ -35,12 +35,9 @@ def unchanged():
 @pytest.mark.parametrize(
     "values",
     [
-        '"plant.friction.rolling_mm"=0.6',
         '"plant.level_deg"=[1.0, 1.0]',
         '"sensors.touch.dead_time"=0.07',
         '"rig.cam_error_percent"=[10.0, 10.0]',
-        '"plant.servo.backlash_deg"=0.5',
-        '"plant.ball.mass"=0.1, "plant.ball.inertia"=1e-5',
     ],
 )
 def test_the_emulated_rig_is_another_from_the_time_of_a_change_on(unchanged, values):

@@ -164,3 +164,19 @@ def test_what_no_plant_can_change_while_it_runs_is_one_line(change, says):
 def test_the_engine_has_no_friction_between_none_and_its_least():
     with pytest.raises(ScenarioError, match=r"on the way: plant\.friction\.rolling_mm: must be 0"):
         scenario("mujoco", one("plant.friction.rolling_mm", 0.0, over=0.2))
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_ball_is_placed_on_a_plate_that_tilts_and_turns(plant):
+    simulated, _ = build_plant([load("circle", [f"plant.kind={plant}", "duration=10"])])
+    rate = np.array([[0.2, -0.3]]) * simulated.ratio
+    simulated.advance(rate, 200)
+    before = simulated.state[0].copy()
+    ball = 0.11, 0.2, -0.07, -0.1
+    simulated.place(np.array([ball]))
+    placed = simulated.state[0]
+    assert placed[[0, 1, 4, 5]] == pytest.approx(ball, abs=1e-6)
+    assert placed[[2, 3, 6, 7]] == pytest.approx(before[[2, 3, 6, 7]], abs=1e-12)
+    # it rolls: nothing jerks it in the first steps
+    simulated.advance(rate, 5)
+    assert simulated.state[0, [1, 5]] == pytest.approx((0.2, -0.1), abs=0.02)
