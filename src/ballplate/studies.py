@@ -138,15 +138,16 @@ def carried_out(
     with (
         TemporaryDirectory() if out is None else nullcontext(out) as folder,
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
-        reporter.progress(work.study.title, work.different, "runs") as advance,
     ):
-        rows = carry(
-            work,
-            Store(Path(folder)),
-            executor=cluster,
-            processes=processes or (cluster.workers if cluster else None),
-            progress=lambda done, failed: advance(done, f"{failed} failed"),
-        )
+        store = Store(Path(folder))
+        with reporter.progress(work.study.title, work.different, "runs") as advance:
+            rows = carry(
+                work,
+                store,
+                executor=cluster,
+                processes=processes or (cluster.workers if cluster else None),
+                progress=lambda done, failed: advance(done, f"{failed} failed"),
+            )
     found = StudyResult(work, rows, answers(work, rows))
     if out is not None:
         found.save(out)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ballplate.changes import scenario_of
 from controllers import catalog
-from twin.scenario import load
 from twin.scenario.schema import MetricsTable
 
 ROOT = Path(__file__).parents[2]
@@ -23,13 +23,13 @@ NAMES = {
 @pytest.fixture
 def brief(tmp_path, monkeypatch):
     """Every run is cut to a moment, in this process."""
-    check = load.__globals__["check"]
 
-    def cut(*given):
-        scenario = check(*given)
+    def cut(*given, **how):
+        scenario = scenario_of(*given, **how)
         return scenario.model_copy(update={"duration": 0.05, "metrics": MetricsTable()})
 
-    monkeypatch.setitem(load.__globals__, "check", cut)
+    for module in ("running", "comparing", "sweeping", "stepping"):
+        monkeypatch.setattr(f"ballplate.{module}.scenario_of", cut)
     monkeypatch.setattr("twin.jobs.cores", lambda: 1)
     monkeypatch.setattr(catalog, "_registered", {})
     monkeypatch.chdir(tmp_path)
