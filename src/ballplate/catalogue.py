@@ -25,6 +25,9 @@ class Keys(list["Key"]):
         lines = [f"{key.key} = {key.value} {key.unit}".rstrip() for key in self]
         return "\n".join(filter(None, (self.sentence, *lines)))
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def _repr_html_(self) -> str:
         """For a notebook."""
         heads = ("key", "default", "unit", "type", "allowed", "meaning")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.notebook import page, png_image, table
+from ballplate.notebook import page, png_image, showable, table
 from ballplate.reporter import Reporter, default
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from ballplate.signals import pandas
@@ -91,7 +91,7 @@ class Comparison(Mapping[str, "Result"]):
         """All runs in one picture."""
         from twin.run.overview_plot import picture
 
-        return picture(self.motions, self.title, self._area)
+        return showable(picture(self.motions, self.title, self._area))
 
     def save(self, folder: str | Path = "runs/compare") -> Path:
         """Write a folder per run and compare.png into a folder; returns it.
@@ -128,6 +128,9 @@ class Comparison(Mapping[str, "Result"]):
     def _area(self) -> tuple[float, float]:
         area: tuple[float, float] = next(iter(self._runs.values())).scenario.rig.limits.area
         return area
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.title!r}: {', '.join(self.headings.values())}>"
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""

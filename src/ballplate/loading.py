@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballplate.notebook import page, png_image
+from ballplate.notebook import page, png_image, showable
 from ballplate.signals import Signals
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Log(Signals):
             ball.legend(loc="upper right")
             plate.legend(loc="upper right")
             figure.draw_without_rendering()
-        return figure
+        return showable(figure)
 
     def _repr_html_(self) -> str:
         """For a notebook: its picture."""

@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+import sys
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 80
 """Resolution of pictures in a notebook."""
+
+
+def shell() -> Any:
+    """The IPython that this program runs in; None outside of one."""
+    package: Any = sys.modules.get("IPython")
+    return package.get_ipython() if package is not None else None
+
+
+def showable(figure: Figure) -> Figure:
+    """The figure, which a notebook shows as a picture even if pyplot was never imported."""
+    running = shell()
+    if running is not None:
+        pictures = running.display_formatter.formatters["image/png"]
+        try:
+            pictures.lookup_by_type(type(figure))
+        except KeyError:
+            pictures.for_type(type(figure), png)
+    return figure
 
 
 def page(title: str, *parts: str) -> str:

@@ -10,6 +10,8 @@ from html import escape
 from time import monotonic
 from typing import Any, Protocol
 
+from ballplate.notebook import shell
+
 OWN = ("ballplate", "twin", "contextlib")
 """Packages whose lines a warning is not about."""
 PICTURES = 0.2
@@ -81,9 +83,7 @@ class Notebook(Reporter):
 
 def default() -> Reporter:
     """The reporter of where this program runs: a notebook has its own."""
-    shell: Any = sys.modules.get("IPython")
-    running = shell.get_ipython() if shell is not None else None
-    return Notebook() if hasattr(running, "kernel") else Reporter()
+    return Notebook() if hasattr(shell(), "kernel") else Reporter()
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ballplate.notebook import page, png_image, table
+from ballplate.notebook import page, png_image, showable, table
 from ballplate.signals import Signals
 from twin.errors import RecordError
 
@@ -127,7 +127,7 @@ class Result(Signals):
         from twin.run.overview_plot import picture
 
         motions = {label: each.motion for label, each in self.shown.items()}
-        return picture(motions, self.title, self.scenario.rig.limits.area)
+        return showable(picture(motions, self.title, self.scenario.rig.limits.area))
 
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from ballplate.notebook import page, paragraphs, png_image, table
+from ballplate.notebook import page, paragraphs, png_image, showable, table
 from ballplate.reporter import Reporter, default
 from ballplate.signals import pandas
 from twin.errors import ScenarioError
@@ -64,7 +64,8 @@ class StudyResult:
         # every variant has the same points in the same order
         tasks = self.work.tasks
         at = [task.point for task in tasks if task.variant == tasks[0].variant]
-        return figures(self.work.study, self.answers, self.work.design[at])
+        found = figures(self.work.study, self.answers, self.work.design[at])
+        return {name: showable(figure) for name, figure in found.items()}
 
     def save(self, folder: str | Path) -> Path:
         """Write report.html, figures, rows.parquet and rows.csv into a folder; returns it.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.notebook import page, png_image, table
+from ballplate.notebook import page, png_image, showable, table
 from ballplate.reporter import Reporter, default
 from ballplate.running import importable
 from ballplate.signals import pandas
@@ -53,6 +53,9 @@ class Sweep:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {len(self)} runs>"
 
     def __getitem__(self, metric: str) -> list[Any]:
         """An indicator of every run; None where it does not apply.
@@ -153,7 +156,7 @@ class Sweep:
                 handles = panels[0].get_legend_handles_labels()
                 figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=9)
             figure.draw_without_rendering()
-        return figure
+        return showable(figure)
 
     def save(self, folder: str | Path) -> Path:
         """Write sweep.png and sweep.csv into a folder; returns it.

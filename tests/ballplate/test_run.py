@@ -171,6 +171,13 @@ def test_progress_of_a_run_and_its_clean_model_is_told(circle):
     assert [circle.label, circle.baseline.label] == ["honest twin", "clean model"]
 
 
+class Formatter(dict):
+    """As IPython's: what makes a picture of an object, by type."""
+
+    lookup_by_type = dict.__getitem__
+    for_type = dict.__setitem__
+
+
 def test_in_a_notebook_progress_is_a_bar_that_goes_when_the_work_is_done(monkeypatch):
     shown = []
 
@@ -188,13 +195,17 @@ def test_in_a_notebook_progress_is_a_bar_that_goes_when_the_work_is_done(monkeyp
 
     module = type(sys)("IPython")
     module.display = Display
-    module.get_ipython = lambda: type("Shell", (), {"kernel": None})
+    formatter = Formatter()
+    formats = type("Formats", (), {"formatters": {"image/png": formatter}})
+    shell = type("Shell", (), {"kernel": None, "display_formatter": formats})
+    module.get_ipython = lambda: shell
     monkeypatch.setitem(sys.modules, "IPython", module)
     monkeypatch.setattr("ballplate.reporter.PICTURES", 0.0)
     assert isinstance(ballplate.reporter.default(), Notebook)
-    ballplate.run("hold", **QUICK)
+    figure = ballplate.run("hold", **QUICK).plot()
     assert "exact equations <progress" in shown[0]
     assert shown[-1] == ""
+    assert formatter.lookup_by_type(type(figure))(figure).startswith(b"\x89PNG")
 
 
 LIGHT = """

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ballplate.catalogue import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
@@ -14,15 +15,14 @@ from twin.cli.output import console, print_json, print_metrics, print_reasons
 from twin.cli.rigs import RESET, RIG
 from twin.cli.terminal import Terminal
 from twin.cli.viewing import VIEWING, Viewing
-from twin.data_file import DataError, read_toml
-from twin.shipped import find, shipped
+from twin.shipped import find
 
 
 @click.command("list")
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
     """List the scenarios that can be run by name."""
-    found = {name: _title(path) for name, path in shipped().items()}
+    found = scenarios()
     if as_json:
         print_json(found)
         return
@@ -108,10 +108,3 @@ def run(
         )
     viewing.keep(folder)
     return int(not done.finished)
-
-
-def _title(path: Path) -> str:
-    try:
-        return str(read_toml(path).get("title", ""))
-    except DataError as error:
-        return f"(unreadable: {error})"
