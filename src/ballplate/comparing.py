@@ -186,7 +186,7 @@ def compare(
     """
     from ballplate.results import Result
 
-    finished = {each.name: each for each in scenarios if isinstance(each, Result)}
+    finished = _labelled([each for each in scenarios if isinstance(each, Result)])
     names = [str(each) for each in scenarios if not isinstance(each, Result)]
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
@@ -249,6 +249,17 @@ def title_of(
     one = cases and (titled or (not finished and len(names) == 1))
     what = next(iter(cases.values())).scenario.title if one else listed
     return comparison(what, varied, changed)
+
+
+def _labelled(finished: Sequence[Result]) -> dict[str, Result]:
+    """Finished runs by their names, or, where those are the same, by their titles."""
+    names = [each.name for each in finished]
+    found: dict[str, Result] = {}
+    for each in finished:
+        label = each.name if names.count(each.name) == 1 else each.title
+        taken = sum(other.partition("~")[0] == label for other in found)
+        found[f"{label}~{taken + 1}" if taken else label] = each
+    return found
 
 
 def side_by_side(

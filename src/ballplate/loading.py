@@ -77,19 +77,6 @@ def load(path: str | Path) -> Result | Comparison | Log:
     return Comparison(runs, f"Comparison of {len(runs)} runs", {})
 
 
-def load_run(path: str | Path) -> Result:
-    """The one run of a run folder or its ``run.parquet``.
-
-    Raises:
-        RecordError: If there is no record, or none of this program.
-    """
-    from ballplate.results import Result
-    from twin.run.replay import open_run
-
-    (opened,) = open_run(Path(path))
-    return Result(opened)
-
-
 def _log(file: Path) -> Log:
     from twin.identify.log import COLUMNS, read
 

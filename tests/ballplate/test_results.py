@@ -86,7 +86,8 @@ def test_a_saved_run_is_loaded_as_it_was(done, tmp_path):
     assert np.array_equal(again.reference, done.reference)
     with pytest.raises(ballplate.TwinError, match="nothing new to save"):
         again.save(tmp_path / "two")
-    assert again.report(tmp_path / "report.html").read_text().startswith("<!DOCTYPE html>")
+    reports = [each.report(tmp_path / "report.html").read_text() for each in (done, again)]
+    assert all(f"<h1>{done.title}</h1>" in text for text in reports)
 
 
 def test_an_exported_run_is_loaded_as_a_log_in_si_units(done, tmp_path):
@@ -126,6 +127,7 @@ def test_a_comparison_is_saved_and_loaded_and_put_beside_other_runs(compared, do
     assert (tmp_path / "compare.png").is_file()
     both = ballplate.compare(done, next(iter(again.values())))
     assert list(both) == [done.name, next(iter(again))]
+    assert list(ballplate.compare(done, done)) == [done.title, f"{done.title}~2"]
 
 
 def test_a_sweep_is_a_run_for_every_combination(done):
