@@ -17,7 +17,7 @@ from twin.run.execute import run
 from twin.scenario.load import check, read, resolved, setting
 from twin.scenario.rig import check_rig
 from twin.scenario.schema import KINDS, Scenario, choices
-from twin.scenario.variants import variants
+from twin.scenario.variants import parsed, variants
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -102,7 +102,7 @@ def test_every_change_of_a_scenario_that_the_readme_shows_is_accepted(
         varied = [text for option, text in given if option == "--vary"]
         if scenario.startswith("runs/") or scenario.endswith(".csv"):
             continue  # finished runs and logs
-        for variant in variants(varied):
+        for variant in variants(parsed(varied)):
             changes = [*map(setting, fixed), *variant.settings]
             check(*resolved(*read(scenario), changes))
         changed |= {text.partition("=")[0] for text in (*fixed, *varied)}

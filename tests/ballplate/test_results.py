@@ -144,7 +144,7 @@ def test_a_sweep_is_a_run_for_every_combination(done):
     assert found["rms_error"][3] == alone.metrics["rms_error"]
     assert found.to_pandas()["reference.omega"].tolist() == [0.75, 1.0, 0.75, 1.0]
     (axes,) = found.plot("rms_error").axes
-    assert [line.get_label() for line in axes.lines] == ["0.75", "1.0"]
+    assert [line.get_label() for line in axes.lines] == ["0.75", "1"]
     assert axes.lines[1].get_ydata()[1] == 1000 * found["rms_error"][3]
     assert Tags(found._repr_html_()).pictures == 1
     with pytest.raises(ballplate.TwinError, match="'rms_eror'; did you mean 'rms_error'"):
