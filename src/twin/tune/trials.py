@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Sequence
+from concurrent.futures import BrokenExecutor, Executor
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.errors import ScenarioError
+from twin.errors import ScenarioError, TwinError
 from twin.scenario import Scenario
 from twin.scenario.study_step import at_study_step
 from twin.study.build import Builder
@@ -57,7 +57,6 @@ class Trials:
         store: Where finished runs are kept.
         executor: Anything with the interface of ``concurrent.futures``; None for this process.
         processes: How many of its workers.
-        progress: Told how many runs have been finished altogether.
 
     Attributes:
         start: The fields as the scenario and the tune's overrides have them.
@@ -75,12 +74,10 @@ class Trials:
         *,
         executor: Executor | None = None,
         processes: int = 1,
-        progress: Callable[[int], None] = lambda _: None,
     ) -> None:
         self.tune = tune
         self.finished = 0
         self._store, self._executor, self._processes = store, executor, processes
-        self._progress = progress
         self._family = read_family(tune.family)
         self._builders = {name: Builder(name) for name in {t.scenario for t in tune.tasks}}
         about = self._family.parameters | tune.fields
@@ -120,7 +117,11 @@ class Trials:
         return at_study_step(build(fixed, point, self._relative & point.keys()))
 
     def loops(self, candidates: Sequence[Point]) -> list[NominalLoop | str]:
-        """The nominal loop of each candidate's controller; a line for one that is refused."""
+        """The nominal loop of each candidate's controller; a line for one that is refused.
+
+        Raises:
+            TwinError: If a process is killed.
+        """
         found: dict[int, NominalLoop | str] = {}
         ready: dict[int, Scenario] = {}
         for place, fields in enumerate(candidates):
@@ -129,7 +130,11 @@ class Trials:
             except ScenarioError as error:
                 found[place] = str(error)
         spread = map if self._executor is None else self._executor.map
-        found |= dict(zip(ready, spread(_loop, map(_controller, ready.values())), strict=True))
+        try:
+            loops = list(spread(_loop, map(_controller, ready.values())))
+        except BrokenExecutor as error:
+            raise TwinError("a process was killed; is there enough memory?") from error
+        found |= dict(zip(ready, loops, strict=True))
         return [found[place] for place in range(len(candidates))]
 
     def indicators(
@@ -154,16 +159,14 @@ class Trials:
             for rig in rigs[:count]
             for task in tasks
         )
-        before = self.finished
         rows = carry(
             runs,
             self._store,
             executor=self._executor,
             processes=self._processes,
             whole=True,
-            progress=lambda done, _: self._progress(before + done),
         ).to_pylist()
-        self.finished = before + len(rows)
+        self.finished += len(rows)
         found, begin = [], 0
         for _, count in asked:
             part = rows[begin : begin + count * len(tasks)]
