@@ -9,7 +9,7 @@ from twin.errors import RecordError
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.run.snapshot import Snapshot, SnapshotError, load, save
+from twin.run.snapshot import Snapshot, SnapshotError, packed, unpacked
 from twin.scenario.load import load as load_scenario
 
 DURATION, AT = 0.3, 0.2
@@ -101,13 +101,11 @@ def test_rigs_side_by_side_go_on_to_the_bit(plant, rigs):
 
 
 @pytest.mark.parametrize("plant", ["lagrange", "mujoco"])
-def test_what_was_written_to_a_file_is_the_same_snapshot(plant, tmp_path):
+def test_what_was_made_bytes_is_the_same_snapshot(plant):
     each = [scenario(f"plant.kind={plant}", *RICH)]
     whole, (snapshot,) = recorded(each, TICK)
-    save(tmp_path / "snapshots.npz", [snapshot], {"seed": 1})
-    (again,), about = load(tmp_path / "snapshots.npz")
+    (again,) = unpacked(packed([snapshot]), "here")
     rest, _ = recorded(each, snapshot=again)
-    assert about == {"seed": 1}
     assert np.array_equal(whole["state"][TICK:], rest["state"])
     assert np.array_equal(whole["measured"][TICK:], rest["measured"])
 
@@ -131,9 +129,6 @@ def test_a_snapshot_of_another_rig_is_refused():
         snapshot.restore(rig, controller)
 
 
-def test_a_damaged_file_of_snapshots_is_one_line(tmp_path):
-    file = tmp_path / "snapshots.npz"
-    assert load(file) == ([], {})
-    file.write_bytes(b"PK\x03\x04 nothing")
-    with pytest.raises(RecordError, match="not a file of snapshots"):
-        load(file)
+def test_damaged_snapshots_are_one_line():
+    with pytest.raises(RecordError, match="here: its snapshots are damaged"):
+        unpacked(b"PK\x03\x04 nothing", "here")
