@@ -25,6 +25,7 @@ COMMANDS = {
     "reproduce": "twin.cli.reproduce:reproduce",
     "explain": "twin.cli.explain:explain",
     "identify": "twin.cli.identify:identify",
+    "shadow": "twin.cli.shadow:shadow",
     "fit": "twin.cli.fit:fit",
     "study": "twin.cli.study:study",
     "tune": "twin.cli.tune:tune",
@@ -57,6 +58,9 @@ HELP = {
         "Attribute the tracking error to effects: run with all, without each, and with each alone."
     ),
     "identify": "Fit friction, dead time, drives and level to a recorded run.",
+    "shadow": (
+        "Let the twin run beside a recorded run: is it still right, since when not, and why."
+    ),
     "fit": ("Fit parameters to measured indicators of many experiments, where no logs were kept."),
     "study": "Run a study: a shipped one by name, or a TOML file; without a name, list them.",
     "tune": (

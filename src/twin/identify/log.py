@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,7 @@ class Log:
         grips: Times in s within which friction may stop a ball, see ``replay``; more than one
             where it is not known.
         true: True x and y in m of a simulated run, shape (K, 2); for checks, never for a fit.
+        scenario: What a run of this program was started with; empty for any other log.
     """
 
     source: str
@@ -90,6 +92,7 @@ class Log:
     own_lag: float
     grips: tuple[float, ...]
     true: Array | None = None
+    scenario: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read(path: Path) -> Log:
@@ -179,6 +182,7 @@ def _log(columns: dict[str, Array], metadata: dict[str, Any], source: str) -> Lo
         touched=np.nan_to_num(touched) > 0.5,
         command=command,
         true=pair("true_x", "true_y"),
+        scenario=metadata.get("scenario") or {},
         **rig,
     )
 

@@ -92,6 +92,9 @@ BALL = {
         "let the ball rest for times between 0.1 and 10 s before it starts",
         most=10.0, difference=0.02, tolerance=0.1, relative=0.2, floor=0.01,
     ),
+    "gain": IdentifiedParameter(
+        "plant.ball.inertia", "", _ROLL, start=1.0, least=0.5, most=1.5, difference=0.005,
+    ),
 }  # fmt: skip
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
 

@@ -85,7 +85,7 @@ class Problem:
     def values(self, theta: Array) -> dict[str, Array]:
         """All ball parameters by name, those not fitted at values without effect, shape (C, 1)."""
         defaults = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
-        defaults |= {"level_phi": 0.0, "level_theta": 0.0}
+        defaults |= {"level_phi": 0.0, "level_theta": 0.0, "gain": 1.0}
         values = {name: np.full((len(theta), 1), value) for name, value in defaults.items()}
         values |= {name: theta[:, k, None] for k, name in enumerate(self.names)}
         return values
@@ -112,7 +112,7 @@ class Problem:
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
         field = self.windows.field
-        return replay(field, self.model, friction(values), level, starts, self.grip)
+        return replay(field, self.model, friction(values), level, starts, self.grip, values["gain"])
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates, by finite differences.

@@ -77,6 +77,7 @@ def replay(
     level: Array,
     start: Array,
     grip: float = 0.0,
+    gain: Array | float = 1.0,
 ) -> tuple[Array, Array]:
     """Positions and velocities of the ball, both shape (N, 2, C, W), in m and m/s.
 
@@ -91,6 +92,8 @@ def replay(
         start: Position and velocity at the first step, shape (4, C, W): x, y, x', y'.
         grip: Time in s within which resistance would stop the ball if it were strong enough; 0
             for at once, as Coulomb's law has it.
+        gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
+            candidate, shape (C, 1).
     """
     h, steps = STEP, len(field.push)
     p, v = start[:2], start[2:]
@@ -103,10 +106,10 @@ def replay(
 
     def free(n: int, p: Array, v: Array) -> Array:
         total: Array = field.own[n] * p
-        total += field.push[n]
+        total += gain * field.push[n]
         total += field.cross[n] * p[::-1]
         total += field.turn[n] * v[::-1]
-        total += field.tilt[n] * level
+        total += gain * (field.tilt[n] * level)
         return total
 
     constant = friction.constant

@@ -1,0 +1,116 @@
+"""The command shadow: the twin beside a recorded run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from twin.cli.options import JSON, PROCESSES, SETTING
+from twin.cli.output import console, print_json, progress
+from twin.writable import check_writable
+
+HORIZON = click.Choice(["0.5", "1", "2"])
+
+
+@click.command()
+@click.argument("log", required=False, type=click.Path(path_type=Path))
+@SETTING
+@click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
+@click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [RUN, or runs/shadow-LOG].")
+@click.option("--matrix", is_flag=True, help="Try it on simulated rigs, and say how good it is.")
+@click.option(
+    "--each",
+    type=click.IntRange(min=2),
+    default=60,
+    show_default=True,
+    help="With --matrix: rigs of each kind.",
+)
+@click.option(
+    "--hours",
+    type=click.FloatRange(min=0.1),
+    default=48.0,
+    show_default=True,
+    help="With --matrix: of healthy running, half of it to judge on.",
+)
+@click.option("--doc", type=click.Path(path_type=Path), help="With --matrix: the page to write.")
+@PROCESSES
+@JSON
+def shadow(
+    log: Path | None,
+    overrides: tuple[str, ...],
+    horizon: str,
+    out: Path | None,
+    each: int,
+    hours: float,
+    doc: Path | None,
+    processes: int | None,
+    *,
+    no_proposal: bool,
+    matrix: bool,
+    as_json: bool,
+) -> int:
+    """Let the twin run beside a recorded run: is it still right, since when not, and why.
+
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
+    The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
+    identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
+    another twin proves better. Exit code 1 after an alarm.
+    """
+    if matrix:
+        return _matrix(each, hours, doc, processes)
+    if log is None:
+        raise click.UsageError("give a run folder, a run.parquet or a CSV file, or --matrix")
+    from twin.identify.log import read
+    from twin.shadow.belief import believed
+    from twin.shadow.proposal import propose
+    from twin.shadow.proposal import write as write_proposal
+    from twin.shadow.report import numbers, sentences, write
+    from twin.shadow.shadow import shadow as follow
+
+    recorded = replace(read(log), source=log.name)
+    belief = believed(recorded, overrides)
+    own = log if log.is_dir() else Path("runs") / f"shadow-{log.stem}"
+    folder = out or own
+    check_writable(folder)
+    proposal, file = None, None
+    with progress(f"the twin beside {recorded.source}", 1.0) as advance:
+        found = follow(recorded, belief, float(horizon))
+        advance(0.5)
+        if found.alarms and not no_proposal:
+            proposal = propose(recorded, belief, found.alarms[-1].since)
+    if proposal is not None and proposal.text:
+        file = write_proposal(proposal, folder)
+    write(found, proposal, file, folder)
+    if as_json:
+        print_json(numbers(found, proposal, file))
+    else:
+        for sentence in sentences(found, proposal):
+            console.print(sentence, markup=False)
+        if file is not None:
+            console.print(f"try it: --set parameters={file}", markup=False)
+        console.print(f"written to {folder}/: shadow.html, shadow.json, shadow.parquet")
+    return int(bool(found.alarms))
+
+
+def _matrix(each: int, hours: float, doc: Path | None, processes: int | None) -> int:
+    """Try the shadow on simulated rigs."""
+    from twin.jobs import cores
+    from twin.run.record import write_whole
+    from twin.shadow.matrix import trials
+    from twin.shadow.matrix_page import page
+
+    command = f"ballplate shadow --matrix --each {each} --hours {hours:g}"
+    if doc is not None:
+        check_writable(doc.parent, "--doc")
+        command += f" --doc {doc}"
+    with progress("rigs that something happens to, and healthy ones", 1.0) as advance:
+        text = page(trials(each, hours, processes or cores(), advance), command)
+    if doc is None:
+        console.print(text, markup=False)
+    else:
+        write_whole(doc, lambda path: path.write_text(text, encoding="utf-8"))
+        console.print(f"written to {doc}")
+    return 0

@@ -1,0 +1,60 @@
+"""What the ball's motion says of friction, dead time, level and tilt gain, window by window."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.identify.levenberg_marquardt import fit_starts
+from twin.identify.prepare import PreparedLog
+from twin.identify.windows import BIN, LOOKBACK, Windows, cut, moving_spans
+from twin.shadow.belief import BALL, Belief
+from twin.shadow.evidence import Evidence, log_evidence
+
+LONGEST = 1.5
+"""Longest window in s: long enough for a small force to show, short enough to stay near it."""
+WIDE = 100.0
+"""Deviations that may explain a window, in what an identified twin may be wrong by."""
+STEPS = 5
+"""Gauss-Newton steps that look for the ball's start in a window."""
+
+
+def ball_windows(log: PreparedLog, belief: Belief) -> Windows | None:
+    """The windows in which the ball moves; None if there are none."""
+    return cut(log, belief.lag, LONGEST, moving_spans)
+
+
+def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> list[Evidence]:
+    """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
+
+    Args:
+        windows: Of the log.
+        belief: The twin.
+        theta: Where the likelihood is expanded, shape (C, len(belief.names)); None for the belief.
+
+    Returns:
+        One for each of the C.
+    """
+    problem = belief.problem(windows)
+    theta = belief.theta if theta is None else theta
+    first = np.repeat(problem.initial_starts(), len(theta), axis=1)
+    starts, _ = fit_starts(problem, theta, first, STEPS)
+    free, _ = problem.linearise(theta, starts).eliminate_starts()
+    r, J = free[..., 0], free[..., 1 : 1 + len(BALL)]  # noqa: N806
+    counted = windows.weight[..., :1] > 0
+    last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
+    spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
+    place = (windows.ball * counted).sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
+    information = np.einsum("cwmi,cwmj->cwij", J, J)
+    score = -np.einsum("cwmi,cwm->cwi", J, r)
+    height = -(r**2).sum(axis=-1) / 2
+    stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
+    prior = np.diag(np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE) ** 2
+    # twice the log-likelihood that some deviation gains is what it takes off the squares
+    gained = 2 * log_evidence(information, score, np.zeros_like(prior) + prior)
+    gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
+    left = ((r**2).sum(axis=-1) - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
+    return [
+        Evidence.of(BALL, spans, A, b, place, h, stopping, np.maximum(d, 1.0))
+        for A, b, h, d in zip(information, score, height, left, strict=True)
+    ]

@@ -1,0 +1,198 @@
+"""What the twin believes of a rig, and how sure it may be of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from twin.errors import LogError
+from twin.hal.interface import SCREEN
+from twin.identify.log import Log
+from twin.identify.problem import Problem
+from twin.identify.windows import Windows
+from twin.scenario.load import check, read, resolved, setting
+from twin.scenario.schema import Scenario
+from twin.settings import filled
+from twin.sim.drives import DriveModel
+from twin.sim.encoders import EncoderModel
+from twin.sim.plant.friction import Friction
+from twin.sim.touch import TouchModel
+
+BALL = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
+"""Parameters that the ball's motion shows."""
+DRIVES = ("lag", "narrow_play", "wide_play", "transmission")
+"""Parameters that the plate's motion shows: time constant in s, shares of lost motion as a narrow
+and a wide gap would make it, and how much farther than commanded the plate turns."""
+PARAMETERS = (*BALL, *DRIVES, "noise")
+"""All; the last is the logarithm of the screen's noise over what is believed."""
+
+EXTRA = ("viscous", "stribeck", "dwell")
+"""Further parameters of the friction, believed but not watched."""
+CONSTANT = {
+    "rolling": 0.005, "breakaway": 0.03, "delay": 2e-4, "level_phi": 2e-5, "level_theta": 2e-5,
+    "gain": 0.002, "lag": 5e-4, "narrow_play": 0.1, "wide_play": 0.02, "transmission": 0.02,
+    "noise": 0.03,
+}  # fmt: skip
+"""Standard deviations of what an identified twin may be wrong by: rolling relative, else SI."""
+CHANGING = {
+    "rolling": 0.003, "breakaway": 0.03, "delay": 1e-4, "level_phi": 1e-5, "level_theta": 1e-5,
+    "gain": 0.0015, "lag": 2e-4, "narrow_play": 0.3, "wide_play": 0.01, "transmission": 0.04,
+    "noise": 0.01,
+}  # fmt: skip
+"""The same of what differs from one window to the next, for reasons the twin does not know."""
+STOPPING = {
+    **CHANGING, "rolling": 0.03, "breakaway": 0.15, "level_phi": 3e-5, "level_theta": 3e-5,
+}  # fmt: skip
+"""The same of windows in which the ball comes to rest or begins there."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The twin of one rig.
+
+    Attributes:
+        scenario: What was or is believed, as a scenario.
+        model: The ball.
+        values: Ball parameters in SI units by their name in ``identify``.
+        lag: Time constant in s of the drives.
+        own_lag: Lag in s of the twin's own drives without a bandwidth limit.
+        grip: Time in s within which friction stops a ball, see ``replay``.
+        screen: Variance of a sample along x and y in m^2, shape (2,).
+        encoders: Variance of a reading of phi and theta in rad^2, shape (2,).
+        disturbance: Variance of a period's acceleration of the plate, (rad/s^2)^2, shape (2,).
+        constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
+        changing: The same from window to window, while the ball rolls and where it stops,
+            shape (2, P).
+    """
+
+    scenario: Scenario
+    model: BallPlate
+    values: Mapping[str, float]
+    lag: float
+    own_lag: float
+    grip: float
+    screen: Array
+    encoders: Array
+    disturbance: Array
+    constant: Array
+    changing: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, log: Log) -> Belief:
+        """The twin that a scenario describes, for a log.
+
+        Args:
+            scenario: The belief.
+            log: Gives what of the plant is known by its kind alone.
+        """
+        friction = filled(Friction, [scenario])
+        touch, encoders = filled(TouchModel, [scenario]), filled(EncoderModel, [scenario])
+        drives = filled(DriveModel, [scenario])
+        number = {
+            name: float(np.ravel(v)[0]) for name, v in vars(friction).items() if name != "map"
+        }
+        ball, surface = scenario.plant.ball, scenario.plant.surface
+        level = np.radians(scenario.plant.level_deg)
+        values = {
+            "rolling": number["rolling"],
+            "breakaway": number["breakaway_ratio"],
+            "delay": float(np.ravel(touch.dead_time)[0]),
+            "level_phi": float(level[0]),
+            "level_theta": float(level[1]),
+            "gain": 1.0,
+            "viscous": number["viscous"],
+            "stribeck": number["stribeck_speed"],
+            "dwell": number["dwell_time"],
+        }
+        grid = float(np.ravel(touch.grid)[0])
+        pitch = np.divide(SCREEN, grid) if grid else np.zeros(2)
+        counts = float(np.ravel(encoders.counts)[0])
+        count = 2 * np.pi / counts if counts else 0.0
+        corner = float(np.ravel(drives.bandwidth)[0])
+        scale = np.array([values["rolling"] if name == "rolling" else 1.0 for name in PARAMETERS])
+        # a window crosses a few patches of an uneven screen, which average out in part
+        uneven = np.array(
+            [
+                {"rolling": surface.spread_percent / 200}.get(name, 0.0)
+                + (np.radians(surface.slope_deg) / 2 if name.startswith("level") else 0.0)
+                for name in PARAMETERS
+            ]
+        )
+        windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
+        return cls(
+            scenario=scenario,
+            model=BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+            values=values,
+            lag=1 / (2 * np.pi * corner) if corner else 0.0,
+            own_lag=log.own_lag,
+            grip=log.grips[0],
+            screen=_pair(touch.variance) + pitch**2 / 12,
+            encoders=_pair(encoders.variance) + count**2 / 12,
+            disturbance=_pair(drives.disturbance),
+            constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
+            changing=scale * np.hypot(windows, uneven),
+        )
+
+    @property
+    def unit(self) -> Array:
+        """What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,)."""
+        rolling = self.values["rolling"]
+        return np.array([rolling if name == "rolling" else 1.0 for name in PARAMETERS])
+
+    @property
+    def uncertainty(self) -> Array:
+        """Covariance of what the belief may be wrong by, shape (P, P)."""
+        return np.asarray(np.diag(self.constant**2))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The ball's parameters of a replay: those watched, and the others that are not zero."""
+        return (*BALL, *(name for name in EXTRA if self.values[name]))
+
+    @property
+    def theta(self) -> Array:
+        """Their values, shape (1, len(names))."""
+        return np.array([[self.values[name] for name in self.names]])
+
+    def problem(self, windows: Windows) -> Problem:
+        """Replays of windows with this twin."""
+        return Problem(self.model, windows, self.names, self.grip)
+
+
+def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
+    """The twin of a log: what its run was simulated with or believed, and over that the overrides.
+
+    Args:
+        log: A run of this program tells its scenario; another log is taken to be of the rig as
+            the project describes it.
+        overrides: ``KEY=VALUE`` each; ``parameters=FILE`` among them.
+
+    Raises:
+        ScenarioError: If a key or value is wrong, or the log's scenario is of another version.
+    """
+    tables: Mapping[str, Any] = log.scenario or read("circle")[0]
+    tables = {key: value for key, value in tables.items() if key != "change"}
+    source = log.source if log.scenario else "the twin"
+    return Belief.of(check(*resolved(tables, source, [setting(text) for text in overrides])), log)
+
+
+def check_commands(log: Log) -> None:
+    """Make sure that a log says what was commanded.
+
+    Raises:
+        LogError: If it does not.
+    """
+    if log.command is None:
+        raise LogError(
+            f"{log.source}: no columns applied_phi_acc and applied_theta_acc (or applied_..._rate):"
+            " a twin beside a rig needs what was commanded of it"
+        )
+
+
+def _pair(value: Any) -> Array:
+    return np.broadcast_to(np.asarray(value, float).reshape(-1, 2)[0], (2,)).astype(float)

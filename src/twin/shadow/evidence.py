@@ -1,0 +1,167 @@
+"""What windows of a log say of the twin's parameters: the slopes and curvatures of likelihoods.
+
+Close to what is believed, a window's log-likelihood of a deviation d (true minus believed) is
+b'd - d'A d / 2, with A the Fisher information and b the score. The windows of one part of a log add
+up, and every hypothesis is a prior of d: nothing else of a log is needed to weigh them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array, Mask
+from twin.shadow.belief import PARAMETERS
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """W windows, in the order in which they end.
+
+    Attributes:
+        begin: Seconds, shape (W,).
+        end: Seconds, shape (W,).
+        information: A of each, shape (W, P, P).
+        score: b of each, shape (W, P).
+        place: Where the ball was, m, shape (W, 2); NaN for windows of the plate.
+        height: Log-likelihood where it was expanded, up to a constant, shape (W,).
+        stopping: Whether the ball rests in a part of it, where a touch of noise decides when and
+            how it goes on, shape (W,).
+        dispersion: Mean square, at least 1, of what no deviation explains in it, in noise
+            variances, shape (W,).
+    """
+
+    begin: Array
+    end: Array
+    information: Array
+    score: Array
+    place: Array
+    height: Array
+    stopping: Mask
+    dispersion: Array
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.begin)
+
+    @classmethod
+    def of(
+        cls,
+        names: Sequence[str],
+        spans: Array,
+        information: Array,
+        score: Array,
+        place: Array,
+        height: Array | None = None,
+        stopping: Mask | None = None,
+        dispersion: Array | None = None,
+    ) -> Evidence:
+        """Evidence of some of the parameters.
+
+        Args:
+            names: Which, p of them.
+            spans: Begin and end of each window in s, shape (W, 2).
+            information: Shape (W, p, p).
+            score: Shape (W, p).
+            place: Where the ball was, m, shape (W, 2).
+            height: Log-likelihood there, shape (W,).
+            stopping: Whether the ball rests in a part of it, shape (W,).
+            dispersion: Mean square of what no deviation explains, shape (W,).
+        """
+        at = [PARAMETERS.index(name) for name in names]
+        full = np.zeros((len(spans), len(PARAMETERS), len(PARAMETERS)))
+        full[np.ix_(range(len(spans)), at, at)] = information
+        slope = np.zeros((len(spans), len(PARAMETERS)))
+        slope[:, at] = score
+        return cls(
+            spans[:, 0],
+            spans[:, 1],
+            full,
+            slope,
+            place,
+            np.zeros(len(spans)) if height is None else height,
+            np.zeros(len(spans), bool) if stopping is None else stopping,
+            np.ones(len(spans)) if dispersion is None else dispersion,
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Evidence]) -> Evidence:
+        """All windows of several."""
+        joined = cls(
+            *(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls))
+        )
+        return joined.take(np.argsort(joined.end, kind="stable"))
+
+    def take(self, which: Mask | NDArray[np.int_]) -> Evidence:
+        """Some of the windows."""
+        return Evidence(*(getattr(self, item.name)[which] for item in fields(self)))
+
+    def tempered(self, dispersion: Array) -> Evidence:
+        """The evidence if noise variances are larger by factors, shape (W,): quasi-likelihood."""
+        return replace(
+            self,
+            information=self.information / dispersion[:, None, None],
+            score=self.score / dispersion[:, None],
+            height=self.height / dispersion,
+        )
+
+    def softened(self, changing: Array) -> Evidence:
+        """The evidence if the parameters also differ from window to window.
+
+        With a deviation of its own of covariance Q in each window, the information becomes
+        (A^-1 + Q)^-1 = (I + A Q)^-1 A, and the score (I + A Q)^-1 b.
+
+        Args:
+            changing: Standard deviations, shape (2, P): while the ball rolls, and where it stops.
+        """
+        A, variance = self.information, changing[self.stopping.astype(int)] ** 2  # noqa: N806
+        both = np.concatenate((A, self.score[..., None]), axis=-1)
+        less = np.linalg.solve(np.eye(A.shape[-1]) + A * variance[:, None], both)
+        return replace(
+            self,
+            information=less[..., :-1],
+            score=less[..., -1],
+            height=self.height
+            + log_evidence(A, self.score, variance[..., None] * np.eye(A.shape[-1])),
+        )
+
+
+def log_evidence(
+    information: Array, score: Array, prior: Array, mean: Array | float = 0.0
+) -> Array:
+    """Logarithm of the marginal likelihood over the likelihood at d = 0, shape (...).
+
+    The integral of exp(b'd - d'A d / 2) over d ~ N(m, V), which with c = b - A m is
+    b'm - m'A m / 2 + (c' V (I + A V)^-1 c - ln det(I + A V)) / 2.
+
+    Args:
+        information: A, shape (..., P, P).
+        score: b, shape (..., P).
+        prior: V, shape (..., P, P).
+        mean: m, shape (..., P).
+    """
+    m = np.broadcast_to(mean, score.shape)
+    pull = _times(information, m)
+    c = score - pull
+    AV = np.eye(information.shape[-1]) + information @ prior  # noqa: N806
+    fit = (c * _times(prior, np.linalg.solve(AV, c[..., None])[..., 0])).sum(axis=-1)
+    at_mean = ((score - pull / 2) * m).sum(axis=-1)
+    return np.asarray(at_mean + (fit - np.linalg.slogdet(AV)[1]) / 2)
+
+
+def posterior(
+    information: Array, score: Array, prior: Array, mean: Array | float = 0.0
+) -> tuple[Array, Array]:
+    """Mean (..., P) and covariance (..., P, P) of d, arguments as for ``log_evidence``."""
+    m = np.broadcast_to(mean, score.shape)
+    AV = np.eye(information.shape[-1]) + information @ prior  # noqa: N806
+    # V (I + A V)^-1, symmetric
+    covariance = np.swapaxes(np.linalg.solve(np.swapaxes(AV, -1, -2), prior), -1, -2)
+    return m + _times(covariance, score - _times(information, m)), covariance
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return np.asarray((matrix @ vector[..., None])[..., 0])

@@ -1,0 +1,122 @@
+"""A sequential test: since when, if at all, has something other than the twin made the log.
+
+A CUSUM over windows in the form for changes of unknown size (Lai and Xing): after each window the
+log-likelihood ratio of every cause against no change, its size integrated over its prior, is
+maximised over the time of the change. What crosses a threshold is an alarm. How far the twin was
+off before the change is learned from the windows before it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from twin.shadow.belief import Belief
+from twin.shadow.causes import changes
+from twin.shadow.evidence import Evidence, log_evidence, posterior
+
+LOOKBACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+"""Windows since the change that are tried."""
+LEARNED = 120
+"""Windows before the change from which is learned how far the twin was off: some minutes."""
+FORGOTTEN = 0.1
+"""What is learned never gets surer than this share of what was believed at first."""
+BLOCK = 200
+"""Windows that are worked on at a time."""
+
+
+class _Sums:
+    """Sums of evidence up to each window, in numbers of one size.
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change; its uncertainty is the unit of every parameter.
+    """
+
+    def __init__(self, evidence: Evidence, belief: Belief) -> None:
+        unit = belief.constant
+        none = np.zeros((1, *evidence.information.shape[1:]))
+        information = np.concatenate((none, np.cumsum(evidence.information, axis=0)))
+        self._A = information * unit * unit[:, None]
+        self._b = np.concatenate((none[:, 0], np.cumsum(evidence.score, axis=0))) * unit
+        moved = changes(belief) / unit / unit[:, None]
+        self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
+        self._eye = np.eye(len(unit))
+
+    def ratio(self, begin: NDArray[np.int_], last: NDArray[np.int_]) -> Array:
+        """Log-likelihood ratio of a change before windows ``begin`` up to ``last``, shape (...).
+
+        Args:
+            begin: First window after the change, shape (...).
+            last: One past the last window that is counted, shape (...).
+        """
+        first = np.maximum(begin - LEARNED, 0)
+        A, b = self._A, self._b  # noqa: N806
+        mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
+        logs = log_evidence(
+            (A[last] - A[begin])[..., None, :, :],
+            (b[last] - b[begin])[..., None, :],
+            (covariance + FORGOTTEN**2 * self._eye)[..., None, :, :] + self._alternatives,
+            mean[..., None, :],
+        )
+        return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
+
+
+def statistic(evidence: Evidence, belief: Belief) -> Array:
+    """After each window the largest log-likelihood ratio of a change so far, shape (W,).
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change.
+    """
+    sums = _Sums(evidence, belief)
+    largest = np.zeros(len(evidence))
+    for first in range(0, len(evidence), BLOCK):
+        last = 1 + np.arange(first, min(first + BLOCK, len(evidence)))
+        begin = np.maximum(last[:, None] - np.array(LOOKBACKS), 0)
+        ratio = sums.ratio(begin, np.broadcast_to(last[:, None], begin.shape))
+        largest[last - 1] = ratio.max(axis=1)
+    return largest
+
+
+def onset(evidence: Evidence, belief: Belief, alarm: int, last: int) -> int:
+    """The first window after the most likely change.
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change.
+        alarm: The window after which there was an alarm.
+        last: The last window that is counted.
+    """
+    begin = np.arange(max(alarm + 1 - LOOKBACKS[-1], 0), alarm + 1)
+    ratio = _Sums(evidence, belief).ratio(begin, np.full(len(begin), last + 1))
+    return int(begin[ratio.argmax()])
+
+
+class Before(NamedTuple):
+    """How far the twin was off before a change, as far as the log has shown.
+
+    Attributes:
+        mean: Most probable deviation from the belief, shape (P,).
+        covariance: How unsure that is, shape (P, P).
+    """
+
+    mean: Array
+    covariance: Array
+
+
+def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
+    """What the windows before a change have shown.
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change.
+        change: The first window after it.
+    """
+    before = evidence.take(np.arange(max(change - LEARNED, 0), change))
+    A, b = before.information.sum(axis=0), before.score.sum(axis=0)  # noqa: N806
+    mean, covariance = posterior(A, b, belief.uncertainty)
+    return Before(mean, covariance + FORGOTTEN**2 * belief.uncertainty)

@@ -1,0 +1,97 @@
+"""What the plate's motion says of the drives: lag, lost motion, and what the cams make of it.
+
+Beyond the servos' response to the command, the plate's angle is a doubly integrated white
+disturbance seen by noisy encoders. A Kalman filter's innovations of it are white, and what a
+parameter would add to the angle is whitened by the same filter: then least squares is likelihood.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+from scipy.signal import lfilter
+
+from controllers.arrays import Array
+from twin.identify.plate_motion import servo_response
+from twin.identify.prepare import PreparedLog, Segment
+from twin.shadow.belief import DRIVES, Belief
+from twin.shadow.evidence import Evidence
+from twin.sim.drive_train import Play
+
+WINDOW = 2.0
+"""Length of a window in s."""
+SETTLED = 1.0
+"""Seconds after which the filter has forgotten where it began."""
+ALIKE = 4.0
+"""Innovations that count as one: a slow plate stays on one count of its encoder for a while."""
+LAG_DIFFERENCE = 0.005
+"""Step of the difference by the time constant, s."""
+STILL = 40.0
+"""Range of the plate's angle in a window, in standard deviations of its encoder, below which it
+tells nothing: the readings then stay on a few counts."""
+GAPS = (np.radians(0.05), np.radians(0.2))
+"""Widths in rad of a narrow and of a wide gap."""
+
+
+def plate_evidence(log: PreparedLog, belief: Belief) -> Evidence | None:
+    """Evidence of ``DRIVES``; None if no part of the log is long enough."""
+    parts = [_of_segment(segment, log.period, belief) for segment in log.segments]
+    found = [part for part in parts if part is not None]
+    return Evidence.join(found) if found else None
+
+
+def _of_segment(segment: Segment, period: float, belief: Belief) -> Evidence | None:
+    rows, skipped = round(WINDOW / period), round(SETTLED / period)
+    count = (len(segment.time) - skipped) // rows
+    if count < 1 or segment.command is None:
+        return None
+    command = segment.command
+    angle, _ = servo_response(command, period, belief.lag, belief.own_lag)
+    late, _ = servo_response(command, period, belief.lag + LAG_DIFFERENCE, belief.own_lag)
+    slopes = (
+        (late - angle) / LAG_DIFFERENCE,
+        *(_with_play(angle, gap) - angle for gap in GAPS),
+        angle,
+    )
+    information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
+    for axis in (0, 1):
+        both = np.stack((segment.plate - angle, *slopes))[..., axis]
+        used = slice(skipped, skipped + count * rows)
+        white = whitened(both, period, belief.disturbance[axis], belief.encoders[axis])[:, used]
+        moved = np.ptp(segment.plate[used, axis].reshape(count, rows), axis=1)
+        counted = moved > STILL * np.sqrt(belief.encoders[axis])
+        e, J = white[0].reshape(count, rows), white[1:].reshape(4, count, rows)  # noqa: N806
+        J = J * counted[:, None]  # noqa: N806
+        information += np.einsum("iwk,jwk->wij", J, J) / ALIKE
+        score += np.einsum("iwk,wk->wi", J, e) / ALIKE
+    begin = segment.time[skipped] + WINDOW * np.arange(count)
+    spans = np.stack((begin, begin + WINDOW), axis=-1)
+    return Evidence.of(DRIVES, spans, information, score, np.full((count, 2), np.nan))
+
+
+def whitened(signals: Array, period: float, disturbance: float, encoder: float) -> Array:
+    """Innovations of the steady Kalman filter in their standard deviations, shape (..., K).
+
+    Args:
+        signals: Angles in rad, shape (..., K).
+        period: Seconds between them.
+        disturbance: Variance of the acceleration of a period, (rad/s^2)^2.
+        encoder: Variance of a reading, rad^2.
+    """
+    F = np.array([[1.0, period], [0.0, 1.0]])  # noqa: N806
+    g = np.array([[period**2 / 2], [period]])
+    h = np.array([[1.0, 0.0]])
+    # without any disturbance or noise there is no filter: a thousandth of Table B.1 stands for none
+    q, r = max(disturbance, 1e-7), max(encoder, 1e-12)
+    P = solve_discrete_are(F.T, h.T, q * g @ g.T, np.array([[r]]))  # noqa: N806
+    variance = float((h @ P @ h.T)[0, 0]) + r
+    gain = F @ P @ h.T / variance
+    out = lfilter(np.poly(F), np.poly(F - gain @ h), signals, axis=-1)
+    return np.asarray(out / np.sqrt(variance))
+
+
+def _with_play(angle: Array, width: float) -> Array:
+    """The angle behind a gap of a width in rad, shape (K, 2)."""
+    gap = Play(np.full((1, 1), width))
+    turns = np.diff(angle, axis=0, prepend=angle[:1])
+    return np.asarray(angle[0] + np.cumsum([gap.follow(turn[None])[0] for turn in turns], axis=0))

@@ -1,0 +1,57 @@
+"""What the screen's samples say of its noise, window by window."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.identify.prepare import PreparedLog, Segment
+from twin.shadow.belief import Belief
+from twin.shadow.evidence import Evidence
+
+WINDOW = 2.0
+"""Length of a window in s."""
+LEAST = 30
+"""Samples below which a window says nothing."""
+# The second differences of white noise are correlated: so many of them count as one.
+_ALIKE = 35 / 18
+
+
+def noise_level(ball: Array, variance: Array) -> float:
+    """Logarithm of the noise of samples in a row, over what is believed.
+
+    From how three in a row differ from a line, as second differences forget the ball's motion.
+
+    Args:
+        ball: Samples in m, shape (K, 2).
+        variance: What is believed, m^2, shape (2,).
+    """
+    bend = np.diff(ball, n=2, axis=0)
+    return float(np.log(((bend**2).mean(axis=0) / (6 * variance)).mean()) / 2)
+
+
+def noise_evidence(log: PreparedLog, belief: Belief) -> Evidence | None:
+    """Evidence of ``noise``; None if no part of the log is long enough."""
+    parts = [_of_segment(segment, belief) for segment in log.segments]
+    found = [part for part in parts if part is not None]
+    return Evidence.join(found) if found else None
+
+
+def _of_segment(segment: Segment, belief: Belief) -> Evidence | None:
+    begins = segment.time[0] + WINDOW * np.arange(int(segment.length / WINDOW))
+    spans, levels, counts, places = [], [], [], []
+    for begin in begins:
+        ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + WINDOW)]
+        if len(ball) >= LEAST:
+            spans.append((begin, begin + WINDOW))
+            levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
+            counts.append(2 * (len(ball) - 2) / _ALIKE)
+            places.append(ball.mean(axis=0))
+    if not spans:
+        return None
+    # the logarithm of a standard deviation from n values has variance 1 / (2 n)
+    information = 2 * np.array(counts)
+    score = information * np.array(levels)
+    return Evidence.of(
+        ("noise",), np.array(spans), information[:, None, None], score[:, None], np.array(places)
+    )
