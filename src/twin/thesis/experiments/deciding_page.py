@@ -74,7 +74,7 @@ def _joint_friction(play: float, found: Sequence[Loop]) -> list[str]:
     needed = large.torque * play / large.width
     return [
         "   Dry friction of the plate's joints makes flat corners as well "
-        "(`plant.plate.joint_friction`; mechanism only, at no cost of time): it winds up wheels "
+        "(`plant.plate.joint_friction`; mechanism only, at no measurable cost): it winds up wheels "
         f"and cams, by {1000 * large.width / large.torque:.0f} mdeg of loop per N m. A loop of "
         f"{play:.2f} deg takes {needed:.1f} N m, and at {large.torque:g} N m what presses the "
         f"wheel on its cam falls from {still.force:.0f} to {large.force:.0f} N. Dry bushes have "

@@ -110,7 +110,7 @@ def _instruments() -> list[str]:
         f"- **Plate encoders of {COUNTS} counts a turn.** The 48 printed plate angles are "
         f"{instruments.off_counts(COUNTS):.3f} counts from whole ones, as much as printing four "
         f"digits rounds; with 16384 (4096 pulses, fourfold) they are "
-        f"{instruments.off_counts(16384):.2f} off, with any other number 0.03 or more. 245760 is "
+        f"{instruments.off_counts(16384):.2f} off, with any smaller number 0.03 or more. 245760 is "
         "15 times 16384: gears or interpolation between disc and counter.",
         "- **No disturbance.** What Table B.1 calls one is the variance of *control efforts* in a "
         "static state (caption of Fig. B.3). Their deviations are "
