@@ -32,7 +32,7 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 
 @click.group()
 def calibrate() -> None:
-    """Calibrate the cam table, the level and the touch screen of a rig; measure its lost motion."""
+    """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
 
 
 calibrate.add_command(touch)
