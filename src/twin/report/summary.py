@@ -159,12 +159,12 @@ def _known(run: Replay) -> list[str]:
     friction, spread = (1000 * rows[f"estimated_friction{end}"][-1] for end in ("", "_spread"))
     gains = [
         f"{100 * rows[f'estimated_tilt_gain_{axis}'][-1]:+.2g} ± "
-        f"{100 * rows[f'estimated_tilt_gain_{axis}_spread'][-1]:.1g} %"
+        f"{100 * rows[f'estimated_tilt_gain_{axis}_spread'][-1]:.2g} %"
         for axis in "xy"
     ]
     return [
         f"At the end the observer took friction to slow the ball by {friction:.3g} ± "
-        f"{spread:.1g} mm/s² (one standard deviation), and the tilt to act by "
+        f"{spread:.2g} mm/s² (one standard deviation), and the tilt to act by "
         f"{gains[0]} along x and {gains[1]} along y more than nominal."
     ]
 
