@@ -94,8 +94,10 @@ def test_a_ball_of_another_inertia_rolls_down_with_its_own_acceleration(plant):
 
 @pytest.mark.parametrize("longer", [0.052, 0.030])
 def test_samples_come_late_by_the_dead_time_that_is_in_force(longer):
-    found = run(scenario("lagrange", one("sensors.touch.dead_time", longer), *QUIET))
+    moving = "plant.start.x_rate=0.1", "plant.friction.rolling_mm=0.0"
+    found = run(scenario("lagrange", one("sensors.touch.dead_time", longer), *QUIET, *moving))
     seen, true = columns(found, "measured")[:, 0], columns(found, "state")[:, 0]
+    assert len(set(true[400:700])) == 300
     before, after = round(0.042 / 0.002), round(longer / 0.002)
     assert np.array_equal(seen[100:500], true[100 - before : 500 - before])
     assert np.array_equal(seen[540:700], true[540 - after : 700 - after])

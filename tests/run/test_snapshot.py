@@ -11,6 +11,7 @@ from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.run.snapshot import Snapshot, SnapshotError, packed, unpacked
 from twin.scenario.load import load as load_scenario
+from twin.sim.noise import Noise
 
 DURATION, AT = 0.3, 0.2
 TICK = round(AT / 0.002)
@@ -28,10 +29,16 @@ RICH = (
     "plant.surface.slope_deg=0.1",
     "plant.start.x=0.05",
     "plant.start.y=0.03",
-    'change=[{at=0.1, set={"plant.friction.viscous_mm"=1.0}}, '
+    'change=[{at=0.1, set={"plant.friction.viscous_mm"=1.0, "rig.cam_error_percent"=[9.0, 5.0]}}, '
     '{at=0.15, over=0.1, set={"plant.level_deg"=[0.1, 0.2], "sensors.touch.dead_time"=0.05}}]',
 )
 """Every effect that has a state of its own."""
+
+
+@pytest.fixture(autouse=True)
+def drawn_often(monkeypatch):
+    """Let random streams be drawn from every few periods, so that their state counts."""
+    monkeypatch.setattr(Noise, "BLOCK", 16)
 
 
 def recorded(scenarios, keep_at=None, snapshot=None):
