@@ -106,8 +106,8 @@ class SimulatedScreen:
     def change(self, model: TouchModel) -> None:
         """Have the dead time and the noise of another model from now on.
 
-        Where samples take longer than before, the oldest that has arrived stays until the next one
-        has.
+        Where samples take longer than before, the oldest that is kept, at most two periods older
+        than the one shown, stays until the next one has arrived.
         """
         self._noise.change(model.variance)
         if np.array_equal(model.dead_time, self._model.dead_time):
