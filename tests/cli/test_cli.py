@@ -147,7 +147,7 @@ def test_compare_takes_several_scenarios(ballplate):
         (("run", "circle", "--set", "controller.gain=[1]"), "did you mean 'gains'"),
         (("run", "circle", "--set", "amplitude=0.1"), "did you mean 'reference.amplitude'"),
         (("run", "circle", "--set", "rolling_mm=0"), "did you mean 'plant.friction.rolling_mm'"),
-        (("run", "foo"), "known: circle, excite, hold, sine, step; `ballplate list` lists all"),
+        (("run", "foo"), "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `ballplate list`"),
         (("report", "circle"), "is a scenario, not a run; first: ballplate run circle"),
         (("report",), "no run in runs/ yet"),
         (("run", "circle", "--set", "plant.ball.mass=-1"), "greater than 0"),

@@ -83,13 +83,13 @@ def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
     assert not (tmp_path / "runs").exists()
 
 
-def test_an_unknown_study_is_answered_with_the_nearest_and_all_shipped_ones(capsys) -> None:
+def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(capsys) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["study", "frictoin"])
     assert caught.value.code == 2
     err = capsys.readouterr().err
     assert "did you mean 'friction'?" in err
-    assert "tournament" in err
+    assert "`ballplate study` lists all" in err
 
 
 def test_a_relative_parameter_without_a_number_to_scale_is_refused(study) -> None:

@@ -46,7 +46,9 @@ def test_behind_an_observer_without_linearisation_the_law_is_judged_with_the_ful
         def correct(self, measurement):
             x = super().correct(measurement)
             self.count = getattr(self, "count", 0) + 1
-            return x if self.count == 1 else np.zeros_like(x)
+            if self.count > 1:
+                self.x = np.zeros_like(x)
+            return self.x
 
     law = LQR(rho=100.0, kappa=0.1)
     plain = loop_margins(law, Kalman(), dead_time=0.0)

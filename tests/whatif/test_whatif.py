@@ -164,7 +164,7 @@ def invoke(*arguments):
 
 def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_path):
     out = tmp_path / "out"
-    level = "plant.level_deg=[0.2, 0.0]"
+    level = "plant.level_deg=[1.0, 0.0]"
     branches = ("--branch", "", "--branch", f"{level}; observer.kind=kalman")
     result = invoke(run, "--at", AT, "--for", 0.5, *branches, "--out", out, "--json")
     assert result.exit_code == 0, result.output

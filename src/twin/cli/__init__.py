@@ -77,9 +77,7 @@ HELP = {
         "Analyse the system and its control loops and compare with the thesis, chapters "
         "5 and 6.2.1."
     ),
-    "calibrate": (
-        "Calibrate the cam table, the level and the touch screen of a rig; measure its lost motion."
-    ),
+    "calibrate": "Calibrate cam table, level and touch screen of a rig; measure its lost motion.",
     "completion": (
         "Print the script that completes commands, scenarios, runs and keys in a shell."
     ),

@@ -12,6 +12,7 @@ import io
 import json
 import sys
 import zipfile
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -166,9 +167,9 @@ def _saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kin
         return thing
     if isinstance(thing, np.random.Generator):
         return {"rng": thing.bit_generator.state}
-    if isinstance(thing, tuple | list):
+    if isinstance(thing, tuple | list | deque):
         each = {index: _saved(one, seen) for index, one in enumerate(thing)}
-        return _several("list" if isinstance(thing, list) else "tuple", each)
+        return _several("tuple" if isinstance(thing, tuple) else "list", each)
     if isinstance(thing, dict):
         return _several("dict", {key: _saved(each, seen) for key, each in thing.items()})
     if _constant(thing) or id(thing) in seen:
@@ -248,12 +249,14 @@ def _value(node: Node) -> Any:
 def _like(present: Any, value: Any) -> Any:
     """A saved value as the one in its place is.
 
-    A tuple has its names; an array that is the same is left, as products of matrices round
+    A tuple has its names, a queue its length; an array that is the same is left, as products of matrices round
     differently where they lie differently in memory.
     """
     if isinstance(value, np.ndarray) and isinstance(present, np.ndarray):
         same = value.dtype == present.dtype and np.array_equal(value, present, equal_nan=True)
         return present if same else value
+    if isinstance(present, deque):
+        return deque(map(_like, present, value), present.maxlen)
     if isinstance(value, tuple) and isinstance(present, tuple) and len(present) == len(value):
         each = [_like(*pair) for pair in zip(present, value, strict=True)]
         return type(present)._make(each) if hasattr(present, "_make") else tuple(each)
