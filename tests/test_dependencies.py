@@ -21,6 +21,7 @@ def changed(path):
     return lambda each: each.read_bytes() + b"\n" * (each == ROOT / path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("test", "path"),
     [

@@ -76,10 +76,12 @@ def test_a_run_and_its_report_are_made_without_posix(folder):
     assert (folder / "runs" / "hold" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_a_study_is_planned_without_posix(printed):
     assert "2 runs" in printed["plan"]
 
 
+@pytest.mark.long
 def test_every_command_explains_itself_without_posix(printed):
     assert printed["help"].count("Usage: ") == len(COMMANDS)
 

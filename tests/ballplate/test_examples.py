@@ -59,6 +59,7 @@ def test_an_example_is_a_text_notebook_of_at_most_forty_lines_of_code(path):
     assert sum(bool(line) and not line.startswith("#") for line in lines) <= 40
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize(
     "path", [path for path in EXAMPLES if "identify" not in path.stem], ids=lambda path: path.stem

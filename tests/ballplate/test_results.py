@@ -79,6 +79,7 @@ def test_without_pandas_its_tables_are_refused_in_one_line(done, monkeypatch):
         done.to_pandas()
 
 
+@pytest.mark.long
 def test_a_saved_run_is_loaded_as_it_was(done, tmp_path):
     again = ballplate.load(done.save(tmp_path / "one"))
     assert again.scenario == done.scenario
@@ -121,6 +122,7 @@ def test_variants_side_by_side_are_the_runs_themselves(compared, done):
     assert set(compared.headings.values()) < set(shown.cells)
 
 
+@pytest.mark.long
 def test_a_comparison_is_saved_and_loaded_and_put_beside_other_runs(compared, done, tmp_path):
     again = ballplate.load(compared.save(tmp_path))
     assert len(again) == 2
@@ -163,6 +165,7 @@ values = [0.0, 0.2]
 """
 
 
+@pytest.mark.long
 def test_a_study_gives_rows_answers_and_figures_and_goes_on_where_it_stopped(tmp_path):
     file = tmp_path / "short.toml"
     file.write_text(STUDY)

@@ -35,11 +35,13 @@ def test_json_is_one_object_with_every_part(content):
     assert set(content) == parts
 
 
+@pytest.mark.long
 def test_every_equation_of_the_chapters_is_judged(content):
     equations = {row["equation"] for row in content["structure"]}
     assert {"5.21", "5.29", "5.33", "5.35", "6.16", "6.19", "6.25", "6.39"} <= equations
 
 
+@pytest.mark.long
 def test_thesis_poles_stand_beside_the_ones_found(content):
     rows = [row for row in content["designs"] if row["thesis_poles"]]
     assert len(rows) == 9
@@ -49,6 +51,7 @@ def test_thesis_poles_stand_beside_the_ones_found(content):
         assert sorted(real for real, _ in found) == pytest.approx(thesis, rel=1e-4)
 
 
+@pytest.mark.long
 def test_every_design_has_all_margins_at_every_cut(content):
     for row in content["designs"]:
         for cut in row["margins"].values():
@@ -56,6 +59,7 @@ def test_every_design_has_all_margins_at_every_cut(content):
             assert cut["disk"] > 0
 
 
+@pytest.mark.long
 def test_the_neglected_terms_are_small_beside_the_main_ones(content):
     rows = [row for row in content["neglected"]["whole"] if row["terms"] == "neglected"]
     assert len(rows) == 2
@@ -70,12 +74,14 @@ def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, co
         assert words in text
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_a_law_without_linearisation_is_said_to_have_none():
     text = call("sine", *SHORT, "--set", f"controller.kind={SlidingMode.name}")
     assert "has no linearisation" in text
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_an_unstable_loop_is_called_unstable():
     text = call(
@@ -85,6 +91,7 @@ def test_an_unstable_loop_is_called_unstable():
     assert "this loop is unstable" in text
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_full_state_feedback_is_analysed_too():
     ideal = ("--set", "observer.kind=ideal", "--set", "sensors.ideal=true")
@@ -93,6 +100,7 @@ def test_full_state_feedback_is_analysed_too():
     assert found["loop"]["stable"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_a_ball_that_rests_has_no_ratio_but_an_answer():
     found = json.loads(

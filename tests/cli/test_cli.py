@@ -147,7 +147,10 @@ def test_compare_takes_several_scenarios(ballplate):
         (("run", "circle", "--set", "controller.gain=[1]"), "did you mean 'gains'"),
         (("run", "circle", "--set", "amplitude=0.1"), "did you mean 'reference.amplitude'"),
         (("run", "circle", "--set", "rolling_mm=0"), "did you mean 'plant.friction.rolling_mm'"),
-        (("run", "foo"), "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `ballplate list`"),
+        (
+            ("run", "foo"),
+            "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `",
+        ),
         (("report", "circle"), "is a scenario, not a run; first: ballplate run circle"),
         (("report",), "no run in runs/ yet"),
         (("run", "circle", "--set", "plant.ball.mass=-1"), "greater than 0"),
@@ -222,6 +225,7 @@ def test_a_long_title_is_broken_and_cut_to_fit_the_picture(scenario):
     assert 0 < box.x0 < box.x1 < drawn.bbox.x1
 
 
+@pytest.mark.long
 def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp_path):
     monkeypatch.setattr(output.console, "width", 80)
     code, out, _ = ballplate(
@@ -240,6 +244,7 @@ def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp
     assert kept == {f"rolling_mm={value}" for value in ("0", "0.1", "0.18", "0.3")}
 
 
+@pytest.mark.long
 def test_runs_that_do_not_fit_as_columns_have_a_line_each(ballplate, monkeypatch):
     monkeypatch.setattr(output.console, "width", 80)
     command = ("compare", "step", *QUICK, "--vary", f"seed={[*range(100_000, 100_008)]}")
@@ -253,6 +258,7 @@ def test_runs_that_do_not_fit_as_columns_have_a_line_each(ballplate, monkeypatch
     assert out.count("largest |phi|") > 1
 
 
+@pytest.mark.long
 def test_finished_runs_comparisons_and_patterns_are_compared_and_reported(ballplate, tmp_path):
     ballplate("run", "step", *QUICK, "--out", "runs/one")
     ballplate("compare", "step", *QUICK, "--vary", "seed=[1,2]", "--out", "runs/both")
@@ -269,6 +275,7 @@ def test_finished_runs_comparisons_and_patterns_are_compared_and_reported(ballpl
     assert (made / "hold" / "report.csv").is_file()
 
 
+@pytest.mark.long
 def test_a_comparison_leaves_no_run_of_the_one_before_and_nothing_of_others(ballplate):
     place = Path("made")
     ballplate("compare", "step", *QUICK, "--vary", "seed=[1,2,3]", "--out", "made")
@@ -280,6 +287,7 @@ def test_a_comparison_leaves_no_run_of_the_one_before_and_nothing_of_others(ball
     assert (place / "seed=2" / "notes.txt").exists()
 
 
+@pytest.mark.long
 def test_a_log_lies_over_its_prediction_in_compare_and_report(ballplate, tmp_path):
     ballplate("run", "circle", *QUICK, "--out", "made")
     ballplate("export", "made", "log.csv")

@@ -152,6 +152,7 @@ def swung(ticks, **settings):
     return least, asymmetry, observer.P
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spread", [None, (1.0,) * 8])
 def test_covariance_stays_symmetric_positive_definite(spread):
     least, asymmetry, _ = swung(5000, spread=spread)
@@ -223,6 +224,7 @@ def within_chance(total, freedom):
     return low < total < high
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_the_covariance_says(crowd):
     error, P, _, _ = crowd
     assert within_chance(normalised(error, P), error.size)

@@ -119,6 +119,7 @@ def within(values, freedom, chance=1e-4):
     return low < values.mean() < high
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_the_filter_says_where_its_model_holds(consistency):
     _, _, nees, _, _ = consistency
     # from the end of the dead time on, rigs apart: samples of one rig are not independent

@@ -137,6 +137,7 @@ PEAKS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cell", PEAKS.values(), ids=PEAKS)
 def test_peaks_are_those_of_the_thesis_tables(cell):
     law, reference, phi_max, u1_max = cell

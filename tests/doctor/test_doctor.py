@@ -69,6 +69,7 @@ def test_healthy_drives_pass_every_check():
     assert "phi encoder" in found
 
 
+@pytest.mark.long
 def test_units_and_limits_of_the_drives_are_said_in_words():
     found = examined()
     seen = found["drive phi (node 1) limits"].seen

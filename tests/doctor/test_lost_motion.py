@@ -26,6 +26,7 @@ def measured(*overrides, amplitude=0.4, rate=3.0, act=lambda rig: None):
         )
 
 
+@pytest.mark.long
 def test_the_play_put_into_a_rig_is_found_on_both_axes_without_a_fault():
     for axis, found in zip(
         ("phi", "theta"), measured("plant.servo.backlash_deg=0.44"), strict=True

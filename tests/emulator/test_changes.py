@@ -32,6 +32,7 @@ def unchanged():
     return measured("[]")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "values",
     [

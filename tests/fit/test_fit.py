@@ -143,6 +143,7 @@ def test_the_command_writes_a_page_and_prints_json(made, folder):
     assert json.loads((out / "fit.json").read_text()) == found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -204,6 +205,7 @@ def test_every_indicator_of_a_run_can_be_measured_and_in_other_units():
     assert error.residual(float("nan")) == LOST
 
 
+@pytest.mark.long
 def test_a_factor_acts_on_its_groups_and_on_what_was_fitted_before(made, folder):
     about = read(str(made))
     extra = FittedParameter(

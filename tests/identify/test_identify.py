@@ -47,6 +47,15 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def exact_folder(tmp_path_factory):
+    """A run folder of the exact plant, for what is refused before anything is fitted."""
+    path = tmp_path_factory.mktemp("exact") / "excite"
+    done = run(load("excite", ["duration=14", "plant.kind=lagrange"]))
+    save(done, path, {"run": done.motion})
+    return path
+
+
+@pytest.fixture(scope="module")
 def found(folder):
     return identify(read(folder), (*DEFAULT, "spring"))
 
@@ -54,6 +63,16 @@ def found(folder):
 @pytest.fixture(scope="module")
 def columns(folder):
     """The log's columns in SI units by name."""
+    return columns_of(folder)
+
+
+@pytest.fixture(scope="module")
+def exact_columns(exact_folder):
+    """The same of the exact plant."""
+    return columns_of(exact_folder)
+
+
+def columns_of(folder):
     table = pq.read_table(folder / "run.parquet")
     return {name: table[name].to_numpy().copy() for name in COLUMNS if name in table.column_names}
 
@@ -231,8 +250,8 @@ def shifted_back(time):
         ({"measured_x": scaled(0), "measured_y": scaled(0)}, "too quiet"),
     ],
 )
-def test_a_log_that_cannot_be_so_is_refused_in_one_line(columns, tmp_path, changes, says):
-    log = read(write(tmp_path / "log.csv", broken(columns, **changes)))
+def test_a_log_that_cannot_be_so_is_refused_in_one_line(exact_columns, tmp_path, changes, says):
+    log = read(write(tmp_path / "log.csv", broken(exact_columns, **changes)))
     with pytest.raises(LogError, match=says) as caught:
         identify(log, DEFAULT)
     assert "\n" not in str(caught.value)
@@ -240,29 +259,29 @@ def test_a_log_that_cannot_be_so_is_refused_in_one_line(columns, tmp_path, chang
 
 
 @pytest.mark.parametrize("rows", [50, 600, 2000])
-def test_a_log_that_is_too_short_is_refused_in_one_line(columns, tmp_path, rows):
-    log = read(write(tmp_path / "log.csv", columns, rows=range(rows)))
+def test_a_log_that_is_too_short_is_refused_in_one_line(exact_columns, tmp_path, rows):
+    log = read(write(tmp_path / "log.csv", exact_columns, rows=range(rows)))
     with pytest.raises(LogError, match=r"too short|too quiet|no stretch") as caught:
         identify(log, DEFAULT)
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_without_its_columns_names_those_that_are_missing(columns, tmp_path):
-    less = {name: values for name, values in columns.items() if name != "measured_theta"}
+def test_a_file_without_its_columns_names_those_that_are_missing(exact_columns, tmp_path):
+    less = {name: values for name, values in exact_columns.items() if name != "measured_theta"}
     with pytest.raises(LogError, match=r"no column measured_theta \(it has time, measured_x"):
         read(write(tmp_path / "log.csv", less, rows=range(5)))
 
 
-def test_a_word_among_numbers_is_named_with_its_line(columns, tmp_path):
+def test_a_word_among_numbers_is_named_with_its_line(exact_columns, tmp_path):
     texts = {(2, "measured_y"): "n/a"}
     with pytest.raises(LogError, match=r"line 4: measured_y: 'n/a' is not a number"):
-        read(write(tmp_path / "log.csv", columns, rows=range(5), texts=texts))
+        read(write(tmp_path / "log.csv", exact_columns, rows=range(5), texts=texts))
 
 
-def test_a_unit_that_is_none_is_refused_with_those_known(columns, tmp_path):
+def test_a_unit_that_is_none_is_refused_with_those_known(exact_columns, tmp_path):
     headers = {"measured_x": "measured_x [furlong]"}
     with pytest.raises(LogError, match="measured_x: unit 'furlong'; known: m, mm, cm"):
-        read(write(tmp_path / "log.csv", columns, rows=range(5), headers=headers))
+        read(write(tmp_path / "log.csv", exact_columns, rows=range(5), headers=headers))
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1 no", b"\xff\xfe\x00"])
@@ -289,8 +308,12 @@ def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path, content, suffix)
         b'{"scenario": {"rig": {"period": null}}}',
     ],
 )
-def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(folder, tmp_path, metadata):
-    table = pq.read_table(folder / "run.parquet").replace_schema_metadata({"ballplate": metadata})
+def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(
+    exact_folder, tmp_path, metadata
+):
+    table = pq.read_table(exact_folder / "run.parquet").replace_schema_metadata(
+        {"ballplate": metadata}
+    )
     pq.write_table(table, tmp_path / "foreign.parquet")
     with pytest.raises(LogError, match=r"foreign\.parquet: its metadata") as caught:
         read(tmp_path / "foreign.parquet")

@@ -52,6 +52,7 @@ def test_a_resumed_run_is_the_uninterrupted_one_to_the_bit(whole, folder):
     assert done.metrics == whole.metrics
 
 
+@pytest.mark.long
 def test_what_cannot_be_resumed_is_one_line(whole, folder, tmp_path):
     def refused(*keys, versions=None):
         with pytest.raises(RecordError) as refusal:
@@ -69,6 +70,7 @@ def test_what_cannot_be_resumed_is_one_line(whole, folder, tmp_path):
         interrupted(tmp_path / "nothing", scenario(), {})
 
 
+@pytest.mark.long
 def test_the_command_goes_on_with_the_run_in_its_folder(whole, tmp_path):
     stopped = execute.run(titled(scenario(), KEYS), stopped_at(5.5))
     execute.save(stopped, tmp_path, {"run": stopped.motion})

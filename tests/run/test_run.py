@@ -91,6 +91,7 @@ def test_a_rig_stopped_at_its_limits_levels_the_plate_and_says_why(scenario):
     assert np.abs(done.motion.plate[-1]).max() < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["lagrange", "mujoco"])
 def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
     scenario, monkeypatch, tmp_path, kind

@@ -79,7 +79,7 @@ def informed(law):
     return ("observer.kind=friction_kalman",) if law.needs else ()
 
 
-SLOW = {"feedforward": pytest.mark.long}
+QUICK = {"afl_integral", "sliding_mode", "stable_inversion"}
 OBSERVERS = sorted(catalog(Observer))
 
 
@@ -88,7 +88,9 @@ OBSERVERS = sorted(catalog(Observer))
     [
         *(
             pytest.param(
-                "lagrange", (f"controller.kind={name}", *informed(law)), marks=SLOW.get(name, ())
+                "lagrange",
+                (f"controller.kind={name}", *informed(law)),
+                marks=() if name in QUICK else pytest.mark.long,
             )
             for name, law in sorted(catalog(Law).items())
         ),
@@ -103,6 +105,7 @@ def test_a_restored_run_goes_on_to_the_bit(plant, keys):
     goes_on_the_same([scenario(f"plant.kind={plant}", "predictor.delay=0.042", *keys, *ideal)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("plant", "rigs"), [("lagrange", 3), ("mujoco", 3), ("mujoco", 17)])
 def test_rigs_side_by_side_go_on_to_the_bit(plant, rigs):
     laws = ("controller.kind=lqr", "controller.kind=afl_integral", "seed=3")

@@ -72,6 +72,7 @@ def value_at(key, number):
     return f"{key.key}={number:.17g}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "key", [key for key in described() if BOUND.search(key.allowed)], ids=lambda key: key.key
 )

@@ -50,6 +50,7 @@ def rows_of(log, rows):
     return replace(log, **{name: getattr(log, name)[rows] for name in names})
 
 
+@pytest.mark.long
 def test_a_healthy_rig_is_called_so_and_strays_as_far_as_predicted(found):
     healthy = found["healthy"]
     assert healthy.verdict == "healthy"
@@ -58,6 +59,7 @@ def test_a_healthy_rig_is_called_so_and_strays_as_far_as_predicted(found):
     assert healthy.error_1s < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cause", [name for name in CHANGES if name != "healthy"])
 def test_a_change_is_an_alarm_in_time_with_the_right_cause_before_all_others(found, cause):
     alarm = found[cause].alarms[0]
@@ -66,6 +68,7 @@ def test_a_change_is_an_alarm_in_time_with_the_right_cause_before_all_others(fou
     assert sum(each.probability for each in alarm.causes) == pytest.approx(1)
 
 
+@pytest.mark.long
 def test_a_score_rises_when_friction_does(found):
     run = found["rolling friction"].replays
     before = run.counted & (run.time + run.ahead < 7)
@@ -73,6 +76,7 @@ def test_a_score_rises_when_friction_does(found):
     assert np.median(run.score[after]) > 3 * np.median(run.score[before])
 
 
+@pytest.mark.long
 def test_a_ball_at_rest_is_no_sign_of_health():
     log = logs([(each := load("hold", ("plant.kind=lagrange", "duration=8")), each)])[0]
     said = shadow(log, believed(log))
@@ -117,18 +121,21 @@ def test_an_interval_of_a_share_is_clopper_and_pearsons():
     assert interval(0, 60) == "0 (0 to 6)"
 
 
+@pytest.mark.long
 def test_a_log_without_commands_is_refused_by_one_line(recorded):
     log = replace(recorded["healthy"], command=None)
     with pytest.raises(LogError, match="no columns applied_phi_acc"):
         shadow(log, believed(log))
 
 
+@pytest.mark.long
 def test_a_log_that_is_too_short_is_refused_by_one_line(recorded):
     log = rows_of(recorded["healthy"], slice(0, 700))
     with pytest.raises(LogError, match=r"no stretch of 2\.5 s"):
         shadow(log, believed(log))
 
 
+@pytest.mark.long
 def test_a_gap_is_shown_and_never_bridged(recorded):
     log = rows_of(recorded["healthy"], np.r_[0:3000, 3400:7000])
     said = shadow(log, believed(log))
@@ -140,6 +147,7 @@ def test_a_gap_is_shown_and_never_bridged(recorded):
     assert "1 gaps of 0.80 s" in page(said, None)
 
 
+@pytest.mark.long
 def test_a_scenario_of_another_version_is_refused_by_one_line(recorded):
     log = recorded["healthy"]
     strange = {**log.scenario, "plant": {**log.scenario["plant"], "of_tomorrow": 1}}
@@ -147,6 +155,7 @@ def test_a_scenario_of_another_version_is_refused_by_one_line(recorded):
         believed(replace(log, scenario=strange))
 
 
+@pytest.mark.long
 def test_every_parameter_has_an_uncertainty(recorded):
     belief = believed(recorded["healthy"])
     assert belief.constant.shape == (len(PARAMETERS),)

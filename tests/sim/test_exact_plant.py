@@ -191,6 +191,7 @@ def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
     assert plant.state[:, 4].tolist() == [0.0] * rigs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [None, Friction(rolling=2e-4)])
 @pytest.mark.parametrize("rigs", [1, 2])
 @pytest.mark.parametrize(

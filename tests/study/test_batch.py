@@ -50,6 +50,7 @@ def test_a_run_gives_the_same_bits_whatever_shares_its_batch(kind: str) -> None:
         assert simulate([all_of_them[i] for i in some]) == [whole[i] for i in some]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_a_batch_agrees_with_single_runs_to_rounding(kind: str) -> None:
     some = scenarios(kind, 5, 0.24)

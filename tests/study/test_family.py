@@ -25,6 +25,7 @@ def scenarios(kind, rigs):
     return [build((*fixed, f"seed={rig.seed}"), rig.point) for rig in rigs]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["mujoco", "lagrange"])
 def test_whatever_differs_in_the_family_a_rig_gives_the_same_bits_alone_and_in_a_batch(kind):
     rigs = scenarios(kind, drawn(FAMILY, 5, 12))
@@ -83,6 +84,7 @@ family = "uncertain"
 """
 
 
+@pytest.mark.long
 def test_a_study_over_the_family_runs(tmp_path):
     file = tmp_path / "short.toml"
     file.write_text(STUDY)

@@ -67,6 +67,7 @@ def random_states(count, seed=0):
     return np.random.default_rng(seed).normal(size=(count, 8))
 
 
+@pytest.mark.long
 def test_taylor_coefficients_give_the_brackets_of_5_28(brackets):
     exact = sp.lambdify((X,), brackets.subs(VALUES))
     factorials = np.repeat([math.factorial(k) for k in range(4)], 2)
@@ -98,6 +99,7 @@ def test_the_taylor_series_of_the_flow_is_the_solution_of_the_differential_equat
     assert np.allclose(powers @ flow(MODEL, x, 8, u).x, end, rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_the_determinant_of_a_resting_plate_has_the_closed_form(brackets):
     c1, g = C1, G
     form = c1**4 * g**4 * (1 - c1 * sp.sin(X[2]) ** 2) ** 2
@@ -114,6 +116,7 @@ def test_the_numerical_determinant_is_the_closed_form():
     assert np.allclose(found, determinant_at_rest(MODEL, x), rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fixed", "expected"),
     [

@@ -88,6 +88,7 @@ def test_only_the_three_tracking_errors_of_table_9_3_are_calibration(stabilised)
     assert marked == cells
 
 
+@pytest.mark.long
 def test_friction_leaves_the_ball_short_of_its_goal_as_on_the_rig(stabilised):
     assert stabilised["overshoot"]["predicted"] == stabilised["overshoot"]["thesis"] == 0
     assert stabilised["e_ss"]["frictionless"] < 0.001

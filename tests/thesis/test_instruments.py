@@ -38,6 +38,7 @@ def test_what_table_b1_calls_a_disturbance_is_as_large_as_the_controllers_own_ou
     assert load("circle").disturbance.variance == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_the_answer_of_a_loop_to_noise_is_that_of_a_loop_that_is_run():
     overrides = (
         *("plant.kind=lagrange", "plant.step=0.002", "plant.friction.rolling_mm=0"),
@@ -58,6 +59,7 @@ def test_a_real_disturbance_would_turn_a_still_plate():
     assert turned(10.0) == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.long
 def test_dry_friction_of_the_joints_makes_a_loop_and_takes_force_from_the_wheels():
     found = loops()
     assert [each.torque for each in found] == list(TORQUES)

@@ -87,6 +87,7 @@ def altered(table, column, **changes):
     return replace(table, rows=(replace(row, cells=cells, **changes), *table.rows[1:]))
 
 
+@pytest.mark.long
 def test_a_cell_out_of_bounds_differs_unless_a_reason_is_known(steps):
     (table,), found = steps
     plain = compare([altered(table, "u1_max")], found)
@@ -97,6 +98,7 @@ def test_a_cell_out_of_bounds_differs_unless_a_reason_is_known(steps):
     assert cell.note.startswith("copied")
 
 
+@pytest.mark.long
 def test_a_settling_time_outside_what_could_be_read_differs(steps):
     (table,), found = steps
     row = replace(table.rows[1], cells={**table.rows[1].cells, "t_ss": 3.2})
@@ -104,6 +106,7 @@ def test_a_settling_time_outside_what_could_be_read_differs(steps):
     assert [c.column for c in cells if c.verdict is Agreement.DIFFERS] == ["t_ss"]
 
 
+@pytest.mark.long
 def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
     (table,), found = steps
     monkeypatch.setattr(module, "row_results", lambda *_: found.values())
@@ -112,6 +115,7 @@ def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypa
     assert call("8.1").return_value == 1
 
 
+@pytest.mark.long
 def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
     monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)

@@ -49,6 +49,7 @@ def test_without_noise_an_observer_that_starts_right_changes_nothing():
     assert found.state[::2, 0] == pytest.approx(truth.state[::5, 0], abs=2e-7)
 
 
+@pytest.mark.long
 def test_without_noise_the_predictor_removes_the_dead_time():
     (truth,), (found,) = (
         exact([observed(dead_time=tau, predicted=tau > 0)]) for tau in (0.0, 0.042)

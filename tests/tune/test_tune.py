@@ -82,6 +82,7 @@ def made(file, folder):
     return result.exit_code, json.loads(result.stdout), out
 
 
+@pytest.mark.long
 def test_a_tune_ends_with_a_certificate_and_a_page(made):
     code, found, out = made
     after = found["after"]
@@ -97,6 +98,7 @@ def test_a_tune_ends_with_a_certificate_and_a_page(made):
     assert json.loads((out / "tune.json").read_text()).items() >= found.items()
 
 
+@pytest.mark.long
 def test_the_tuned_controller_lies_over_any_scenario(made):
     _, found, out = made
     tables = tomllib.loads((out / "tuned.toml").read_text())
@@ -111,6 +113,7 @@ def test_the_tuned_controller_lies_over_any_scenario(made):
         assert got.reference == load(scenario).reference
 
 
+@pytest.mark.long
 def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monkeypatch):
     _, found, out = made
     some = folder / "some"
@@ -130,6 +133,7 @@ def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monk
     assert json.loads(result.stdout) == found
 
 
+@pytest.mark.long
 def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatch):
     seen = {}
     indicators = Trials.indicators
@@ -153,6 +157,7 @@ def test_the_search_never_sees_a_rig_of_the_certificate(file, folder, monkeypatc
     assert not seen[1] & seen[2]
 
 
+@pytest.mark.long
 def test_no_more_runs_are_made_than_are_planned(made):
     _, found, _ = made
     tune = Tune.model_validate(tomllib.loads(TUNE))
@@ -189,6 +194,7 @@ def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
     assert found.values["push"] == [0.02, None, None, 0.04]
 
 
+@pytest.mark.long
 def test_every_shipped_tune_can_be_carried_out(folder):
     assert len(shipped()) >= 7
     first = read("afl")

@@ -70,6 +70,7 @@ def one(moment, *settings, lasting=1.0):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "keys",
     [
@@ -162,6 +163,7 @@ def invoke(*arguments):
     return CliRunner().invoke(ballplate, ["whatif", *map(str, arguments)])
 
 
+@pytest.mark.long
 def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_path):
     out = tmp_path / "out"
     level = "plant.level_deg=[1.0, 0.0]"

@@ -249,8 +249,8 @@ def _value(node: Node) -> Any:
 def _like(present: Any, value: Any) -> Any:
     """A saved value as the one in its place is.
 
-    A tuple has its names, a queue its length; an array that is the same is left, as products of matrices round
-    differently where they lie differently in memory.
+    A tuple has its names, a queue its length; an array that is the same is left, as products of
+    matrices round differently where they lie differently in memory.
     """
     if isinstance(value, np.ndarray) and isinstance(present, np.ndarray):
         same = value.dtype == present.dtype and np.array_equal(value, present, equal_nan=True)
