@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from controllers.ballplate import BallPlate
 from twin.cli.identify import identify as command
 from twin.errors import ScenarioError
-from twin.identify.bootstrap import estimate
+from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.identify import identify
 from twin.identify.levenberg_marquardt import TOLERANCE, minimise
 from twin.identify.log import COLUMNS, LogError, read
@@ -22,6 +22,7 @@ from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.plate_motion import servo_response
 from twin.identify.replay import STEP, AccelerationField, replay
 from twin.identify.report import page, parameters
+from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
 from twin.run.execute import run, save
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
@@ -357,6 +358,15 @@ def test_the_command_writes_its_files_and_prints_one_json_object(folder, tmp_pat
     assert told["fit"]["reason"] in {"converged", "step limit reached"}
     assert 0 < told["fit"]["steps"] <= told["fit"]["step_limit"]
     assert {path.name for path in out.iterdir()} == {"report.html", "parameters.toml"}
+
+
+@pytest.mark.parametrize(("lag", "word"), [(1.2e-4, BOUNDED), (2.0e-4, IDENTIFIED)])
+def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
+    draws = lag + 1e-5 * np.random.default_rng(1).standard_normal((400, 1))
+    verdict = _servo(Estimate(np.array([lag]), draws, np.array([True]), 20))
+    assert verdict.word == word
+    if verdict.value is not None:
+        load("circle", [f"plant.servo.bandwidth_hz={verdict.value}"])
 
 
 def test_a_servo_solves_its_first_order_equation():

@@ -14,6 +14,8 @@ from twin.identify.parameters import BALL, HIDDEN, SERVO, IdentifiedParameter
 from twin.identify.search import FitResult
 
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
+FASTEST = 1000.0
+"""Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
 CORRELATED = 0.95
 """Correlation above which two parameters cannot be told apart."""
 LAGS = 20
@@ -173,7 +175,7 @@ def _servo(drives: Estimate | None) -> ParameterVerdict:
     lag, half = float(drives.value[0]), max(float(drives.half_width[0]), SERVO.floor)
     if not math.isfinite(half):
         return _unknown(SERVO, "servo", f"the plate hardly moves; {SERVO.experiment}")
-    if lag <= half:
+    if lag <= half or corner_frequency(lag) > FASTEST:
         corner = corner_frequency(lag + half)
         why = f"faster than the log shows: above {corner:.3g} Hz; {SERVO.experiment}"
         return ParameterVerdict(
