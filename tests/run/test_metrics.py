@@ -1,10 +1,13 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.run.indicators import UNITS
 from twin.run.loop import Ending, Outcome
-from twin.run.metrics import Motion, measure, tracking_error
+from twin.run.metrics import Metrics, Motion, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
 
@@ -119,3 +122,8 @@ def test_an_indicator_that_is_no_number_is_told_as_none():
     found = measure(motion(ball, np.zeros((10, 2))), DONE).as_dict()
     assert found["rms_error"] is None
     assert found["phi_max_deg"] == 0
+
+
+def test_every_indicator_has_a_unit():
+    named = {each.name for each in fields(Metrics) if each.type != "str"}
+    assert named == set(UNITS) - {"judged_from", "real_time_factor"}

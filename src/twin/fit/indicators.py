@@ -5,22 +5,11 @@ from __future__ import annotations
 from math import degrees
 
 from twin.errors import nearest
+from twin.run.indicators import UNITS as ALL_UNITS
 
-UNITS = {
-    "tracking_error_percent": "%",
-    "rms_error": "m",
-    "mean_error": "m",
-    "max_steady_error": "m",
-    "rms_distance": "m",
-    "overshoot_percent": "%",
-    "settling_time": "s",
-    "steady_error": "m",
-    "phi_max_deg": "deg",
-    "theta_max_deg": "deg",
-    "u1_max": "rad/s^2",
-    "u2_max": "rad/s^2",
-    "u_rms": "rad/s^2",
-}
+OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
+"""Indicators that say how a run went, not what the ball did."""
+UNITS = {name: unit for name, unit in ALL_UNITS.items() if name not in OF_THE_RUN}
 """The indicators of a run that can be measured, and the unit of each."""
 FACTORS = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},

@@ -6,6 +6,7 @@ UNITS = {
     "rms_error": "m",
     "mean_error": "m",
     "max_steady_error": "m",
+    "rms_distance": "m",
     "overshoot_percent": "%",
     "settling_time": "s",
     "steady_error": "m",
