@@ -33,7 +33,7 @@ class Smith(Observer):
     dead time that is no multiple of the period. A position that has waited since it arrived, as
     between two frames of the screen, is compared with the estimate that much further back.
 
-    It has no name, being an observer only around another. ``model`` and ``period`` are the other's.
+    It is an observer only around another, whose ``name``, ``model`` and ``period`` it has.
     Start with the leading axes of the measurements.
 
     Raises:
@@ -59,6 +59,7 @@ class Smith(Observer):
             raise ValueError(f"observer '{name}' makes up for the dead time itself: no predictor")
         self.model, self.period = self.observer.model, self.observer.period
         self.knows = self.observer.knows  # type: ignore[misc]
+        self.name = self.observer.name  # type: ignore[misc]
         self._back = self.delay / self.period
         self._length = 3 + math.ceil(self._back + self.longest_wait / self.period)
         self._whole = math.floor(self._back + 1e-9)

@@ -109,7 +109,7 @@ def needed(law: Law, observer: Observer) -> list[int]:
         if name not in known:
             raise ValueError(
                 f"law '{law.name}' needs an observer that estimates {name}: "
-                f"'{getattr(observer, 'name', 'smith')}' does not"
+                f"'{observer.name}' does not"
             )
     return [known.index(name) for name in law.needs]
 

@@ -82,6 +82,8 @@ def test_what_an_observer_does_not_estimate_is_refused_in_one_line():
     with pytest.raises(ScenarioError, match=r"needs an observer that estimates friction") as told:
         build_controller(load("circle", ["controller.kind=stable_inversion"]))
     assert "\n" not in str(told.value)
+    # behind a predictor it is still the observer that lacks it
+    assert str(told.value).endswith("'luenberger' does not")
     with pytest.raises(ValueError, match="'luenberger' does not"):
         Controller(StableInversion(), Luenberger(), Hold(), T)
 
