@@ -29,6 +29,11 @@ def shipped() -> dict[str, Path]:
     }
 
 
+def shipped_in(kind: str) -> dict[str, Path]:
+    """The shipped files of another kind by name, as ``studies``."""
+    return {path.stem: path for path in sorted((folder() / kind).glob("*.toml"))}
+
+
 def find(name: str) -> Path:
     """The file of a scenario: a shipped one by its name, or any TOML file by its path.
 

@@ -44,12 +44,6 @@ def found(recorded):
     return {name: shadow(log, believed(log)) for name, log in recorded.items()}
 
 
-def rows_of(log, rows):
-    """Some rows of a log."""
-    names = ("time", "ball", "plate", "age", "touched", "command")
-    return replace(log, **{name: getattr(log, name)[rows] for name in names})
-
-
 @pytest.mark.long
 def test_a_healthy_rig_is_called_so_and_strays_as_far_as_predicted(found):
     healthy = found["healthy"]
@@ -130,14 +124,14 @@ def test_a_log_without_commands_is_refused_by_one_line(recorded):
 
 @pytest.mark.long
 def test_a_log_that_is_too_short_is_refused_by_one_line(recorded):
-    log = rows_of(recorded["healthy"], slice(0, 700))
+    log = recorded["healthy"].rows(slice(0, 700))
     with pytest.raises(LogError, match=r"no stretch of 2\.5 s"):
         shadow(log, believed(log))
 
 
 @pytest.mark.long
 def test_a_gap_is_shown_and_never_bridged(recorded):
-    log = rows_of(recorded["healthy"], np.r_[0:3000, 3400:7000])
+    log = recorded["healthy"].rows(np.r_[0:3000, 3400:7000])
     said = shadow(log, believed(log))
     assert said.gaps == pytest.approx(np.array([[5.998, 6.8]]))
     run = said.replays

@@ -10,7 +10,7 @@ import click
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.cli.rigs import EMULATED
+from twin.cli.rigs import EMPTY_RIG
 from twin.devices.akd.servos import AkdServos
 from twin.devices.scheduling import real_time
 from twin.doctor.lost_motion import measure
@@ -21,12 +21,7 @@ from twin.scenario import load
 
 
 @click.command("lost-motion")
-@click.option(
-    "--rig",
-    metavar="FILE",
-    default=EMULATED,
-    help="Rig file [`emulated`, the virtual rig]; ball off, plate level.",
-)
+@EMPTY_RIG
 @click.option(
     "--amplitude",
     type=click.FloatRange(0.2, 8),

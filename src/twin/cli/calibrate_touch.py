@@ -12,7 +12,7 @@ from rich.table import Table
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
-from twin.cli.rigs import EMULATED
+from twin.cli.rigs import EMPTY_RIG, EMULATED
 from twin.doctor.touch_calibration import MeasuredTouch, measure, place, usual_points
 from twin.errors import ScenarioError
 from twin.run.record import write_whole
@@ -20,12 +20,7 @@ from twin.scenario import load
 
 
 @click.command()
-@click.option(
-    "--rig",
-    metavar="FILE",
-    default=EMULATED,
-    help="Rig file [`emulated`, the virtual rig]; ball off, plate level.",
-)
+@EMPTY_RIG
 @click.option(
     "--at",
     "places",

@@ -17,6 +17,7 @@ from twin.cli.options import (
     PLANT,
     PROCESSES,
     SETTING,
+    VARY,
     load_scenario,
     with_plant,
 )
@@ -24,6 +25,7 @@ from twin.cli.output import console, print_json, print_metrics, print_reasons
 from twin.cli.terminal import Terminal
 from twin.errors import ScenarioError
 from twin.report.numbers import ranking
+from twin.shipped import find
 
 if TYPE_CHECKING:
     from twin.run.replay import Replay
@@ -34,13 +36,7 @@ if TYPE_CHECKING:
 @LAW
 @SETTING
 @PLANT
-@click.option(
-    "--vary",
-    multiple=True,
-    metavar="KEY=[A,B,...]",
-    shell_complete=tab.settings,
-    help="Run once for each value of a key; repeat the option for all combinations.",
-)
+@VARY
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder [runs/compare-SOURCES-CHANGES]."
 )
@@ -70,7 +66,7 @@ def compare(
     if vary and not names:
         raise ScenarioError("--vary: nothing to run; name a scenario, as in circle")
     for name in names:
-        load_scenario(name, changed)
+        find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.comparing import cases_of, side_by_side, title_of
     from ballplate.results import Result
     from twin.run.folders import run_folder

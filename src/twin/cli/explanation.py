@@ -14,9 +14,8 @@ from twin.fit.fit import fit as fit_table
 from twin.fit.report import row, sentences
 from twin.fit.report import write as write_report
 from twin.fit.runs import Runs
-from twin.fit.workers import workers
-from twin.jobs import cores
 from twin.report.numbers import shown
+from twin.study.executors import executors
 from twin.study.store import Store
 from twin.thesis.experiments import (
     deciding,
@@ -35,9 +34,8 @@ FOLDER = Path("runs") / "explained"
 def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
     """Fit chapter 9, once whole and once without each table, and print the result."""
     about = table()
-    count = processes or cores()
     store = Store(FOLDER)
-    with workers(count) as executor, progress(about.title, 1.0) as advance:
+    with executors(processes) as (executor, count), progress(about.title, 1.0) as advance:
         runs = Runs(about, store, executor=executor, processes=count)
         found = fit_table(about, runs, advance=advance)
     write_report(found, FOLDER)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 import click
 from rich.table import Table
 
-from twin.cli.options import JSON, PROCESSES
+from twin.cli.options import JSON, PROCESSES, SCHEDULER
 from twin.cli.output import console, print_json, progress
 from twin.fit.fit import fit as fit_table
 from twin.fit.report import row, sentences, write
 from twin.fit.runs import Runs
 from twin.fit.schema import read
-from twin.fit.workers import workers
-from twin.jobs import cores
-from twin.study.cluster import Cluster
+from twin.study.executors import executors
 from twin.study.store import Store
 from twin.writable import check_writable
 
@@ -25,7 +22,7 @@ from twin.writable import check_writable
 @click.argument("table")
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
 @PROCESSES
-@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
+@SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
 @JSON
 def fit(
@@ -48,14 +45,8 @@ def fit(
     folder = out or Path("runs") / f"fit-{Path(table).stem}"
     check_writable(folder)
     store = Store(folder)
-    with ExitStack() as stack:
-        if scheduler is None:
-            processes = processes or cores()
-            executor = stack.enter_context(workers(processes))
-        else:
-            executor = cluster = stack.enter_context(Cluster(scheduler))
-            processes = processes or cluster.workers
-        runs = Runs(about, store, executor=executor, processes=processes)
+    with executors(processes, scheduler) as (executor, count):
+        runs = Runs(about, store, executor=executor, processes=count)
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)

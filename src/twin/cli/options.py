@@ -33,6 +33,18 @@ PROCESSES = click.option(
 )
 
 
+VARY = click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=[A,B,...]",
+    shell_complete=tab.settings,
+    help="Run once for each value of a key; repeat the option for all combinations.",
+)
+SCHEDULER = click.option(
+    "--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler."
+)
+
+
 def _add_laws(_: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> None:
     if laws:
         from controllers.catalog import add

@@ -32,6 +32,16 @@ def warn(message: str) -> None:
     click.echo(f"ballplate: warning: {message}", err=True)
 
 
+def print_titles(titles: Mapping[str, str], *, as_json: bool) -> None:
+    """What there is to run, name to title, one line each."""
+    if as_json:
+        print_json(titles)
+        return
+    width = max(map(len, titles), default=0)
+    for name, title in titles.items():
+        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
+
+
 def print_metrics(runs: Mapping[str, Mapping[str, Any]], *, everything: bool = False) -> None:
     """A table of indicators, one column per run; indicators that apply to none are left out.
 

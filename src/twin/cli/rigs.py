@@ -6,12 +6,18 @@ import click
 
 from ballplate.hardware import EMULATED
 
-__all__ = ["EMULATED", "RESET", "RIG"]
+__all__ = ["EMPTY_RIG", "EMULATED", "RESET", "RIG"]
 
 RIG = click.option(
     "--rig",
     metavar="FILE",
     help="Rig file, or `emulated` for the virtual rig.",
+)
+EMPTY_RIG = click.option(
+    "--rig",
+    metavar="FILE",
+    default=EMULATED,
+    help="Rig file [`emulated`, the virtual rig]; ball off, plate level.",
 )
 RESET = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."

@@ -11,7 +11,7 @@ from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
 from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, with_plant
-from twin.cli.output import console, print_json, print_metrics, print_reasons
+from twin.cli.output import console, print_json, print_metrics, print_reasons, print_titles
 from twin.cli.rigs import RESET, RIG
 from twin.cli.terminal import Terminal
 from twin.cli.viewing import VIEWING, Viewing
@@ -22,13 +22,7 @@ from twin.shipped import find
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
     """List the scenarios that can be run by name."""
-    found = scenarios()
-    if as_json:
-        print_json(found)
-        return
-    width = max(map(len, found), default=0)
-    for name, title in found.items():
-        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
+    print_titles(scenarios(), as_json=as_json)
 
 
 @click.command()

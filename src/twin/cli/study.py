@@ -11,8 +11,8 @@ from rich.table import Table
 
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
-from twin.cli.options import JSON, LAW, PROCESSES
-from twin.cli.output import console, duration, errors, print_json
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
+from twin.cli.output import console, duration, errors, print_json, print_titles
 from twin.cli.terminal import Terminal
 from twin.jobs import cores
 from twin.study.answers import Answer
@@ -36,7 +36,7 @@ BYTES = 800
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
 @PROCESSES
-@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
+@SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
 @click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
 @LAW
@@ -59,7 +59,8 @@ def study(
     at once, a changed one runs only what changed.
     """
     if study is None:
-        return _list(as_json=as_json)
+        print_titles({name: read(name).title for name in shipped()}, as_json=as_json)
+        return 0
     with errors.status(f"{study}: checking every run ..."):
         work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
@@ -79,17 +80,6 @@ def study(
     else:
         _show(about, found)
         console.print(f"written to {folder}/: report.html, figures/, rows.parquet, rows.csv")
-    return 0
-
-
-def _list(*, as_json: bool) -> int:
-    found = {name: read(name).title for name in shipped()}
-    if as_json:
-        print_json(found)
-        return 0
-    width = max(map(len, found), default=0)
-    for name, title in found.items():
-        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
     return 0
 
 

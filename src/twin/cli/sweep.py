@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, load_scenario, with_plant
+from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, VARY, with_plant
 from twin.cli.output import console, print_json
 from twin.cli.terminal import Terminal
+from twin.shipped import find
 
 if TYPE_CHECKING:
     from ballplate.sweeping import Sweep
@@ -22,13 +23,7 @@ if TYPE_CHECKING:
 @LAW
 @SETTING
 @PLANT
-@click.option(
-    "--vary",
-    multiple=True,
-    metavar="KEY=[A,B,...]",
-    shell_complete=tab.settings,
-    help="A curve for each value of another key, as in controller.kind=[afl,lqr].",
-)
+@VARY
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/sweep-...].")
 @PROCESSES
 @JSON
@@ -45,11 +40,12 @@ def sweep(
 ) -> int:
     """Run a scenario over the values of a key: a table and a curve.
 
-    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. Of the runs the
-    indicators are kept, in sweep.csv.
+    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a curve
+    for each value of another key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
+    kept, in sweep.csv.
     """
     changed = with_plant(overrides, plant)
-    load_scenario(scenario, changed)
+    find(scenario)  # a wrong name is told before anything heavy is imported
     from ballplate.sweeping import sweep as run_sweep
     from twin.run.folders import run_folder
     from twin.scenario.variants import parsed, swept, varied

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import JSON, LAW, PROCESSES, SETTING
-from twin.cli.output import console, duration, print_json, progress
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
+from twin.cli.output import console, duration, print_json, print_titles, progress
 from twin.writable import check_writable
 
 if TYPE_CHECKING:
+    from twin.tune.schema import Tune
+    from twin.tune.trials import Trials
     from twin.tune.tune import TuneResult
 
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
 @click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
 @PROCESSES
-@click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of a Dask scheduler.")
+@SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/tune-NAME].")
 @LAW
 @JSON
@@ -46,43 +47,27 @@ def tune(
     stopped. Writes report.html, tune.json and tuned.toml, which `--set parameters=FILE` lays over
     any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
     """
-    from twin.tune.schema import read
+    from twin.tune.schema import read, shipped
 
     if tune is None:
-        return _list(as_json=as_json)
+        print_titles({name: read(name).title for name in shipped()}, as_json=as_json)
+        return 0
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
-    from twin.fit.workers import workers
-    from twin.jobs import cores
-    from twin.study.cluster import Cluster
+    from twin.study.executors import executors
     from twin.study.store import Store
     from twin.tune.report import sentences, write
     from twin.tune.search import library
     from twin.tune.trials import Trials
-    from twin.tune.tune import planned_runs, tuned
+    from twin.tune.tune import tuned
 
     library()
     folder = out or Path("runs") / f"tune-{Path(tune).stem}"
     check_writable(folder)
     store = Store(folder)
-    with ExitStack() as stack:
+    with executors(processes, scheduler) as (executor, count):
+        trials = Trials(about, store, executor=executor, processes=count)
         if plan:
-            executor, processes = None, processes or cores()
-        elif scheduler is None:
-            processes = processes or cores()
-            executor = stack.enter_context(workers(processes))
-        else:
-            executor = cluster = stack.enter_context(Cluster(scheduler))
-            processes = processes or cluster.workers
-        trials = Trials(about, store, executor=executor, processes=processes)
-        if plan:
-            search, verdict, fresh = planned_runs(about)
-            seconds = trials.seconds(search, verdict + fresh) / processes
-            console.print(
-                f"about {search} runs of the search ({about.candidates} candidates on "
-                f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
-                f"{verdict} of the verdict and {fresh} of the certificate take about "
-                f"{duration(seconds)} on {processes} processors (measured here on one)"
-            )
+            console.print(_planned(about, trials, count))
             return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
@@ -98,17 +83,17 @@ def tune(
     return int(not found.good)
 
 
-def _list(*, as_json: bool) -> int:
-    from twin.tune.schema import read, shipped
+def _planned(about: Tune, trials: Trials, processes: int) -> str:
+    from twin.tune.tune import planned_runs
 
-    found = {name: read(name).title for name in shipped()}
-    if as_json:
-        print_json(found)
-        return 0
-    width = max(map(len, found), default=0)
-    for name, title in found.items():
-        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
-    return 0
+    search, verdict, fresh = planned_runs(about)
+    seconds = trials.seconds(search, verdict + fresh) / processes
+    return (
+        f"about {search} runs of the search ({about.candidates} candidates on "
+        f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
+        f"{verdict} of the verdict and {fresh} of the certificate take about "
+        f"{duration(seconds)} on {processes} processors (measured here on one)"
+    )
 
 
 def _show(found: TuneResult) -> None:

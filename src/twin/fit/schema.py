@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from twin.errors import nearest
 from twin.fit.indicators import factor
-from twin.shipped import chosen, folder
+from twin.shipped import chosen, shipped_in
 from twin.validation import LENIENT, read_model
 
 
@@ -148,7 +148,7 @@ class FitTable(BaseModel):
 
 def shipped() -> dict[str, Path]:
     """The shipped tables by name."""
-    return {path.stem: path for path in sorted((folder() / "fits").glob("*.toml"))}
+    return shipped_in("fits")
 
 
 def read(name: str) -> FitTable:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
@@ -93,6 +94,19 @@ class Log:
     grips: tuple[float, ...]
     true: Array | None = None
     scenario: Mapping[str, Any] = field(default_factory=dict)
+
+    def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
+        """Some of its rows."""
+        return replace(
+            self,
+            time=self.time[chosen],
+            ball=self.ball[chosen],
+            plate=self.plate[chosen],
+            age=self.age[chosen],
+            touched=self.touched[chosen],
+            command=None if self.command is None else self.command[chosen],
+            true=None if self.true is None else self.true[chosen],
+        )
 
 
 def read(path: Path) -> Log:

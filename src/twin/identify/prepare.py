@@ -181,15 +181,7 @@ def _complete_rows(log: Log, notes: list[str]) -> Log:
         rows &= np.isfinite(log.command).all(axis=-1)
     if (~rows).any():
         notes.append(f"{int((~rows).sum())} rows without time, plate angle or command left out")
-    return replace(
-        log,
-        time=log.time[rows],
-        ball=log.ball[rows],
-        plate=log.plate[rows],
-        age=log.age[rows],
-        touched=log.touched[rows],
-        command=None if log.command is None else log.command[rows],
-    )
+    return log.rows(rows)
 
 
 def _period(time: Array, source: str) -> float:

@@ -75,7 +75,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
         since: Time in s before which the rig was another.
     """
     begin = max(since, float(np.nanmax(log.time)) - LAST)
-    last = _from(replace(log, model=belief.model), begin)
+    last = replace(log, model=belief.model, true=None).rows(log.time >= begin)
     try:
         found = identify(last, NAMES, SHARE)
         text = parameters(found)
@@ -123,20 +123,6 @@ def write(proposal: Proposal, folder: Path) -> Path:
     file = folder / f"parameters-{number}.toml"
     write_whole(file, lambda path: path.write_text(proposal.text, encoding="utf-8"))
     return file
-
-
-def _from(log: Log, begin: float) -> Log:
-    rows = log.time >= begin
-    return replace(
-        log,
-        time=log.time[rows],
-        ball=log.ball[rows],
-        plate=log.plate[rows],
-        age=log.age[rows],
-        touched=log.touched[rows],
-        command=None if log.command is None else log.command[rows],
-        true=None,
-    )
 
 
 def _settings(tables: Any, path: str = "") -> list[tuple[str, Any]]:

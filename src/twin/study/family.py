@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, model_validator
 
-from twin.shipped import chosen, folder
+from twin.shipped import chosen, shipped_in
 from twin.study.distribution import Parameter
 from twin.validation import LENIENT, read_model
 
@@ -74,7 +74,7 @@ def drawn(family: Family, draw: int, count: int) -> list[FamilyRig]:
 
 def shipped() -> dict[str, Path]:
     """The shipped families by name."""
-    return {path.stem: path for path in sorted((folder() / "families").glob("*.toml"))}
+    return shipped_in("families")
 
 
 def read(name: str) -> Family:

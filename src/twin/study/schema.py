@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from twin.errors import nearest
 from twin.run.metrics import Metrics
-from twin.shipped import chosen, folder
+from twin.shipped import chosen, shipped_in
 from twin.study.distribution import Parameter
 from twin.study.family import read as read_family
 from twin.validation import LENIENT, read_model
@@ -104,7 +104,7 @@ class Study(BaseModel):
 
 def shipped() -> dict[str, Path]:
     """The shipped studies by name."""
-    return {path.stem: path for path in sorted((folder() / "studies").glob("*.toml"))}
+    return shipped_in("studies")
 
 
 def read(name: str, **given: Any) -> Study:

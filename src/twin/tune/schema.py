@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest
-from twin.shipped import chosen, folder
+from twin.shipped import chosen, shipped_in
 from twin.study.distribution import Parameter
 from twin.study.family import read as read_family
 from twin.study.schema import METRICS
@@ -141,7 +141,7 @@ class Tune(BaseModel):
 
 def shipped() -> dict[str, Path]:
     """The shipped tunes by name."""
-    return {path.stem: path for path in sorted((folder() / "tunes").glob("*.toml"))}
+    return shipped_in("tunes")
 
 
 def read(name: str, **given: Any) -> Tune:
