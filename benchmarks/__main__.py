@@ -22,7 +22,7 @@ from benchmarks import physics_step
 from benchmarks.figures import Figure, figures
 from benchmarks.truths import RUNS
 from twin.markdown import table
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 DEPENDS = """\
 Every figure but the notes is a ratio of two times that were measured in turn in one run, the least

@@ -13,7 +13,7 @@ from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_danger
 from ballplate.signals import pandas
 from twin.errors import ScenarioError
 from twin.shipped import find
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +116,7 @@ class Comparison(Mapping[str, "Result"]):
         """
         from twin.run.folders import MANIFEST
         from twin.run.overview_plot import draw
-        from twin.run.record import write_json
+        from twin.writing import write_json
 
         place = Path(folder)
         draw(place / "compare.png", self.motions, self.title, self._area)

@@ -108,7 +108,7 @@ def identify(
 
 def _recorded(log: str | Path | Result) -> Log:
     from twin.identify.log import read
-    from twin.run.record import write_run
+    from twin.run.record_file import write_run
 
     if not isinstance(log, Result):
         return read(Path(log))

@@ -132,7 +132,7 @@ class Result(Signals):
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
         from twin.report.html import html
-        from twin.run.record import write_whole
+        from twin.writing import write_whole
 
         text = html([self.replay])
         write_whole(Path(file), lambda target: target.write_text(text, encoding="utf-8"))

@@ -12,7 +12,7 @@ from ballplate.hardware import connected, tell_timing
 from ballplate.reporter import Reporter, default
 from twin.errors import ScenarioError
 from twin.shipped import find
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from ballplate.results import Result

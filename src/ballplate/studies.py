@@ -12,7 +12,7 @@ from ballplate.notebook import page, paragraphs, png_image, showable, table
 from ballplate.reporter import Reporter, default
 from ballplate.signals import pandas
 from twin.errors import ScenarioError
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,7 +17,7 @@ from ballplate.running import importable
 from ballplate.signals import pandas
 from twin.errors import ScenarioError, nearest
 from twin.shipped import find
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -164,7 +164,7 @@ class Sweep:
         Raises:
             RecordError: If they cannot be written.
         """
-        from twin.run.record import write_whole
+        from twin.writing import write_whole
 
         figure, text, place = self.plot(), self.csv(), Path(folder)
         write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))

@@ -18,6 +18,7 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
+from twin.run.record_file import table
 from twin.scenario import load
 from twin.scenario.clean import clean
 
@@ -132,12 +133,12 @@ def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
 
 def test_what_is_known_beyond_the_state_is_recorded_with_its_unit():
     on = ["plant.kind=lagrange", "duration=0.6", "metrics.start=0"]
-    table = run([load("circle", [*on, *CURE])], ticks=20).table({})
-    units = {field.name: field.metadata[b"unit"] for field in table.schema}
+    cured = table(run([load("circle", [*on, *CURE])], ticks=20), {})
+    units = {field.name: field.metadata[b"unit"] for field in cured.schema}
     assert units["estimated_friction"] == b"m/s^2"
     assert units["estimated_tilt_gain_x_spread"] == b"1"
-    assert table["estimated_friction"][0].as_py() == pytest.approx(0.053, abs=1e-3)
-    thesis = run([load("circle", on)], ticks=20).table({})
+    assert cured["estimated_friction"][0].as_py() == pytest.approx(0.053, abs=1e-3)
+    thesis = table(run([load("circle", on)], ticks=20), {})
     assert not any("friction" in name for name in thesis.column_names)
 
 

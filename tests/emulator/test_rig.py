@@ -19,7 +19,7 @@ from twin.cli.emulate import toml
 from twin.emulator.drive_power import MASTER_SILENT
 from twin.emulator.serve import VirtualRig, emulated
 from twin.emulator.virtual import TICK
-from twin.run.record import read_run
+from twin.run.record_file import read_run
 from twin.scenario.rig import check_rig, read_rig
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time]

@@ -7,8 +7,10 @@ import pytest
 
 from twin.errors import RecordError
 from twin.run.execute import run, save
-from twin.run.record import Recorder, write_json, write_run, write_whole
+from twin.run.record import Recorder
+from twin.run.record_file import write_run
 from twin.run.replay import open_run
+from twin.writing import write_json, write_whole
 
 
 def filled(rigs=1):

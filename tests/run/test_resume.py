@@ -10,7 +10,7 @@ from twin.cli import ballplate
 from twin.errors import RecordError
 from twin.run import execute
 from twin.run.past import interrupted
-from twin.run.record import read_run
+from twin.run.record_file import read_run
 from twin.scenario.load import load
 from twin.scenario.title import titled
 

@@ -8,7 +8,7 @@ import pytest
 
 from twin.errors import RecordError, ViewError
 from twin.run.execute import run, save
-from twin.run.record import write_run
+from twin.run.record_file import write_run
 from twin.run.replay import open_run, open_runs
 from twin.view import viewer
 from twin.view.recording import write

@@ -22,9 +22,9 @@ from twin.identify.log import read
 from twin.identify.report import interval
 from twin.identify.verdict import IDENTIFIED, ParameterVerdict
 from twin.paths import model_path
-from twin.run.record import write_whole
 from twin.scenario import load
 from twin.sim.calibration import StaticError, static_error, sweep_cams, tap_test
+from twin.writing import write_whole
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""

@@ -15,8 +15,8 @@ from twin.cli.output import console, print_json, progress
 from twin.cli.rigs import EMPTY_RIG, EMULATED
 from twin.doctor.touch_calibration import MeasuredTouch, measure, place, usual_points
 from twin.errors import ScenarioError
-from twin.run.record import write_whole
 from twin.scenario import load
+from twin.writing import write_whole
 
 
 @click.command()

@@ -40,7 +40,7 @@ def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
     from twin.scenario.describe import about, described
 
     if doc is not None:
-        from twin.run.record import write_whole
+        from twin.writing import write_whole
 
         text = _page()
         write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))

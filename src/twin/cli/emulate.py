@@ -15,8 +15,8 @@ from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import VirtualRig, come_forward
-from twin.run.record import write_whole
 from twin.scenario import load
+from twin.writing import write_whole
 
 
 @click.command()

@@ -15,10 +15,9 @@ from twin.explain.attribution import EffectCase, Explanation, plan, summary
 from twin.explain.attribution import explain as explain_scenario
 from twin.explain.effects import EFFECTS, present, with_typical
 from twin.explain.plot import draw
-from twin.run.record import write_json
 from twin.scenario import load
 from twin.scenario.title import titled
-from twin.writable import check_writable
+from twin.writing import check_writable, write_json
 
 
 @click.command()

@@ -15,7 +15,7 @@ from twin.fit.runs import Runs
 from twin.fit.schema import read
 from twin.study.executors import executors
 from twin.study.store import Store
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 
 @click.command()

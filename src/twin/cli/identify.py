@@ -16,7 +16,7 @@ from twin.identify.log import read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.report import digits, interval, sentences, write
 from twin.identify.verdict import IDENTIFIED
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 ALL = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 

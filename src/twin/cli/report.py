@@ -104,6 +104,6 @@ def report(
 
 
 def _write(path: Path, content: bytes) -> None:
-    from twin.run.record import write_whole
+    from twin.writing import write_whole
 
     write_whole(path, lambda target: target.write_bytes(content))

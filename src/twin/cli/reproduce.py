@@ -16,7 +16,7 @@ from twin.thesis.reproduce.jobs import plan, row_results
 from twin.thesis.reproduce.report import grid, sentence, write_doc
 from twin.thesis.reproduce.tables import SimulatedTable, chosen
 from twin.thesis.reproduce.tables import tables as simulated_tables
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 
 @click.command()

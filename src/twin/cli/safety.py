@@ -16,7 +16,7 @@ from twin.safety.matrix import run_all
 from twin.safety.mutations import MutationResult, jobs, run_mutations
 from twin.safety.row import FaultRow
 from twin.safety.words import HEADING, cells
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 
 @click.command()

@@ -9,7 +9,7 @@ import click
 
 from twin.cli.options import JSON, PROCESSES, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 HORIZON = click.Choice(["0.5", "1", "2"])
 
@@ -98,9 +98,9 @@ def shadow(
 def _matrix(each: int, hours: float, doc: Path | None, processes: int | None) -> int:
     """Try the shadow on simulated rigs."""
     from twin.jobs import cores
-    from twin.run.record import write_whole
     from twin.shadow.matrix import trials
     from twin.shadow.matrix_page import page
+    from twin.writing import write_whole
 
     command = f"ballplate shadow --matrix --each {each} --hours {hours:g}"
     if doc is not None:

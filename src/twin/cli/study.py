@@ -24,7 +24,7 @@ from twin.study.schema import Study, read, shipped
 from twin.study.store import Store
 from twin.study.summary import sentences
 from twin.study.work import Work
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""

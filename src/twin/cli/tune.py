@@ -9,7 +9,7 @@ import click
 
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
 from twin.cli.output import console, duration, print_json, print_titles, progress
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from twin.tune.schema import Tune

@@ -9,7 +9,7 @@ import click
 
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, print_metrics, warn
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from twin.whatif.moment import Moment

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from twin.explain.attribution import EffectCase, Explanation
 from twin.run.overview_plot import COLOURS
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from twin.fit.fit import FitResult
 from twin.fit.uncertainty import Estimate
 from twin.html import inline, render
-from twin.run.record import write_json, write_whole
+from twin.writing import write_json, write_whole
 
 COLOURS = {"all": "#1f6fb4", "held out": "#e08214"}
 

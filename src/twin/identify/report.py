@@ -16,7 +16,7 @@ from twin.identify.validation import Horizons
 from twin.identify.verdict import IDENTIFIED, ParameterVerdict, Whiteness
 from twin.identify.windows import LOOKBACK
 from twin.run.overview_plot import COLOURS, LOOK
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 SHOWN = 6
 """This many windows of the fit are drawn."""

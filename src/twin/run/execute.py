@@ -20,9 +20,11 @@ from twin.run.indicators import UNITS
 from twin.run.loop import Outcome, drive
 from twin.run.metrics import Metrics, Motion, measure
 from twin.run.past import SNAPSHOTS, Past
-from twin.run.record import Recorder, write_json, write_run, write_whole
+from twin.run.record import Recorder
+from twin.run.record_file import write_run
 from twin.run.snapshot import Keeper, Snapshot, packed
 from twin.scenario.schema import Scenario
+from twin.writing import write_json, write_whole
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.errors import RecordError
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from controllers.arrays import Array

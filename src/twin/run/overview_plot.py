@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 # Okabe and Ito's colours: told apart with any colour vision, and in grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

@@ -12,7 +12,7 @@ from controllers.stack import Controller
 from twin.errors import RecordError
 from twin.hal.rig import Rig
 from twin.run.loop import INTERRUPTED
-from twin.run.record import read_beside, read_run
+from twin.run.record_file import read_beside, read_run
 from twin.run.replay import open_run
 from twin.run.snapshot import Snapshot, unpacked
 from twin.scenario.schema import Scenario

@@ -20,7 +20,8 @@ from twin.run.control import build_reference
 from twin.run.folders import is_last, last, run_folders
 from twin.run.metadata import check_metadata
 from twin.run.metrics import Motion
-from twin.run.record import CHANNELS, read_run
+from twin.run.record import CHANNELS
+from twin.run.record_file import read_run
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 

@@ -14,13 +14,13 @@ from twin.hal.faults import Condition
 from twin.hal.interface import SCREEN
 from twin.hal.states import TRANSITIONS
 from twin.hal.supervisor import RIG_CONDITIONS
-from twin.run.record import write_whole
 from twin.safety.cases import CASES
 from twin.safety.mutations import MUTATIONS
 from twin.safety.proof import DEFENCES, NOT_PROVEN, PROVEN
 from twin.safety.row import FaultRow
 from twin.safety.trial import AFTER, LEFT
 from twin.safety.words import HEADING, both, cells
+from twin.writing import write_whole
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,

@@ -17,10 +17,10 @@ from twin.identify.log import Log
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters
 from twin.identify.verdict import IDENTIFIED
-from twin.run.record import write_whole
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief
 from twin.shadow.horizon import replays
+from twin.writing import write_whole
 
 LAST = 180.0
 """Seconds at the end of a log that are fitted and held out."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from twin.html import inline, render
-from twin.run.record import write_json, write_whole
 from twin.shadow.causes import likely
 from twin.shadow.figures import picture
 from twin.shadow.proposal import Proposal
 from twin.shadow.shadow import THRESHOLD, Shadow
+from twin.writing import write_json, write_whole
 
 
 def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:

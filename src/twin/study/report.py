@@ -14,12 +14,12 @@ from markupsafe import Markup
 
 from twin.html import inline, render
 from twin.report.numbers import LABELS
-from twin.run.record import write_whole
 from twin.study.answers import Answer, Spread
 from twin.study.figures import figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.summary import NEGLIGIBLE, needed, sentences
 from twin.study.work import Work
+from twin.writing import write_whole
 
 HEADINGS = {
     "spread": "How large it is, and how often runs fail",

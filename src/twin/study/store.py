@@ -11,9 +11,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from twin.errors import RecordError
-from twin.run.record import write_whole
 from twin.study.schema import METRICS
 from twin.study.work import Row
+from twin.writing import write_whole
 
 SCHEMA = pa.schema(
     [

@@ -7,12 +7,12 @@ from typing import Any
 
 from twin.html import inline, render
 from twin.report.numbers import LABELS, shown
-from twin.run.record import write_json, write_whole
 from twin.tune.certificate import CONFIDENCE, Certificate
 from twin.tune.figures import before_and_after, sensitivities, trade_off
 from twin.tune.fragment import options, settings, toml
 from twin.tune.trials import Trials
 from twin.tune.tune import TuneResult
+from twin.writing import write_json, write_whole
 
 FRAGMENT = "tuned.toml"
 

@@ -11,12 +11,12 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
-from twin.run.record import write_whole
 from twin.run.replay import Replay
 from twin.view.layout import Layout, blueprint
 from twin.view.signals import explained, shown_range
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.viewer import headless
+from twin.writing import write_whole
 
 APPLICATION = "ballplate"
 SETTLE = 9.0

@@ -14,7 +14,6 @@ from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
 from twin.run.metrics import Motion
-from twin.run.record import write_json, write_whole
 from twin.run.replay import open_run
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
@@ -23,6 +22,7 @@ from twin.whatif.exact import exact
 from twin.whatif.future import Future, future, save
 from twin.whatif.moment import Moment
 from twin.whatif.recorded import save_recorded
+from twin.writing import write_json, write_whole
 
 SHOWN_BEFORE = 2.0
 """Time in s before the moment that the picture shows."""

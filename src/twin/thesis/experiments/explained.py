@@ -13,12 +13,12 @@ import numpy as np
 from controllers.arrays import Array
 from twin.fit.fit import FitResult
 from twin.fit.runs import Runs, Sample
-from twin.run.record import write_whole
 from twin.study.store import Store
 from twin.thesis import tables as numbered
 from twin.thesis.experiments.explanation import INDICATORS, PARAMETERS, table
 from twin.thesis.experiments.predict import Goal, Prediction
 from twin.thesis.experiments.tables import EARLY, LATE, SLIDING, chosen
+from twin.writing import write_whole
 
 MECHANISM = ("plant.kind=mujoco", "plant.step=0.001")
 """What the explanation is confirmed on."""

@@ -12,7 +12,6 @@ import numpy as np
 from controllers.observers.kalman import NOISE
 from twin.errors import RecordError
 from twin.markdown import table
-from twin.run.record import write_whole
 from twin.sim.encoders import COUNTS
 from twin.thesis.experiments import instruments
 from twin.thesis.experiments.deciding import Outcome
@@ -24,6 +23,7 @@ from twin.thesis.experiments.ingredients import LEFT_OUT, OTHERS, VariantResult
 from twin.thesis.experiments.joint_friction import Loop
 from twin.thesis.experiments.predict import Goal
 from twin.thesis.experiments.tables import EARLY, LATE, SLIDING
+from twin.writing import write_whole
 
 HEADING = "# The thesis's experiments, explained"
 INTRODUCTION = f"""\

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.run.record import write_whole
 from twin.thesis.experiments.predict import Prediction
+from twin.writing import write_whole
 
 LAWS = {
     "AFL": ("9.2", "9.3"),

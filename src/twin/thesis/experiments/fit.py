@@ -12,11 +12,11 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from controllers.arrays import Array
-from twin.run.record import write_whole
 from twin.thesis import tables
 from twin.thesis.experiments.batch import DURATION, rolling, simulate
 from twin.thesis.experiments.judge import FROM, READINGS, e_tt
 from twin.thesis.experiments.tables import CALIBRATION, chosen
+from twin.writing import write_whole
 
 ARMS = (0.10e-3, 0.14e-3, 0.18e-3, 0.22e-3, 0.26e-3)
 """Arms in m between which the tracking error is interpolated; it is smooth and all but linear."""

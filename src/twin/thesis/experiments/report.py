@@ -9,7 +9,6 @@ import numpy as np
 
 from controllers.ballplate import BallPlate
 from twin.markdown import table
-from twin.run.record import write_whole
 from twin.thesis.experiments.explained_page import explanation
 from twin.thesis.experiments.figure import draw
 from twin.thesis.experiments.fit import FrictionFit, identified
@@ -18,6 +17,7 @@ from twin.thesis.experiments.judge import UNITS
 from twin.thesis.experiments.predict import Prediction, goals
 from twin.thesis.experiments.single_runs import STEEL_ARM, approach, loses, steel
 from twin.thesis.experiments.tables import tables
+from twin.writing import write_whole
 
 FIGURE = "experiments.png"
 INTRODUCTION = """\

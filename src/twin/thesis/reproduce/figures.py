@@ -18,11 +18,11 @@ from PIL import Image
 
 from controllers.ballplate import BallPlate
 from twin.run.overview_plot import COLOURS, REFERENCE
-from twin.run.record import write_whole
 from twin.thesis.claims import terms
 from twin.thesis.reproduce.compare import Results
 from twin.thesis.reproduce.measures import SimulationTrace
 from twin.thesis.reproduce.tables import SimulatedTable
+from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""

@@ -10,11 +10,11 @@ from rich.table import Table
 from rich.text import Text
 
 from twin import markdown
-from twin.run.record import write_whole
 from twin.thesis.reproduce.compare import Agreement, Cell, Results, Value
 from twin.thesis.reproduce.figures import draw_all
 from twin.thesis.reproduce.measures import COLUMNS
 from twin.thesis.reproduce.tables import SimulatedTable
+from twin.writing import write_whole
 
 HEADINGS = ("row", "quantity", "thesis", "exact", "sampled", "MuJoCo", "exact − thesis", "")
 MARKS = {Agreement.AGREES: "", Agreement.EXCEPTION: "(!)", Agreement.DIFFERS: "!!"}

@@ -1,0 +1,67 @@
+"""Writing results: whether it can be done, and whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from twin.errors import RecordError, ScenarioError
+
+
+def check_writable(folder: Path, option: str = "--out") -> None:
+    """Check before the work that the results can be written; nothing is left of the check.
+
+    Args:
+        folder: Where they go; it need not exist.
+        option: The option that named it.
+
+    Raises:
+        ScenarioError: If the folder cannot be made or written.
+    """
+    above = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".writable"
+        probe.touch()
+        probe.unlink()
+        for each in above:
+            each.rmdir()
+    except OSError as error:
+        raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary file beside ``path`` and rename it: a whole file or none.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
+        )
+        os.close(handle)
+        temporary = Path(name)
+        temporary.chmod(0o644)
+        try:
+            write(temporary)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise RecordError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file whole.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    text = json.dumps(content, indent=2) + "\n"
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
