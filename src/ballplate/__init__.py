@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 from ballplate.catalogue import Keys, describe, scenarios
 from ballplate.changes import Changes
-from ballplate.comparing import Comparison, compare
+from ballplate.comparing import compare
+from ballplate.comparison import Comparison
 from ballplate.identifying import Identified, identify
 from ballplate.loading import Log, load
 from ballplate.models import model

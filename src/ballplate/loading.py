@@ -11,7 +11,7 @@ from ballplate.signals import Signals
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ballplate.comparing import Comparison
+    from ballplate.comparison import Comparison
     from ballplate.results import Result
 
 
@@ -67,7 +67,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     file = Path(path)
     if file.suffix == ".csv":
         return _log(file)
-    from ballplate.comparing import Comparison
+    from ballplate.comparison import Comparison
     from ballplate.results import Result
     from twin.run.replay import open_runs
 

@@ -9,7 +9,8 @@ from twin.errors import RecordError
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.run.snapshot import Snapshot, SnapshotError, packed, unpacked
+from twin.run.saved_state import SnapshotError
+from twin.run.snapshot import Snapshot, packed, unpacked
 from twin.scenario.load import load as load_scenario
 from twin.sim.noise import Noise
 

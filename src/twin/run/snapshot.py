@@ -1,65 +1,35 @@
 """Snapshots: the state of simulated rigs and their controller, saved and restored to the bit.
 
-What has a state is found by going through the attributes of rig, controller and all that they are
-made of: arrays, numbers, texts and random streams. What cannot change is left out: frozen
-dataclasses, functions, models; changes while running follow from the time. A restored rig must
-have been assembled from the same scenario, which says all of that again.
+What has a state is found by ``saved_state``. A restored rig must have been assembled from the same
+scenario, which says again what cannot change.
 """
 
 from __future__ import annotations
 
 import io
 import json
-import sys
 import zipfile
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from controllers.interfaces import Measurement
 from controllers.stack import Controller
-from twin.errors import RecordError, TwinError
+from twin.errors import RecordError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note
 from twin.run.changes import Changes
+from twin.run.saved_state import Node, SnapshotError, restore, saved, value_of
 from twin.sim.rig import SimulatedRig
 
-FOREIGN = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
-"""Packages whose objects are constant wherever they stand, but for arrays and random streams."""
 CONDITIONS = {condition.name: condition for condition in RIG_CONDITIONS}
-
-Node = Any
-"""Data, an array, or a dictionary with one key that says what its content is: ``tuple``, ``list``
-and ``dict`` of nodes, or what is put into its state where it stands: ``object`` (class and
-attributes), ``inner`` (objects in a tuple, list or dictionary), ``own`` (class and what it says
-itself) and ``rng``."""
-LEFT_OUT: Node = {"left out": None}
-
 
 EVERY = 5.0
 """Time in s from one snapshot that a run keeps to the next."""
 MOST = 20
 """Snapshots that a run keeps at most, so that its record stays small."""
-
-
-class SnapshotError(TwinError, ValueError):
-    """A snapshot cannot be taken or restored."""
-
-
-@runtime_checkable
-class Stateful(Protocol):
-    """What says itself what its state is."""
-
-    def saved_state(self) -> dict[str, Any]:
-        """Its state as arrays, numbers and texts by name."""
-
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Go on from a state."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +64,9 @@ class Snapshot:
         return cls(
             measurement.time,
             rig.period,
-            {"state": _saved(rig, seen), "journal": journal},
-            _saved(controller, seen),
-            _saved(tuple(measurement), seen),
+            {"state": saved(rig, seen), "journal": journal},
+            saved(controller, seen),
+            saved(tuple(measurement), seen),
         )
 
     def restore(self, rig: Rig, controller: Controller | None = None) -> Measurement:
@@ -114,7 +84,7 @@ class Snapshot:
         """
         if isinstance(rig.changes, Changes):
             rig.changes.catch_up(self.time - self.period)
-        _restore(rig, self.rig["state"])
+        restore(rig, self.rig["state"])
         rig.journal[:] = [
             Entry(time, Note(number, CONDITIONS[name], text))
             for time, number, name, text in self.rig["journal"]
@@ -129,12 +99,12 @@ class Snapshot:
         Raises:
             SnapshotError: If it is another.
         """
-        _restore(controller, self.controller)
+        restore(controller, self.controller)
 
     @property
     def measured(self) -> Measurement:
         """The measurement that begins the period."""
-        return Measurement(*_value(self.measurement))
+        return Measurement(*value_of(self.measurement))
 
 
 class Keeper:
@@ -155,112 +125,6 @@ class Keeper:
         """Keep one if it is time."""
         if tick and tick % self._ticks == 0:
             self.snapshots.append(Snapshot.take(self._rig, self._controller, measurement))
-
-
-def _saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
-    """The node of a value; ``LEFT_OUT`` of one that cannot change or has been saved already."""
-    if isinstance(thing, np.ndarray):
-        return LEFT_OUT if thing.dtype.hasobject else thing.copy(order="K")
-    if isinstance(thing, np.generic):
-        return thing.item()
-    if thing is None or type(thing) in {bool, int, float, str}:
-        return thing
-    if isinstance(thing, np.random.Generator):
-        return {"rng": thing.bit_generator.state}
-    if isinstance(thing, tuple | list | deque):
-        each = {index: _saved(one, seen) for index, one in enumerate(thing)}
-        return _several("tuple" if isinstance(thing, tuple) else "list", each)
-    if isinstance(thing, dict):
-        return _several("dict", {key: _saved(each, seen) for key, each in thing.items()})
-    if _constant(thing) or id(thing) in seen:
-        return LEFT_OUT
-    seen.add(id(thing))
-    if isinstance(thing, Stateful):
-        return {"own": [type(thing).__name__, _saved(thing.saved_state(), seen)]}
-    nodes = {name: _saved(value, seen) for name, value in vars(thing).items()}
-    kept = [
-        (name, node)
-        for name, node in nodes.items()
-        if node is not LEFT_OUT and not (isinstance(thing, Rig) and name == "changes")
-    ]
-    return {"object": [type(thing).__name__, kept]}
-
-
-def _constant(thing: Any) -> bool:
-    """Whether a thing that is no data never changes."""
-    parameters = getattr(thing, "__dataclass_params__", None)
-    frozen = parameters is not None and parameters.frozen
-    foreign = type(thing).__module__.partition(".")[0] in FOREIGN
-    return bool(frozen or foreign or isinstance(thing, BaseModel | Changes | Enum))
-
-
-def _several(kind: str, nodes: Mapping[Any, Node]) -> Node:
-    """A tuple, list or dictionary: whole if it is all data, else the objects in it."""
-    if all(node is not LEFT_OUT and not _inside(node) for node in nodes.values()):
-        return {kind: list(nodes.items()) if kind == "dict" else list(nodes.values())}
-    inner = [(key, node) for key, node in nodes.items() if _inside(node)]
-    return {"inner": inner} if inner else LEFT_OUT
-
-
-def _inside(node: Node) -> bool:
-    """Whether a node is of something that is put into its state where it stands."""
-    return isinstance(node, dict) and next(iter(node)) in {"object", "inner", "own", "rng"}
-
-
-def _restore(thing: Any, node: Node) -> None:
-    """Put a thing into its state where it stands.
-
-    Raises:
-        SnapshotError: If it is another thing.
-    """
-    ((kind, content),) = node.items()
-    if kind in {"object", "own"}:
-        name, content = content
-        if name != type(thing).__name__:
-            own = type(thing).__name__
-            raise SnapshotError(f"the snapshot has {name} where this rig has {own}")
-    try:
-        if kind == "rng":
-            thing.bit_generator.state = content
-        elif kind == "own":
-            thing.restore_state(_value(content))
-        for name, child in content if kind in {"object", "inner"} else ():
-            if _inside(child):
-                _restore(getattr(thing, name) if kind == "object" else thing[name], child)
-            else:
-                setattr(thing, name, _like(getattr(thing, name, None), _value(child)))
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise SnapshotError(f"the snapshot is not of such a rig: {error}") from error
-
-
-def _value(node: Node) -> Any:
-    """The value of a node that is data."""
-    if isinstance(node, np.ndarray):
-        return node.copy(order="K")
-    if not isinstance(node, dict):
-        return node
-    ((kind, content),) = node.items()
-    if kind == "dict":
-        return {key: _value(each) for key, each in content}
-    values = [_value(each) for each in content]
-    return tuple(values) if kind == "tuple" else values
-
-
-def _like(present: Any, value: Any) -> Any:
-    """A saved value as the one in its place is.
-
-    A tuple has its names, a queue its length; an array that is the same is left, as products of
-    matrices round differently where they lie differently in memory.
-    """
-    if isinstance(value, np.ndarray) and isinstance(present, np.ndarray):
-        same = value.dtype == present.dtype and np.array_equal(value, present, equal_nan=True)
-        return present if same else value
-    if isinstance(present, deque):
-        return deque(map(_like, present, value), present.maxlen)
-    if isinstance(value, tuple) and isinstance(present, tuple) and len(present) == len(value):
-        each = [_like(*pair) for pair in zip(present, value, strict=True)]
-        return type(present)._make(each) if hasattr(present, "_make") else tuple(each)
-    return value
 
 
 def packed(snapshots: Sequence[Snapshot]) -> bytes:

@@ -1,0 +1,131 @@
+"""Runs side by side, as a mapping that draws, saves and shows itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ballplate.notebook import page, png_image, showable, table
+from ballplate.signals import pandas
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from ballplate.results import Result
+    from twin.run.metrics import Motion
+
+
+class Comparison(Mapping[str, "Result"]):
+    """Runs side by side, by what tells them apart; shows itself in a notebook.
+
+    Attributes:
+        title: What is compared.
+        headings: What the table calls each run.
+        folders: Where each run that was just made is kept within a folder of the comparison.
+        interrupted: Whether Ctrl-C ended it before all had run.
+        replaced: What it replaced where it is saved, in words; empty for nothing.
+    """
+
+    def __init__(
+        self,
+        runs: Mapping[str, Result],
+        title: str,
+        headings: Mapping[str, str],
+        *,
+        folders: Mapping[str, str] | None = None,
+        interrupted: bool = False,
+        replaced: str = "",
+    ) -> None:
+        self._runs = dict(runs)
+        self.title = title
+        self.headings = {label: headings.get(label, label) for label in runs}
+        self.folders = dict(folders or {})
+        self.interrupted, self.replaced = interrupted, replaced
+
+    def __getitem__(self, label: str) -> Result:
+        """One of the runs."""
+        return self._runs[label]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._runs)
+
+    def __len__(self) -> int:
+        return len(self._runs)
+
+    @property
+    def metrics(self) -> dict[str, dict[str, Any]]:
+        """The indicators of each run, as ``Result.metrics``."""
+        return {label: each.metrics for label, each in self._runs.items()}
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The indicators, a row per run.
+
+        Raises:
+            TwinError: If pandas is not installed.
+        """
+        return pandas().DataFrame.from_dict(self.metrics, orient="index")
+
+    @property
+    def motions(self) -> dict[str, Motion]:
+        """The motion of each run by what the table calls it."""
+        return {self.headings[label]: each.motion for label, each in self._runs.items()}
+
+    def summaries(self) -> dict[str, dict[str, Any]]:
+        """The indicators of each run, as ``Result.summary``."""
+        return {label: each.summary() for label, each in self._runs.items()}
+
+    def plot(self) -> Figure:
+        """All runs in one picture."""
+        from twin.run.overview_plot import picture
+
+        return showable(picture(self.motions, self.title, self._area))
+
+    def save(self, folder: str | Path = "runs/compare") -> Path:
+        """Write a folder per run and compare.png into a folder; returns it.
+
+        Raises:
+            RecordError: If it cannot be written, or a run is one that was opened.
+        """
+        from ballplate.results import kept
+        from twin.run.folders import forget, slug
+
+        self.replaced = forget(Path(folder))
+        self.folders = {label: self.folders.get(label, slug(label)) for label in self._runs}
+        for label, each in self._runs.items():
+            kept(each, Path(folder) / self.folders[label])
+        return self.draw(folder)
+
+    def draw(self, folder: str | Path) -> Path:
+        """Write the picture and the indicators alone into a folder; returns the folder.
+
+        Raises:
+            RecordError: If it cannot be written.
+        """
+        from twin.run.folders import MANIFEST
+        from twin.run.overview_plot import draw
+        from twin.writing import write_json
+
+        place = Path(folder)
+        draw(place / "compare.png", self.motions, self.title, self._area)
+        content = {"folders": list(self.folders.values()), "runs": self.summaries()}
+        write_json(place / MANIFEST, content)
+        return place
+
+    @property
+    def _area(self) -> tuple[float, float]:
+        area: tuple[float, float] = next(iter(self._runs.values())).scenario.rig.limits.area
+        return area
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.title!r}: {', '.join(self.headings.values())}>"
+
+    def _repr_html_(self) -> str:
+        """For a notebook: indicators and picture."""
+        from twin.report.numbers import rows
+
+        found = rows([each.replay for each in self._runs.values()])
+        lines = [(row.label, *row.values, row.unit) for row in found]
+        shown = table(("", *self.headings.values(), "unit"), lines)
+        return page(self.title, shown, png_image(self.plot()))

@@ -1,0 +1,151 @@
+"""The state of an object and of all that it is made of, as data, and put back where it stands.
+
+What has a state is found by going through attributes: arrays, numbers, texts and random streams.
+What cannot change is left out: frozen dataclasses, functions, models; changes while running follow
+from the time.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from pydantic import BaseModel
+
+from twin.errors import TwinError
+from twin.hal.rig import Rig
+from twin.run.changes import Changes
+
+FOREIGN = {"mujoco", "numpy", "pydantic", "scipy"} | set(sys.stdlib_module_names)
+"""Packages whose objects are constant wherever they stand, but for arrays and random streams."""
+Node = Any
+"""Data, an array, or a dictionary with one key that says what its content is: ``tuple``, ``list``
+and ``dict`` of nodes, or what is put into its state where it stands: ``object`` (class and
+attributes), ``inner`` (objects in a tuple, list or dictionary), ``own`` (class and what it says
+itself) and ``rng``."""
+LEFT_OUT: Node = {"left out": None}
+
+
+class SnapshotError(TwinError, ValueError):
+    """A snapshot cannot be taken or restored."""
+
+
+@runtime_checkable
+class Stateful(Protocol):
+    """What says itself what its state is."""
+
+    def saved_state(self) -> dict[str, Any]:
+        """Its state as arrays, numbers and texts by name."""
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+
+
+def saved(thing: Any, seen: set[int]) -> Node:  # noqa: PLR0911  one line a kind
+    """The node of a value; ``LEFT_OUT`` of one that cannot change or has been saved already."""
+    if isinstance(thing, np.ndarray):
+        return LEFT_OUT if thing.dtype.hasobject else thing.copy(order="K")
+    if isinstance(thing, np.generic):
+        return thing.item()
+    if thing is None or type(thing) in {bool, int, float, str}:
+        return thing
+    if isinstance(thing, np.random.Generator):
+        return {"rng": thing.bit_generator.state}
+    if isinstance(thing, tuple | list | deque):
+        each = {index: saved(one, seen) for index, one in enumerate(thing)}
+        return _several("tuple" if isinstance(thing, tuple) else "list", each)
+    if isinstance(thing, dict):
+        return _several("dict", {key: saved(each, seen) for key, each in thing.items()})
+    if _constant(thing) or id(thing) in seen:
+        return LEFT_OUT
+    seen.add(id(thing))
+    if isinstance(thing, Stateful):
+        return {"own": [type(thing).__name__, saved(thing.saved_state(), seen)]}
+    nodes = {name: saved(value, seen) for name, value in vars(thing).items()}
+    kept = [
+        (name, node)
+        for name, node in nodes.items()
+        if node is not LEFT_OUT and not (isinstance(thing, Rig) and name == "changes")
+    ]
+    return {"object": [type(thing).__name__, kept]}
+
+
+def _constant(thing: Any) -> bool:
+    """Whether a thing that is no data never changes."""
+    parameters = getattr(thing, "__dataclass_params__", None)
+    frozen = parameters is not None and parameters.frozen
+    foreign = type(thing).__module__.partition(".")[0] in FOREIGN
+    return bool(frozen or foreign or isinstance(thing, BaseModel | Changes | Enum))
+
+
+def _several(kind: str, nodes: Mapping[Any, Node]) -> Node:
+    """A tuple, list or dictionary: whole if it is all data, else the objects in it."""
+    if all(node is not LEFT_OUT and not _inside(node) for node in nodes.values()):
+        return {kind: list(nodes.items()) if kind == "dict" else list(nodes.values())}
+    inner = [(key, node) for key, node in nodes.items() if _inside(node)]
+    return {"inner": inner} if inner else LEFT_OUT
+
+
+def _inside(node: Node) -> bool:
+    """Whether a node is of something that is put into its state where it stands."""
+    return isinstance(node, dict) and next(iter(node)) in {"object", "inner", "own", "rng"}
+
+
+def restore(thing: Any, node: Node) -> None:
+    """Put a thing into its state where it stands.
+
+    Raises:
+        SnapshotError: If it is another thing.
+    """
+    ((kind, content),) = node.items()
+    if kind in {"object", "own"}:
+        name, content = content
+        if name != type(thing).__name__:
+            own = type(thing).__name__
+            raise SnapshotError(f"the snapshot has {name} where this rig has {own}")
+    try:
+        if kind == "rng":
+            thing.bit_generator.state = content
+        elif kind == "own":
+            thing.restore_state(value_of(content))
+        for name, child in content if kind in {"object", "inner"} else ():
+            if _inside(child):
+                restore(getattr(thing, name) if kind == "object" else thing[name], child)
+            else:
+                setattr(thing, name, _like(getattr(thing, name, None), value_of(child)))
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise SnapshotError(f"the snapshot is not of such a rig: {error}") from error
+
+
+def value_of(node: Node) -> Any:
+    """The value of a node that is data."""
+    if isinstance(node, np.ndarray):
+        return node.copy(order="K")
+    if not isinstance(node, dict):
+        return node
+    ((kind, content),) = node.items()
+    if kind == "dict":
+        return {key: value_of(each) for key, each in content}
+    values = [value_of(each) for each in content]
+    return tuple(values) if kind == "tuple" else values
+
+
+def _like(present: Any, value: Any) -> Any:
+    """A saved value as the one in its place is.
+
+    A tuple has its names, a queue its length; an array that is the same is left, as products of
+    matrices round differently where they lie differently in memory.
+    """
+    if isinstance(value, np.ndarray) and isinstance(present, np.ndarray):
+        same = value.dtype == present.dtype and np.array_equal(value, present, equal_nan=True)
+        return present if same else value
+    if isinstance(present, deque):
+        return deque(map(_like, present, value), present.maxlen)
+    if isinstance(value, tuple) and isinstance(present, tuple) and len(present) == len(value):
+        each = [_like(*pair) for pair in zip(present, value, strict=True)]
+        return type(present)._make(each) if hasattr(present, "_make") else tuple(each)
+    return value
