@@ -164,6 +164,11 @@ class Law(ABC):
         """
         return self.control(now.time, now.equivalent, now.reference, now.memory)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a report should tell of the law with these settings, in whole sentences."""
+        return ()
+
 
 @dataclass(kw_only=True)
 class Observer(ABC):

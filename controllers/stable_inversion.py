@@ -94,6 +94,16 @@ class StableInversion(Law):
         return math.radians(self.dither_deg) * self._pulsation**2 / math.sqrt(2)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the dither costs, where there is one."""
+        if not self.dither_deg:
+            return ()
+        return (
+            f"The dither costs {self.dither_effort:.2g} rad/s² (RMS) of plate acceleration on "
+            "each axis near rest.",
+        )
+
+    @property
     def _pulsation(self) -> float:
         return 2 * math.pi * self.dither_frequency
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from controllers.stable_inversion import StableInversion
 from twin.report.diagnosis import Diagnosis
 from twin.run.control import build_law
 from twin.run.replay import Replay
@@ -30,7 +29,7 @@ STEEP = 0.95
 def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
-    return told + _known(run) + _dither(run)
+    return [*told, *_known(run), *build_law(run.scenario).remarks]
 
 
 def judged(run: Replay, clean: float | None = None) -> str:
@@ -166,19 +165,6 @@ def _known(run: Replay) -> list[str]:
         f"At the end the observer took friction to slow the ball by {friction:.3g} ± "
         f"{spread:.2g} mm/s² (one standard deviation), and the tilt to act by "
         f"{gains[0]} along x and {gains[1]} along y more than nominal."
-    ]
-
-
-def _dither(run: Replay) -> list[str]:
-    """What a dither costs, where there is one."""
-    if not run.scenario.controller.settings.get("dither_deg"):
-        return []
-    law = build_law(run.scenario)
-    if not isinstance(law, StableInversion):
-        return []
-    return [
-        f"The dither costs {law.dither_effort:.2g} rad/s² (RMS) of plate acceleration on each "
-        "axis near rest."
     ]
 
 
