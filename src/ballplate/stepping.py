@@ -158,10 +158,12 @@ class Rig:
         from twin.run.control import build_reference
         from twin.run.execute import Run
         from twin.run.metrics import Motion, measure
+        from twin.scenario.change import always_friction
 
         scenario, outcome = self.scenarios[rig], self._ended[rig]
         record = self._record.of_rig(rig)
-        motion = Motion.of(record, build_reference(scenario)(record.time)[0])
+        desired = build_reference(scenario)(record.time)[0]
+        motion = Motion.of(record, desired, friction=always_friction(scenario))
         judged = scenario.metrics
         metrics = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
         speed = record.length * self.period / self._spent

@@ -117,6 +117,18 @@ def test_a_ball_stuck_by_friction_is_called_stuck():
     assert "tilted by 0.3 deg; its friction holds it up to 0.52 deg" in sentence
 
 
+def test_how_long_friction_held_the_ball_is_told():
+    moving = np.where(np.arange(10000) < 3000, 0.0, 0.02)
+    held = made(rest, true_x_rate=moving)
+    assert any("at rest 30.0% of the whole" in line for line in summary(held, Diagnosis.of(held)))
+    smooth = {**TABLES, "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.0}}}
+    freed = {**TABLES, "change": [{"at": 5.0, "set": {"plant.friction.rolling_mm": 0.0}}]}
+    for tables in (smooth, freed):  # without friction a ball may rest, too
+        free = made(rest, tables, true_x_rate=moving)
+        assert free.motion.held is None
+        assert not any("held" in line for line in summary(free, Diagnosis.of(free)))
+
+
 def test_a_ball_that_creeps_or_lies_where_it_should_is_not_stuck():
     assert Diagnosis.of(made(lambda t: on_x(0.2e-3 * t), HOLD)).stuck is None
     assert Diagnosis.of(made(lambda t: on_x(np.full(len(t), 0.0295)), HOLD)).stuck is None

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from twin.run.indicators import UNITS
 from twin.run.loop import Ending, Outcome
-from twin.run.metrics import Metrics, Motion, measure, tracking_error
+from twin.run.metrics import Metrics, Motion, held, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
 
@@ -127,3 +127,14 @@ def test_an_indicator_that_is_no_number_is_told_as_none():
 def test_every_indicator_has_a_unit():
     named = {each.name for each in fields(Metrics) if each.type != "str"}
     assert named == set(UNITS) - {"judged_from", "real_time_factor"}
+
+
+def test_a_ball_at_rest_for_longer_than_a_turn_is_held():
+    time = np.arange(0.0, 3.0, 0.002)
+    speed = np.zeros((len(time), 2))
+    speed[time < 1.0] = 0.05
+    speed[(time >= 2.0) & (time < 2.9)] = (0.0, -1.5e-4)
+    speed[np.abs(time - 0.5) < 0.02] = 0.0  # turns
+    expected = ((time >= 1.0) & (time < 2.0)) | (time >= 2.9)
+    # the last interval lasts 98 ms, until the last row: less than is judged
+    np.testing.assert_array_equal(held(time, speed), expected & (time < 2.0))

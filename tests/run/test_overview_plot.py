@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -92,3 +94,74 @@ def test_of_many_runs_the_running_effort_is_drawn():
     assert np.allclose(smooth[early], 0.0)
     assert np.allclose(smooth[late], 1.0)
     assert smooth[200] == pytest.approx(np.sqrt(0.5), abs=0.02)  # half of the window
+
+
+def parts(figure):
+    """What may not overlap: panels with all their texts, the title of all, the legend."""
+    titles = [figure._suptitle] if figure._suptitle else []
+    return [
+        *(panel.get_tightbbox() for panel in figure.axes),
+        *(part.get_window_extent() for part in (*figure.legends, *titles)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("runs", "title"),
+    [
+        ({"run": motion()}, "Circle"),
+        ({f"controller.kind=lqr,plant.friction.rolling_mm={n}": motion() for n in range(9)}, ""),
+        ({"far": motion(error=3e4), "near": motion(1e-5, 1e-9)}, "As long as a title can be " * 12),
+        ({"steep": motion(effort=-12345.6)}, "Two lines " * 15),
+    ],
+    ids=["one", "many", "far", "steep"],
+)
+def test_no_text_is_cut_or_overlaps_another(runs, title):
+    figure = picture(runs, title, (0.25, 0.15))
+    whole = figure.bbox
+    boxes = parts(figure)
+    for index, box in enumerate(boxes):
+        assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+        assert whole.y0 <= box.y0 < box.y1 <= whole.y1
+        assert not any(box.overlaps(other) for other in boxes[:index])
+    for panel in figure.axes:
+        ticks = [text.get_window_extent() for text in panel.get_yticklabels() if text.get_text()]
+        label = panel.yaxis.label.get_window_extent()
+        assert not any(label.overlaps(tick) for tick in ticks)
+        below = [text.get_window_extent() for text in panel.get_xticklabels() if text.get_text()]
+        assert not any(panel.xaxis.label.get_window_extent().overlaps(tick) for tick in below)
+
+
+def resting(first, last):
+    """A run whose ball friction holds between two times."""
+    return replace(motion(), held=(first <= TIME) & (last > TIME))
+
+
+def bands(panel):
+    return [(patch.get_paths(), to_hex(patch.get_facecolor())) for patch in panel.collections]
+
+
+def test_where_friction_holds_the_ball_is_shaded_and_said():
+    figure, panels = drawn(**{"honest twin": resting(1.0, 2.0), "clean model": motion()})
+    for name in ("Position", "Tracking error"):
+        ((paths, colour),) = bands(panels[name])
+        (path,) = paths
+        assert colour.upper() == COLOURS[0]
+        assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, 1.0])
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "honest twin held by friction, 25.0 % of the time" in words
+
+
+def test_bands_of_several_runs_lie_above_each_other_under_one_entry():
+    figure, panels = drawn(one=resting(0.0, 1.0), free=motion(), other=resting(1.0, 3.0))
+    found = bands(panels["Tracking error"])
+    assert [colour.upper() for _, colour in found] == [COLOURS[2], COLOURS[0]]
+    heights = [path.get_extents().intervaly.tolist() for (path,), _ in found]
+    assert heights == [[0.0, 0.5], [0.5, 1.0]]
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "held by friction, 25.0 to 50.0 % of the time" in words
+
+
+def test_nothing_is_shaded_where_no_friction_held_the_ball():
+    figure, panels = drawn(run=resting(9.0, 9.0), unknown=motion())
+    assert not bands(panels["Tracking error"])
+    assert not any("held" in text.get_text() for text in figure.legends[0].get_texts())

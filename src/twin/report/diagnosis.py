@@ -41,6 +41,7 @@ class Diagnosis:
         stuck: Distance at which a resting ball ended from a resting reference; None if either
             moved, or the ball is where it should be.
         tilt: Tilt of the plate then, rad.
+        held: Share of the whole run in which friction held the ball at rest; None if unknown.
     """
 
     rms: float
@@ -54,6 +55,7 @@ class Diagnosis:
     untouched: float
     stuck: float | None
     tilt: float
+    held: float | None
 
     @classmethod
     def of(cls, run: Replay) -> Diagnosis:
@@ -83,6 +85,7 @@ class Diagnosis:
             untouched=float((touched < 0.5).mean()),
             stuck=_stuck(motion),
             tilt=float(np.hypot(*motion.plate[-1])),
+            held=None if motion.held is None else float(motion.held.mean()),
         )
 
 

@@ -28,7 +28,13 @@ STEEP = 0.95
 
 def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
-    told = [_ending(run), _error(run, found), *_held(run, found), *_causes(run, found)]
+    told = [
+        _ending(run),
+        _error(run, found),
+        *_rested(found),
+        *_held(run, found),
+        *_causes(run, found),
+    ]
     return [*told, *_known(run), *build_law(run.scenario).remarks]
 
 
@@ -100,6 +106,13 @@ def _error(run: Replay, found: Diagnosis) -> str:
     percent = run.metrics.get("tracking_error_percent")
     share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
     return f"{since} ball was {1000 * found.rms:.3g} mm (RMS) from its reference{share}."
+
+
+def _rested(found: Diagnosis) -> list[str]:
+    """How long friction held the ball."""
+    if not found.held:
+        return []
+    return [f"Friction held the ball at rest {found.held:.1%} of the whole run's time (shaded)."]
 
 
 def _held(run: Replay, found: Diagnosis) -> list[str]:

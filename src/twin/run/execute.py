@@ -23,6 +23,7 @@ from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder
 from twin.run.record_file import write_run
 from twin.run.snapshot import Keeper, Snapshot, packed
+from twin.scenario.change import always_friction
 from twin.scenario.schema import Scenario
 from twin.writing import write_json, write_whole
 
@@ -110,7 +111,7 @@ def run(
     )
     spent = time.perf_counter() - begin
     reference: Reference = controller.reference
-    motion = Motion.of(record, reference(record.time)[0])
+    motion = Motion.of(record, reference(record.time)[0], friction=always_friction(scenario))
     metrics = measure(
         motion,
         outcome,

@@ -12,9 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
+
+STILL = 1e-4
+"""Speed in m/s below which a ball lies still: less than the screen can tell within a second."""
+TURNING = 0.1
+"""Time in s that no ball takes to turn: it passes through rest in some milliseconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +33,7 @@ class Motion:
         plate: Plate angles (phi, theta) in rad, shape (K, 2).
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
         reference: Desired ball position in m, shape (K, 2).
+        held: Where friction held the ball at rest, shape (K,); None where nobody knows.
     """
 
     time: Array
@@ -35,18 +41,30 @@ class Motion:
     plate: Array
     u: Array
     reference: Array
+    held: Mask | None = None
 
     @classmethod
-    def of(cls, record: Recorder, desired: Array, rig: int = 0) -> Motion:
-        """Motion of one rig of a record, given its reference positions, (K, 2)."""
+    def of(
+        cls, record: Recorder, desired: Array, rig: int = 0, *, friction: bool = False
+    ) -> Motion:
+        """Motion of one rig of a record, given its reference positions, (K, 2).
+
+        Args:
+            record: The record.
+            desired: Reference positions in m, shape (K, 2).
+            rig: Which rig, from 0.
+            friction: Whether its ball, if the truth is recorded, rolls with friction.
+        """
         # of many rigs a copy, as those of one lie far apart
-        state = record["state" if "state" in record.data else "estimate"][:, rig].copy()
+        known = "state" in record.data
+        state = record["state" if known else "estimate"][:, rig].copy()
         return cls(
             time=record.time,
             ball=state[:, 0::4],
             plate=state[:, 2::4],
             u=record["applied"][:, rig].copy(),
             reference=desired,
+            held=held(record.time, state[:, 1::4]) if known and friction else None,
         )
 
     @classmethod
@@ -150,6 +168,21 @@ def measure(
         found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
     return Metrics(**ended, **found)
+
+
+def held(time: Array, velocity: Array) -> Mask:
+    """Where a ball with friction lay still for more than a turning point, shape (K,).
+
+    Args:
+        time: Seconds, rising, shape (K,).
+        velocity: True velocity of the ball in m/s, shape (K, 2).
+    """
+    still = np.hypot(*velocity.T) < STILL
+    edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
+    found = np.zeros(len(time), bool)
+    for first, end in edges.reshape(-1, 2):
+        found[first:end] = time[end - 1] - time[first] >= TURNING
+    return found
 
 
 def tracking_error(error: Array, reference: Array) -> float | None:

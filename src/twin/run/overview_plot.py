@@ -18,6 +18,8 @@ from matplotlib.patches import Rectangle
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
+from twin.run.overview_held import shade
+from twin.run.overview_layout import HEADING, arrange
 from twin.writing import write_whole
 
 # Okabe and Ito's colours: told apart with any colour vision, and in grey.
@@ -82,29 +84,26 @@ def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -
 
 def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
     """The picture laid out, for the settings in force."""
-    figure = Figure(figsize=(12, 7.2), dpi=DPI, layout="constrained")
-    if title:
-        lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
-        figure.suptitle("\n".join(lines), fontsize=12, fontweight="bold")
+    figure = Figure(dpi=DPI)
+    FigureCanvasAgg(figure)
+    lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
+    if lines:
+        figure.suptitle("\n".join(lines), fontsize=HEADING, fontweight="bold", y=0.99)
     panels = figure.subplot_mosaic(
-        [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]],
-        width_ratios=(1.15, 1),
+        [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]]
     )
     _plate(panels["plate"], area)
     smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, smooth=smooth)
+    shade(panels, runs, COLOURS)
     for label, motion, look in _references(runs):
         _refer(panels, motion, label, look)
     _label(panels, smooth=smooth)
     entries = panels["plate"].get_legend_handles_labels()
     columns = max(1, min(len(entries[1]), LEGEND // (5 + max(map(len, entries[1])))))
-    figure.legend(*entries, loc="outside lower center", ncols=columns, fontsize=9)
-    # once; kept, the engine would lay out, and draw, once more for each file
-    layout = figure.get_layout_engine()
-    assert layout is not None
-    layout.execute(figure)
-    figure.set_layout_engine("none")
+    legend = figure.legend(*entries, loc="lower center", ncols=columns, fontsize=LOOK["font.size"])
+    arrange(figure, panels, legend, len(lines), LOOK["font.size"])
     return figure
 
 
@@ -193,9 +192,11 @@ def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
         panels[name].set_ylabel(f"{name} [mm]")
     panels["x"].set_title("Position (dotted: reference)")
     panels["angle"].set_ylabel("plate angle [deg]")
-    effort = f"RMS over {WINDOW:g} s" if smooth else "plate acc."
+    effort, what = "plate acc.", "Plate and its acceleration (solid: φ about y; dashed: θ about x)"
+    if smooth:
+        effort, what = "RMS acc.", f"Plate, RMS over {WINDOW:g} s of its acceleration (dashed: θ)"
     panels["effort"].set(ylabel=f"{effort} [rad/s²]", xlabel="time [s]")
-    panels["angle"].set_title("Plate and its acceleration (solid: φ about y; dashed: θ about x)")
+    panels["angle"].set_title(what)
     for name, least in (("x", 1.0), ("y", 1.0), ("angle", 0.05), ("effort", 0.05)):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:

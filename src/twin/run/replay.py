@@ -19,9 +19,10 @@ from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.folders import is_last, last, run_folders
 from twin.run.metadata import check_metadata
-from twin.run.metrics import Motion
+from twin.run.metrics import Motion, held
 from twin.run.record import CHANNELS
 from twin.run.record_file import read_run
+from twin.scenario.change import always_friction
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
 
@@ -82,12 +83,14 @@ class Replay:
         state = motion_of(self.rows)
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
+        known = "true_x" in self.rows and always_friction(self.scenario)
         return Motion(
             time=time,
             ball=state[:, 0::4],
             plate=state[:, 2::4],
             u=applied,
             reference=self.reference(time)[0],
+            held=held(time, state[:, 1::4]) if known else None,
         )
 
 

@@ -107,6 +107,13 @@ def at_time(scenario: Scenario, time: float) -> Scenario:
     return reduce(lambda model, item: _with(model, *item), values.items(), scenario)
 
 
+def always_friction(scenario: Scenario) -> bool:
+    """Whether the ball of a simulated rig rolls with friction all the time."""
+    key = "plant.friction.rolling_mm"
+    values = [each.set[key] for each in scenario.change if key in each.set]
+    return all(value > 0 for value in (value_of(scenario, key), *values))
+
+
 def times(scenarios: Sequence[Scenario]) -> list[float]:
     """When something changes in any of some scenarios, s, in order."""
     every = (time for each in scenarios for change in each.change for time in change.times())

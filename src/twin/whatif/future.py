@@ -14,6 +14,7 @@ from twin.run.execute import Run, record_run
 from twin.run.loop import drive
 from twin.run.metrics import Motion, measure
 from twin.run.record import Recorder
+from twin.scenario.change import always_friction
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import Moment, Recorded, take_over
 
@@ -66,7 +67,9 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
     ticks = round(scenario.duration / period) - round(moment.at / period)
     record = Recorder(ticks, 1, period, rig.channels)
     (outcome,) = drive(rig, controller, scenario.duration, record, begin=begin)
-    motion = Motion.of(record, controller.reference(record.time)[0])
+    motion = Motion.of(
+        record, controller.reference(record.time)[0], friction=always_friction(scenario)
+    )
     metrics = measure(
         motion,
         outcome,

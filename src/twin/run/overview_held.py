@@ -1,0 +1,47 @@
+"""Bands in a run's picture where friction held the ball at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from controllers.arrays import Array, Mask
+from twin.run.metrics import Motion
+
+PANELS = ("x", "y", "error")
+LOOK: Any = {"alpha": 0.18, "linewidth": 0}
+GREY = "0.5"
+"""Colour of the legend's entry for several runs, each of which has bands in its own."""
+
+
+def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Sequence[str]) -> None:
+    """Shade where friction held the ball; of several runs that it held, each has a lane.
+
+    Args:
+        panels: The panels by name.
+        runs: Label to motion.
+        colours: Of the runs, again from the first when they are used up.
+    """
+    found: list[tuple[str, str, Mask, Array]] = [
+        (label, colours[index % len(colours)], motion.held, motion.time)
+        for index, (label, motion) in enumerate(runs.items())
+        if motion.held is not None and motion.held.any()
+    ]
+    for lane, (_, colour, held, time) in enumerate(reversed(found)):
+        edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
+        first, last = time[edges[::2]], time[edges[1::2] - 1]
+        spans = list(zip(first, last - first, strict=True))
+        place = (lane / len(found), 1 / len(found))
+        for panel in (panels[name] for name in PANELS):
+            across = panel.get_xaxis_transform()
+            panel.broken_barh(spans, place, transform=across, facecolors=colour, **LOOK)
+    if found:
+        shares = [100 * float(held.mean()) for _, _, held, _ in found]
+        ends = dict.fromkeys(f"{share:.1f}" for share in (min(shares), max(shares)))
+        words = f"held by friction, {' to '.join(ends)} % of the time"
+        whose = f"{found[0][0]} " if len(found) == 1 < len(runs) else ""
+        colour = found[0][1] if len(found) == 1 else GREY
+        panels["plate"].fill_between([], [], [], label=whose + words, facecolor=colour, **LOOK)
