@@ -10,16 +10,50 @@ ANGLE = {
     "limit_low": Signal(np.full(3, -10.0), PINK),
 }
 
+NO_LINES = ("StateTimelineView", "TextLogView")
+"""Views that show words in the colours of the viewer's own theme."""
+
+
+def views(plan):
+    """The views of a blueprint, whatever tabs and columns they are in."""
+    found, waiting = [], [plan.root_container]
+    while waiting:
+        each = waiting.pop()
+        inner = getattr(each, "contents", []) if hasattr(each, "kind") else None
+        waiting += inner or []
+        if inner is None:
+            found.append(each)
+    return found
+
 
 def test_limits_do_not_squash_the_lines_and_a_flat_line_has_room():
-    assert shown_range([ANGLE]) == (pytest.approx(-1.24), pytest.approx(3.24))
+    assert shown_range([ANGLE]) == (-1.5, 3.5)
     assert shown_range([{"phi": Signal(np.zeros(3), BLUE)}]) == (-0.05, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ends"),
+    [(-27.3, 27.1, (-30, 30)), (2.262, 2.337, (2.245, 2.35)), (0, 41900, (-5000, 45000))],
+)
+def test_a_plot_ends_at_round_numbers_near_its_lines(low, high, ends):
+    found = shown_range([{"phi": Signal(np.array([low, high]), BLUE)}])
+    assert found == ends
+    assert found[0] < low < high < found[1]
+    assert (found[1] - found[0]) < 1.3 * max(high - low, 0.1)
+
+
+def test_the_title_of_a_plot_says_where_it_ends():
+    plots = {"angle_deg": "phi blue"}
+    shown = blueprint(["/run"], plots, "time", ranges={"angle_deg": (-1.2, 3.2)})
+    live = blueprint(["/run"], plots, "time", live=True)
+    assert "plate angles [deg], -1.2 to 3.2: phi blue" in [each.name for each in views(shown)]
+    assert "plate angles [deg]: phi blue" in [each.name for each in views(live)]
 
 
 def test_of_several_runs_the_error_is_as_high_as_the_distance():
     plot = {"distance": Signal(np.array([0.0, 1.0]), BLUE), "x": Signal(np.array([-9.0, 0]), BLUE)}
     assert shown_range([plot])[0] < -9
-    assert shown_range([plot, plot])[0] == pytest.approx(-0.06)
+    assert shown_range([plot, plot])[0] == -0.1
 
 
 def test_titles_say_in_words_which_line_is_which():
@@ -33,15 +67,19 @@ def test_titles_say_in_words_which_line_is_which():
 
 def test_no_legend_covers_a_plot():
     plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
-    views = [plan.root_container]
-    plots = []
-    while views:
-        each = views.pop()
-        views += getattr(each, "contents", []) if hasattr(each, "kind") else []
-        if type(each).__name__ == "TimeSeriesView":
-            plots.append(each)
+    plots = [each for each in views(plan) if type(each).__name__ == "TimeSeriesView"]
     assert plots
     for plot in plots:
         legend = plot.properties["PlotLegend"]
         assert legend.visible.as_arrow_array().to_pylist() == [False]
         assert "blue" in plot.name
+
+
+def test_every_plot_and_scene_brings_its_own_ground():
+    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
+    brought = {"TimeSeriesView": "PlotBackground"}
+    drawn = [each for each in views(plan) if type(each).__name__ not in NO_LINES]
+    assert len({type(each).__name__ for each in drawn}) == 3
+    for each in drawn:
+        ground = each.properties[brought.get(type(each).__name__, "Background")]
+        assert len(ground.color.as_arrow_array()) == 1

@@ -22,8 +22,9 @@ from twin.run.overview_held import shade
 from twin.run.overview_layout import HEADING, arrange
 from twin.writing import write_whole
 
-# Okabe and Ito's colours: told apart with any colour vision, and in grey.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+# Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
+# their light blue, which are hard to see as lines on white.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
 STYLES = ("-", "--", "-.", ":")
 LOOK: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
 REFERENCE: dict[str, Any] = {

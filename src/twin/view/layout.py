@@ -17,6 +17,9 @@ Words = Mapping[str, str]
 """Entity of a plot to which line of it has which colour."""
 Ranges = Mapping[str, tuple[float, float]]
 """Entity of a plot to what its axis shows."""
+GROUND, SKY = (16, 18, 22), (30, 33, 38)
+"""Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
+recording and no blueprint can choose it, and lines that are seen on this are not on white."""
 _KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg")
 """The plots next to the mechanism."""
 
@@ -100,7 +103,8 @@ def _plots(
         rrb.TimeSeriesView(
             origin="/" if len(roots) > 1 else f"{roots[0]}/{group.entity}",
             contents=_lines(roots, group.entity),
-            name=f"{group.title}: {groups[group.entity]}",
+            name=f"{group.title}{_ends(axes.get(group.entity))}: {groups[group.entity]}",
+            background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
             axis_y=rrb.ScalarAxis(range=axes[group.entity]) if group.entity in axes else None,
@@ -108,6 +112,11 @@ def _plots(
         for group in GROUPS
         if group.entity in groups and group.entity in wanted
     ]
+
+
+def _ends(shown: tuple[float, float] | None) -> str:
+    """Where the axis of a plot begins and ends, of which its few ticks may tell little."""
+    return "" if shown is None else f", {shown[0]:g} to {shown[1]:g}"
 
 
 def _lines(roots: Sequence[str], group: str) -> list[str]:
@@ -134,7 +143,7 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=f"{root}/mechanism",
         name=title,
-        background=rrb.Background(color=[30, 33, 38]),
+        background=rrb.Background(color=SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             position=(-0.64, 0.54, 0.30), look_target=(0.0, 0.0, -0.07), eye_up=(0, 0, 1)
@@ -149,7 +158,7 @@ def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
         name=f"from above [mm]: {ball}, reference white, estimate orange, measured grey",
-        background=[16, 18, 22],
+        background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )
 
