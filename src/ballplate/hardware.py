@@ -82,7 +82,8 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
     """
     from twin.hal.faults import Severity
 
-    stopped = any(entry.note.condition.severity is Severity.STOP for entry in rig.journal)
+    mild = Severity.WARNING
+    stopped = any(entry.note.condition.severity is not mild for entry in rig.journal)
     if stopped and (line := rig.clock.timing.blame()):
         reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):

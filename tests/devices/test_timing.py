@@ -96,3 +96,6 @@ def test_a_fault_is_put_down_to_a_late_computer_only_if_it_was_late():
     for late in (0.0001, 0.001) * 10:
         often.tick(late)
     assert "this computer was too late, not the rig: 10 of 20 periods" in often.blame()
+    skipped = TimingLog(0.002)
+    skipped.tick(0.0, missed=30)
+    assert "30 of 31 periods were late or missed; close" in skipped.blame()

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.report import report as command
+from twin.devices.timing import TimingLog
 from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.html import html
@@ -154,6 +155,26 @@ def test_the_verdict_is_one_sentence_led_by_the_error():
     assert verdict(fell, Diagnosis.of(fell)) == (
         "The ball fell off the plate after 3.25 s: ball left the plate."
     )
+
+
+def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
+    metrics = {"outcome": "fault", "outcome_time": 3.706, "reason": "PDOs unsteady"}
+
+    def told(lateness, metrics):
+        log = TimingLog(0.002)
+        for _ in range(50):
+            log.tick(lateness)
+        run = Replay(**{**vars(made(reference)), "metrics": metrics, "ledger": log.as_dict()})
+        return verdict(run, Diagnosis.of(run))
+
+    assert told(0.003, metrics) == (
+        "This computer was too late, not the rig: 50 of 50 periods were late or missed, one by "
+        "3 ms; close other programs, or allow real-time priority (README), and run it again. "
+        "A device failed after 3.706 s: PDOs unsteady."
+    )
+    assert told(0.0001, metrics) == "A device failed after 3.706 s: PDOs unsteady."
+    fell = {**metrics, "outcome": "fell"}
+    assert told(0.003, fell).startswith("The ball fell")
 
 
 def test_a_fall_is_told_first_and_with_its_reason():

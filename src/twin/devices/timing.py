@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -139,15 +139,7 @@ class TimingLog:
 
     def blame(self) -> str:
         """What to do if it was the computer that failed a run; empty if it was in time."""
-        due = max(1, self.ticks + self.missed)
-        share = (self.missed + self.late) / due
-        if share < BLAMED and self.lateness.longest < SLIP * self.period:
-            return ""
-        return (
-            f"this computer was too late, not the rig: {self.missed + self.late} of {due} periods "
-            f"were late or missed, one by {1e3 * self.lateness.longest:.0f} ms; close other "
-            "programs, or allow real-time priority (README), and run it again"
-        )
+        return blamed(self.as_dict())
 
     def text(self) -> list[str]:
         """The statistics in a few lines, for the end of a run."""
@@ -162,6 +154,21 @@ class TimingLog:
         if self.trips.number:
             lines.append(_line("bus round trip", self.trips))
         return lines
+
+
+def blamed(ledger: Mapping[str, Any]) -> str:
+    """``TimingLog.blame`` of the statistics that a record has, ``TimingLog.as_dict``."""
+    slow = ledger["missed"] + ledger["late"]
+    due = max(1, ledger["ticks"] + ledger["missed"])
+    longest = ledger["lateness"]["max_us"]
+    if slow / due < BLAMED and longest < SLIP * ledger["period_us"]:
+        return ""
+    # after missed periods the next one begins in time
+    worst = f", one by {1e-3 * longest:.0f} ms" if longest > LATE * ledger["period_us"] else ""
+    return (
+        f"this computer was too late, not the rig: {slow} of {due} periods were late or missed"
+        f"{worst}; close other programs, or allow real-time priority (README), and run it again"
+    )
 
 
 def _line(name: str, times: LatencyHistogram) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from twin.devices.timing import blamed
 from twin.report.diagnosis import Diagnosis
 from twin.run.control import build_law
 from twin.run.replay import Replay
@@ -97,7 +98,9 @@ def _ending(run: Replay) -> str:
     end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
     reason = run.metrics.get("reason")
     ending = ENDINGS.get(outcome, "The run ended")
-    return f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
+    told = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
+    late = blamed(run.ledger) if outcome == "fault" and run.ledger else ""
+    return f"{late[0].upper()}{late[1:]}. {told}" if late else told
 
 
 def _error(run: Replay, found: Diagnosis) -> str:

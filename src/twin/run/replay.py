@@ -119,6 +119,7 @@ def replay_of(run: Run, name: str) -> Replay:
         {"time": run.record.time, **{column: values for column, _, values in columns}},
         {"time": "s", **{column: unit for column, unit, _ in columns}},
         run.metrics.as_dict(),
+        ledger=run.account.get("ledger", {}),
     )
 
 
