@@ -9,7 +9,6 @@ from pathlib import Path
 from time import sleep
 
 import pytest
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from twin import jobs
 from twin.cli import main, output
@@ -26,14 +25,9 @@ KEYS = {
 }  # fmt: skip
 
 
-ARRANGE = ConstrainedLayoutEngine.execute
-
-
 @pytest.fixture
 def ballplate(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    # arranging the panels is most of a picture's time
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:
@@ -67,6 +61,32 @@ def test_run_json_prints_one_object_with_every_indicator_and_nothing_else(ballpl
     code, out, _ = ballplate("run", "step", *QUICK, "--json")
     assert code == 0
     assert set(json.loads(out)) >= KEYS
+
+
+NO_UNIT = {"scenario", "outcome", "reason", "units"}
+
+
+def test_run_json_has_the_unit_of_every_number_a_verdict_and_the_baseline(ballplate):
+    short = ("--set", "duration=0.2", "--set", "metrics.start=0")
+    code, out, _ = ballplate("run", "circle", *short, "--json")
+    assert code == 0
+    found = json.loads(out)
+    verdict, model = found.pop("verdict"), found.pop("baseline")
+    assert found.keys() - NO_UNIT == found["units"].keys()
+    assert found["units"]["rms_distance"] == "m"
+    assert model.keys() == found.keys()
+    assert model["outcome"] == "finished"
+    assert model["u_rms"] != found["u_rms"]
+    own, clean = (each["tracking_error_percent"] for each in (found, model))
+    assert f"e_tt {own:.3g} % ({clean:.3g} % on the clean model)" in verdict
+    (folder,) = Path("runs").iterdir()
+    assert json.loads((folder / "metrics.json").read_text()) == found
+    code, out, _ = ballplate("run", "circle", *QUICK, "--json")
+    assert json.loads(out)["baseline"] is None
+    code, out, _ = ballplate("compare", str(folder), "--json")
+    (opened,) = json.loads(out).values()
+    kept = ("judged_from", "real_time_factor")  # of a run just made
+    assert opened == {key: value for key, value in found.items() if key not in kept}
 
 
 def test_run_writes_where_it_is_told(ballplate, tmp_path):
@@ -376,8 +396,6 @@ def written(ballplate, monkeypatch, processors, out, *arguments):
 
 @pytest.mark.long
 def test_a_run_writes_the_same_bytes_on_one_processor_and_on_two(ballplate, monkeypatch):
-    # the second process draws, too, and arranges its panels
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", ARRANGE)
     begun = []
     begin = jobs.SecondProcess.begin
 
