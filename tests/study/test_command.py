@@ -58,7 +58,7 @@ def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
     assert [line.split()[0] for line in out.splitlines()] == list(shipped())
 
 
-@pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains"])
+@pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains", "cure_hold"])
 def test_every_shipped_study_has_runs_that_can_be_built(name) -> None:
     about = read(name).model_copy(update={"samples": 2})
     assert Work(about).tasks
