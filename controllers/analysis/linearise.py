@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BALL
-from controllers.interfaces import Law, Measurement, Observer
+from controllers.interfaces import Law, Measurement, Observer, Reference
 from controllers.references.point import Hold
 from controllers.smith import Smith
 
@@ -41,6 +41,31 @@ def linear_law(law: Law) -> System:
     if np.abs(J - _law_jacobian(law, STEP / 10)).max() > 1e-3 * np.abs(J).max():
         raise ValueError(f"law '{law.name}' has no linearisation about the level plate")
     return System(A=J[2:, 8:], B=J[2:, :8], C=J[:2, 8:], D=J[:2, :8])
+
+
+def tracking_law(law: Law) -> System:
+    """A law as a system from (state, desired position), shape (10,), to u.
+
+    The desired position stands still as far as the law knows: its derivatives are zero.
+
+    Raises:
+        ValueError: If the law has no linearisation.
+    """
+    A, B, C, D, _ = linear_law(law)
+    ahead = []
+    for axis in ("x", "y"):
+        there, back = (_answer_to(law, Hold(**{axis: way * STEP})) for way in (1, -1))
+        ahead.append((there - back) / (2 * STEP))
+    J = np.stack(ahead, axis=-1)
+    return System(A, np.hstack([B, J[2:]]), C, np.hstack([D, J[:2]]))
+
+
+def _answer_to(law: Law, reference: Reference) -> Array:
+    """(u, memory rate) of a law at rest on the centre that is asked for another path."""
+    x, q = np.zeros((1, 8)), np.zeros((1, law.memory))
+    u, slope = law.control(0.0, x, reference, q), law.memory_rate(0.0, x, reference, q)
+    out: Array = np.concatenate([u, slope], axis=-1)[0]
+    return out
 
 
 def _law_jacobian(law: Law, step: float) -> Array:

@@ -160,12 +160,21 @@ def sampled_loop(
         memory = np.eye(law.memory) + T * law_only.A
         controller = System(memory, T * law_only.B, law_only.C, law_only.D, T)
         return close(System(Ad, Bd, np.eye(8), np.zeros((8, 2)), T), controller, STATES)
-    plant = _late(System(Ad, Bd, C, np.zeros((4, 2)), T), dead_time)
+    plant = measured_late(System(Ad, Bd, C, np.zeros((4, 2)), T), dead_time)
     return close(plant, linear_controller(law, observer), MEASUREMENTS)
 
 
-def _late(plant: System, dead_time: float) -> System:
-    """The plant with the ball's position measured late: a shift register of its outputs x, y."""
+def measured_late(plant: System, dead_time: float) -> System:
+    """The plant with the ball's position measured late: a shift register of its outputs x, y.
+
+    Its states, after the plant's, are (x, y) of one period ago, of two, and so on to one more than
+    there are whole periods in the dead time. What is left of a period is a straight line between
+    the last two.
+
+    Args:
+        plant: With the outputs (x, phi, y, theta), without direct term, sampled.
+        dead_time: Of x and y in s.
+    """
     A, B, C, D, T = plant
     w, share = whole_periods(dead_time, T)
     n, kept = len(A), 2 * (w + 1)

@@ -9,7 +9,8 @@
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
 for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
 ``rig``. The model behind it: ``model``, and the classes of ``laws``, ``observers`` and
-``references``. What there is to run and to set: ``scenarios``, ``describe``.
+``references``; plants and controllers for python-control: ``systems``. What there is to run and to
+set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -38,7 +39,7 @@ from ballplate.sweeping import Sweep, sweep
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
-    from ballplate import laws, observers, references
+    from ballplate import laws, observers, references, systems
 
 __all__ = [
     "BallplateWarning",
@@ -67,13 +68,14 @@ __all__ = [
     "scenarios",
     "study",
     "sweep",
+    "systems",
 ]
 
-_CLASSES = ("laws", "observers", "references")
+_LATE = ("laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 
 
 def __getattr__(name: str) -> Any:
-    if name in _CLASSES:
+    if name in _LATE:
         return import_module(f"ballplate.{name}")
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -16,7 +16,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 NAMES = {
     "first_steps", "own_law", "own_observer", "sweep_to_pandas", "identify_from_a_log",
-    "step_the_rig",
+    "step_the_rig", "python_control",
 }  # fmt: skip
 
 

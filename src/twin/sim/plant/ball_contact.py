@@ -40,9 +40,7 @@ class BallContact:
         pair = model.pair("ball_plate").id
         self._arm = batch.expand("pair_friction")[:, pair, 3:5]
         self._arm[:] = np.maximum(roll, LEAST)[:, None]
-        # A contact of dimension 4 resists spin about its normal, one of 3 only slides.
-        spinning = model.pair_friction[pair, 2] > LEAST
-        batch.expand("pair_dim")[:, pair] = np.where(free, 4 if spinning else 3, 6)
+        batch.expand("pair_dim")[:, pair] = np.where(free, free_dimension(model), 6)
         self.varying = not friction.constant and not (free.all() and friction.map is None)
         """Whether ``feel`` has to be called."""
         self._sloping = friction.map is not None and friction.map.sloping
@@ -84,3 +82,8 @@ class BallContact:
             down = np.zeros((len(x), 3))
             down[:, :2] = -normal[:, None] * friction.map(position)[1]
             self._force[:] = from_plate(down, phi, theta)
+
+
+def free_dimension(model: mujoco.MjModel) -> int:
+    """Dimension of the contact of a ball that rolls freely: 4 resists spin, 3 only slides."""
+    return 4 if model.pair_friction[model.pair("ball_plate").id, 2] > LEAST else 3

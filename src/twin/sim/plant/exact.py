@@ -109,6 +109,23 @@ class ExactPlant:
         self._x[:, (0, 1, 4, 5)] = ball
         self._fallen = np.zeros(self.rigs, bool)
 
+    def resume(self, x: Array, age: Array | None = None) -> None:
+        """Go on from any states x of (5.5), shape (N, 8), the balls on the screen.
+
+        Args:
+            x: The states.
+            age: Ages of the contacts, shape (N,), where friction has them; None for long settled.
+        """
+        self._x = np.array(x, float)
+        self._fallen = np.zeros(self.rigs, bool)
+        if self.friction is not None and self.friction.ageing:
+            self._age = self._settled() if age is None else np.array(age, float)
+
+    @property
+    def age(self) -> Array | None:
+        """Ages of the contacts, shape (N,), where friction has them."""
+        return self._age
+
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Ramp to the plate rates (rad/s, shape (N, 2)) over a number of physics steps."""
         x, vx, phi, phi_rate, y, vy, theta, theta_rate = self._components(self._x)

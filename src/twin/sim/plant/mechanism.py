@@ -18,7 +18,7 @@ from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.kinematics import ball_in_plate
 from twin.sim.plant.level import from_plate, tilted_gravity
-from twin.sim.plant.model import NAMES, differing, load_model
+from twin.sim.plant.model import NAMES, cam_ratio, differing, load_model
 from twin.sim.plant.parts import Parts
 
 __all__ = ["Mechanism", "load_model"]
@@ -92,8 +92,7 @@ class Mechanism:
         self._now = self._models
         """The same with what has been exchanged since."""
         self.step = float(model.opt.timestep)
-        lever = np.abs(model.geom("wheel_phi").pos[0])
-        self.ratio = float(lever / np.hypot(*model.geom("cam_phi").pos[[0, 2]]))
+        self.ratio = cam_ratio(model)
         self._sensing = rigs < _MANY
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)

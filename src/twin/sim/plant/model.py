@@ -94,6 +94,12 @@ def _check(model: mujoco.MjModel, path: Path) -> None:
         raise ModelError(f"model {path}: missing {', '.join(missing)}")
 
 
+def cam_ratio(model: mujoco.MjModel) -> float:
+    """Motor angle per plate angle about level, dimensionless."""
+    lever = np.abs(model.geom("wheel_phi").pos[0])
+    return float(lever / np.hypot(*model.geom("cam_phi").pos[[0, 2]]))
+
+
 def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
     """The model fields in which compiled mechanisms differ, one value per mechanism, (N, ...).
 
