@@ -1,0 +1,125 @@
+"""One circle through every door: the same commands move the ball along the same path.
+
+A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import control
+import numpy as np
+import pytest
+
+import ballplate as bp
+from twin.cli import main
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle, and what the Python package makes of it."""
+
+    settings: list[str]
+    """As ``--set`` has them."""
+    done: bp.Result
+    """``ballplate.run`` of it: the commands are its ``applied_phi_acc`` and ``applied_theta_acc``
+    in rad/s^2, one a control period, held."""
+    folder: Path
+    """To write in."""
+
+
+class Door(NamedTuple):
+    """A way to run the circle.
+
+    Attributes:
+        path: Gives the ball (x, y) in m at the beginning of each control period, shape (K, 2).
+        within: Largest distance in m from the package's path; 0 where the same code runs.
+        plants: The plants of ``PLANTS`` that it has.
+    """
+
+    path: Callable[[Circle], np.ndarray]
+    within: float
+    plants: tuple[str, ...]
+
+
+PLANTS = {
+    "mechanism": ["plant.kind=mujoco"],
+    "exact": ["plant.kind=lagrange"],
+    "frictionless": ["plant.kind=lagrange", "plant.friction.rolling_mm=0"],
+}
+
+
+def command(circle):
+    """``ballplate run circle --set ...``, and the record it wrote."""
+    options = [part for text in circle.settings for part in ("--set", text)]
+    with pytest.raises(SystemExit) as end:
+        main(["run", "circle", *options, "--out", str(circle.folder)])
+    assert end.value.code == 0
+    return bp.load(circle.folder).ball
+
+
+def by_periods(circle):
+    """python-control, from one control period to the next."""
+    found = control.input_output_response(
+        bp.systems.exact("circle", circle.settings), circle.done.time, commands(circle)
+    )
+    return np.array(found.outputs[[0, 4]].T)
+
+
+def by_differential_equations(circle):
+    """python-control's integration of x' = f(x) + g(x) u, u being held for each period."""
+    plant, t, u = bp.systems.equations(), circle.done.time, commands(circle)
+    x = np.zeros((len(t), 8))
+    for k in range(len(t) - 1):
+        found = control.input_output_response(
+            plant, t[k : k + 2], np.repeat(u[:, [k]], 2, axis=1), x[k],
+            solve_ivp_kwargs={"rtol": 1e-9, "atol": 1e-12},
+        )  # fmt: skip
+        x[k + 1] = found.states[:, -1]
+    return x[:, [0, 4]]
+
+
+def commands(circle):
+    return np.stack([circle.done["applied_phi_acc"], circle.done["applied_theta_acc"]])
+
+
+DOORS = {
+    "command line": Door(command, 0.0, ("mechanism", "exact")),
+    "python-control, sampled": Door(by_periods, 1e-6, ("exact", "frictionless")),
+    "python-control, continuous": Door(by_differential_equations, 1e-6, ("frictionless",)),
+}
+
+
+LENGTHS = {"short": 2.0, "whole": 25.0}
+CASES = [(name, plant) for name, door in DOORS.items() for plant in door.plants]
+
+
+@pytest.fixture(scope="module", params=["short", pytest.param("whole", marks=pytest.mark.long)])
+def circles(request, tmp_path_factory):
+    """The circle on a plant, run when it is first asked for."""
+    seconds = LENGTHS[request.param]
+
+    @cache
+    def on(plant):
+        settings = [*PLANTS[plant], f"duration={seconds:g}", "baseline=false"]
+        return Circle(settings, bp.run("circle", settings), tmp_path_factory.mktemp(plant))
+
+    return on, seconds
+
+
+@pytest.mark.parametrize(("name", "plant"), CASES, ids=[", ".join(case) for case in CASES])
+def test_the_same_circle_goes_through_every_door(name, plant, circles):
+    on, seconds = circles
+    circle, door = on(plant), DOORS[name]
+    expected, path = circle.done.ball, door.path(circle)
+    assert path.shape == expected.shape == (round(seconds / 0.002), 2)
+    if door.within == 0:
+        assert path.tobytes() == expected.tobytes()
+    else:
+        assert np.hypot(*(path - expected).T).max() <= door.within
+    assert np.abs(path).max() > 1e-4
+    if seconds > 20:
+        swept = np.ptp(np.unwrap(np.arctan2(*path[circle.done.time > 10].T)))
+        assert swept == pytest.approx(0.75 * (seconds - 10), abs=0.3)
