@@ -31,11 +31,44 @@ def test_this_installation_is_whole():
     assert problem() is None
 
 
+def hostile(folder):
+    """Packages of our names that must not be imported, where Python looks first."""
+    for name in ("controllers", "scenarios", "models", "twin"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text(f"raise RuntimeError('a stranger: {name}')")
+
+
+FROM_HERE = """
+import ballplate
+from twin.jobs import SecondProcess
+print(ballplate.run("hold", duration=0.01, plant={"kind": "lagrange"}).outcome)
+with SecondProcess(wanted=True) as beside:
+    print(beside.begin(ballplate.run, "hold", ["duration=0.01", "plant.kind=lagrange"])().outcome)
+"""
+
+
+def test_packages_of_our_names_in_the_current_folder_are_not_taken(tmp_path):
+    hostile(tmp_path)
+    done = python(tmp_path, "-c", FROM_HERE)
+    assert done.stdout == "finished\nfinished\n", done.stderr
+    stranger = python(tmp_path, "-c", "import controllers")
+    assert stranger.stderr.endswith("a stranger: controllers\n")
+
+
+def test_a_module_called_twin_that_is_there_already_is_one_line_that_names_it(tmp_path):
+    (tmp_path / "twin.py").touch()
+    done = python(tmp_path, "-c", "import twin, ballplate")
+    last = done.stderr.splitlines()[-1]
+    named = f"ImportError: another module called twin was imported before ballplate: {tmp_path}"
+    assert last.startswith(named)
+
+
 def test_another_package_called_controllers_is_one_line_that_names_it(tmp_path):
     other = tmp_path / "controllers"
     other.mkdir()
     (other / "__init__.py").touch()
-    done = python(tmp_path, "-c", "from twin.cli import main; main()", "run", "circle")
+    command = "import controllers; from twin.cli import main; main()"
+    done = python(tmp_path, "-c", command, "run", "circle")
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"ballplate: another package called controllers shadows ours: {other};")

@@ -22,6 +22,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ballplate import own as own
 from ballplate.catalogue import Keys, describe, scenarios
 from ballplate.changes import Changes
 from ballplate.comparing import compare

@@ -11,6 +11,8 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
+from runpy import run_path
 from threading import Thread
 from types import ModuleType
 from typing import Any, TypeVar
@@ -22,6 +24,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+WORKER = Path(__file__).with_name("worker.py")
 AHEAD = 2
 """Jobs handed out for each process, so that none waits for its next one."""
 
@@ -167,7 +170,7 @@ class _Pool(ProcessPoolExecutor):
 def _pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    pool = _Pool(processes, multiprocessing.get_context("spawn"), initializer=_settle)
+    pool = _Pool(processes, multiprocessing.get_context("spawn"), run_path, (str(WORKER),))
     try:
         yield pool
     finally:
@@ -177,7 +180,7 @@ def _pool(processes: int) -> Iterator[_Pool]:
             child.terminate()
 
 
-def _settle() -> None:
+def settle() -> None:
     """Leave Ctrl-C to the process that began this one, and end when it has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()

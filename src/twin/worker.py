@@ -1,0 +1,12 @@
+"""What a process of ``twin.jobs`` runs first, by its path: it then has this installation."""
+
+import sys
+from pathlib import Path
+
+# a name would be looked for in the current folder first
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from twin.jobs import settle
+
+del sys.path[0]
+settle()
