@@ -64,18 +64,36 @@ def test_installed_into_a_fresh_environment_it_runs_from_any_folder(wheel, tmp_p
     environment = tmp_path / "environment"
     call(UV, "venv", "--python", sys.executable, environment)
     python = environment / "bin" / "python"
-    call(UV, "pip", "install", "--python", python, "--constraint", pins, wheel)
+    call(UV, "pip", "install", "--python", python, "--constraint", pins, wheel, "pyyaml", "toolz")
     clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
     anywhere = tmp_path / "anywhere"
     anywhere.mkdir()
+    for name in ("controllers", "scenarios", "models", "twin"):
+        # strangers of our names, which Python finds first
+        (anywhere / name).mkdir()
+        (anywhere / name / "__init__.py").write_text(f"raise RuntimeError('a stranger: {name}')")
+        (anywhere / name / "circle.toml").write_text("a stranger")
     ballplate = environment / "bin" / "ballplate"
     listed = call(ballplate, "list", cwd=anywhere, env=clean)
     assert "circle" in listed
     printed = call(
-        ballplate, "run", "circle", "--set", "duration=1", "--json", "--out", "runs/circle",
+        ballplate, "run", "circle", "--set", "duration=2", "--json", "--out", "runs/circle",
         cwd=anywhere, env=clean,
     )  # fmt: skip
     assert json.loads(printed)["outcome"] == "finished"
     assert (anywhere / "runs" / "circle" / "picture.png").is_file()
-    code = "import ballplate; print(ballplate.run('hold', duration=0.1).outcome)"
-    assert call(python, "-c", code, cwd=anywhere, env=clean) == "finished\n"
+    varied = ("--vary", 'controller.kind=["afl", "lqr"]', "--set", "duration=1")
+    compared = call(ballplate, "compare", "circle", *varied, "--json", cwd=anywhere, env=clean)
+    assert {each["outcome"] for each in json.loads(compared).values()} == {"finished"}
+    code = """
+import ballplate
+print(ballplate.run("hold", duration=0.1).outcome)
+print(*ballplate.compare("hold", vary={"seed": [1, 2]}, processes=2, duration=0.1).values())
+print(ballplate.systems.linear().state_labels[0])
+"""
+    said = call(python, "-c", code, cwd=anywhere, env=clean)
+    assert said.startswith("finished\n")
+    assert said.endswith("x\n")
+    where = "import ballplate, controllers, twin; print(controllers.__file__, twin.__file__)"
+    for file in call(python, "-c", where, cwd=anywhere, env=clean).split():
+        assert Path(file).is_relative_to(environment)
