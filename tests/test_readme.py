@@ -120,3 +120,10 @@ def test_the_readmes_list_names_every_table_law_observer_and_reference():
     for table in KINDS:
         named = set(re.findall(r"`(\w+)`", rows[f"`[{table}]`"]))
         assert named == set(choices(table)), table
+
+
+def test_what_every_extra_costs_is_said():
+    file = Path(__file__).parent.parent / "pyproject.toml"
+    project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
+    said = re.findall(r"^\| `ballplate(?:\[(\w+)\])?` \| \d+ \|", README, re.MULTILINE)
+    assert said == ["", *sorted(project["optional-dependencies"])]
