@@ -14,9 +14,8 @@ Controllers: ``law`` with the state, ``controller`` with the measurement. All ar
 and what is changed of it, as runs are, by the same code that runs use.
 
 Signals have the names of a record's columns, so that ``control.interconnect`` joins them; ``UNITS``
-says in what. A controller feeds back with its own sign: the loop gain at its output that margins
-are asked of is ``-plant * law``. python-control calls any number of periods of a sampled system
-``dt``; here it is in s.
+says in what. A controller feeds back with its own sign: the loop gain that margins are asked of is
+``-law * plant``. The ``dt`` of a sampled system is the control period in s.
 """
 
 from ballplate.systems.controllers import controller, law
