@@ -136,8 +136,11 @@ def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
     """What is varied with plain values; a law, observer or reference is its table.
 
     Raises:
-        ScenarioError: If a value is none that a scenario can hold.
+        ScenarioError: If a value is none that a scenario can hold, or there is no list of values.
     """
+    for key, values in vary.items():
+        if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
+            raise ScenarioError(f"vary {key}: give a list of values, as in [{values!r}]")
     return {key: [_varied(key, value) for value in values] for key, values in vary.items()}
 
 

@@ -46,7 +46,8 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
     Args:
         model: What the tables were to be.
         error: What was found.
-        elsewhere: Dotted keys of all tables; of an unknown key those of its name are suggested.
+        elsewhere: Dotted keys of all tables; of an unknown key those of its name, or in
+            a table of its name, are suggested.
     """
     # An unknown key explains a missing one beside it, so it comes first.
     first = min(error.errors(), key=lambda item: item["type"] != "extra_forbidden")
@@ -54,6 +55,7 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
     if first["type"] == "extra_forbidden":
         *path, name = (str(part) for part in first["loc"])
         alike = [f"'{key}'" for key in elsewhere if key.endswith(f".{name}")]
+        alike = alike or [f"'{key}'" for key in elsewhere if f".{name}." in key]
         meant = f"; did you mean {' or '.join(alike[:4])}?" if alike else ""
         return f"{place}: unknown key{meant or nearest(name, _fields(model, path))}"
     if first["type"] == "missing":

@@ -15,6 +15,7 @@ from ballplate.changes import changes_of
 from ballplate.reporter import Notebook, Reporter
 from controllers import catalog
 from twin.cli import main
+from twin.errors import ScenarioError
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
 COMMAND = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
@@ -221,3 +222,9 @@ def test_the_import_loads_no_library_but_its_own():
     loaded = set(done.stdout.split())
     assert {"ballplate", "twin"} <= loaded
     assert loaded - {"ballplate", "twin", "controllers"} <= set(sys.stdlib_module_names)
+
+
+@pytest.mark.parametrize("values", ["afl", {"kind": "afl"}, 5])
+def test_what_is_varied_over_no_list_is_one_line(values):
+    with pytest.raises(ScenarioError, match=r"vary controller\.kind: give a list of values"):
+        ballplate.compare("circle", vary={"controller.kind": values})

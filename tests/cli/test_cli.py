@@ -167,6 +167,8 @@ def test_compare_takes_several_scenarios(ballplate):
         (("run", "circle", "--set", "controller.gain=[1]"), "did you mean 'gains'"),
         (("run", "circle", "--set", "amplitude=0.1"), "did you mean 'reference.amplitude'"),
         (("run", "circle", "--set", "rolling_mm=0"), "did you mean 'plant.friction.rolling_mm'"),
+        (("run", "circle", "--set", "friction=0"), "did you mean 'plant.friction.rolling_mm' or"),
+        (("compare", "no.csv", "circle"), "no.csv: cannot be read: No such file or directory"),
         (
             ("run", "foo"),
             "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `",

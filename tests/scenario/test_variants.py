@@ -36,7 +36,9 @@ def test_a_comparison_is_titled_by_what_ran():
     assert varied(parsed(['controller=[{kind="afl"}, {kind="lqr"}]'])) == ["controller=afl,lqr"]
 
 
-@pytest.mark.parametrize("text", ["duration", "=5", "duration=", "a..b=[1]"])
+@pytest.mark.parametrize(
+    "text", ["duration", "=5", "duration=", "a..b=[1]", "seed=[1, 2", "seed=1]"]
+)
 def test_what_is_no_variation_is_one_line(text):
     with pytest.raises(ScenarioError):
         parsed([text])

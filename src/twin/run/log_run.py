@@ -49,7 +49,8 @@ def read_log(path: Path) -> dict[str, Array]:
     try:
         rows = read_csv(path, UNITS, lambda names: _require(names, path.name))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path}: cannot be read: {error}") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise LogError(f"{path}: cannot be read: {why}") from error
     kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED[2::2])], axis=0)
     rows = {name: values[kept] for name, values in rows.items()}
     if kept.sum() < 2:

@@ -127,6 +127,8 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     try:
         listed: Any = parse_toml(f"values = {values}")["values"]
     except tomllib.TOMLDecodeError:
+        if values.count("[") != values.count("]"):
+            raise ScenarioError(f"--vary '{text[:200]}': brackets must match") from None
         listed = [setting(f"{key}={item}")[1] for item in values.strip("[]").split(",")]
     except DataError as error:
         raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
