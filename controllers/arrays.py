@@ -40,6 +40,13 @@ def some(values: Mask | Array) -> bool:
     return any(values.ravel().tolist())
 
 
+def put(array: Array, rigs: NDArray[np.integer], values: Number) -> Array:
+    """A copy of an array of N rigs with the values of some of them, shape (k, ...), put in."""
+    changed: Array = array.copy()
+    changed[rigs] = values
+    return changed
+
+
 class Arithmetic(NamedTuple):
     """What one formula needs to hold for a plain number and for an array of rigs alike."""
 

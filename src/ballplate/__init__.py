@@ -19,6 +19,7 @@ numerical library: what works with one loads it when called.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -72,8 +73,11 @@ __all__ = [
     "systems",
 ]
 
-_LATE = ("laws", "observers", "references", "systems")
+_LATE = ("gym", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
+
+if "gymnasium" in sys.modules:  # as within gym.make("ballplate:..."); see ballplate.gym
+    import_module("ballplate.gym")
 
 
 def __getattr__(name: str) -> Any:

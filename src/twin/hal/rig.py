@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, constant
+from controllers.arrays import Array, Mask, constant, put
 from controllers.interfaces import Measurement
 from twin.hal.faults import FaultSource
 from twin.hal.interface import Clock, Servos, TouchScreen, Transmission
@@ -168,6 +169,20 @@ class Rig:
         self._plate = self.supervisor.angle
         self._motor = self._transmission.motor(self._plate)
         self._unanchored = 0.0
+
+    def adopt(self, rigs: NDArray[np.integer], other: Rig) -> None:
+        """Let some rigs go on as others that have just been started.
+
+        What the rigs of a batch look at together they go on to look at together: when the plate is
+        measured again (``anchor``), and over what times the speed of the ball is.
+
+        Args:
+            rigs: Which.
+            other: As many rigs with the same limits, of the devices that these now have.
+        """
+        self.supervisor.adopt(rigs, other.supervisor)
+        self._plate = put(self._plate, rigs, other._plate)
+        self._motor = put(self._motor, rigs, other._motor)
 
     def replace_transmission(self, transmission: Transmission) -> None:
         """Look the cams up in another transmission from now on; the plate stays where it is."""

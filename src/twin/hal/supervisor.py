@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, column, constant, every, some
+from controllers.arrays import Array, Mask, column, constant, every, put, some
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Clamp, Limits
 from twin.hal.states import TRANSITIONS, Event, State
@@ -108,6 +109,22 @@ class Supervisor:
         self.rate = np.where(fresh, 0.0, self.rate)
         self._unseen = 0.0
         self._before[:] = np.nan
+
+    def adopt(self, rigs: NDArray[np.integer], other: Supervisor) -> None:
+        """Let some rigs go on as others that are guarded by the same limits.
+
+        Args:
+            rigs: Which.
+            other: The supervisor of as many rigs, just started.
+        """
+        self.state = put(self.state, rigs, other.state)
+        self.all_running = bool((self.state == State.RUNNING).all())
+        self.by_device[rigs] = other.by_device
+        for rig, reason in zip(rigs.tolist(), other.reason, strict=True):
+            self.reason[rig] = reason
+        self.rate, self.angle = put(self.rate, rigs, other.rate), put(self.angle, rigs, other.angle)
+        self._unseen = put(np.broadcast_to(self._unseen, self.state.shape), rigs, other._unseen)
+        self._before = put(self._before, rigs, other._before)
 
     def forget_ball(self) -> None:
         """Judge the ball from now on only, as somebody has put it elsewhere."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from controllers.stack import Controller
 from twin.errors import ScenarioError
+from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
 from twin.run.changes import changing
@@ -64,19 +65,37 @@ def assemble(
     each = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
     _agree(each)
     controller = build_controllers(each)
-    first = each[0]
     plant, transmission = build_plant(each, threads=threads)
+    return Experiment(build_rig(each, plant, transmission, seeds, anchor), controller)
+
+
+def build_rig(
+    scenarios: Sequence[Scenario],
+    plant: Plant,
+    transmission: Transmission,
+    seeds: Sequence[np.random.SeedSequence] | None = None,
+    anchor: float = Rig.ANCHOR,
+) -> SimulatedRig:
+    """The rigs of scenarios that agree in what a batch shares, around their plant.
+
+    Args:
+        scenarios: One per rig.
+        plant: All of them.
+        transmission: Plate angles to motor angles, as the rigs believe.
+        seeds: Root of the noise, one per rig.
+        anchor: Time in s from one look of the rig at its measured plate angle to the next.
+    """
     rig = SimulatedRig(
-        build_devices(each, plant, seeds=seeds),
+        build_devices(scenarios, plant, seeds=seeds),
         transmission=transmission,
-        limits=filled(Limits, each),
-        period=first.rig.period,
-        ideal=first.sensors.ideal,
+        limits=filled(Limits, scenarios),
+        period=scenarios[0].rig.period,
+        ideal=scenarios[0].sensors.ideal,
         anchor=anchor,
     )
-    if any(each_one.change for each_one in each):
-        rig.changes = changing(rig, rig.devices, transmission, each)
-    return Experiment(rig, controller)
+    if any(scenario.change for scenario in scenarios):
+        rig.changes = changing(rig, rig.devices, transmission, scenarios)
+    return rig
 
 
 def shared(scenario: Scenario) -> dict[str, Any]:

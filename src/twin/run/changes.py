@@ -9,10 +9,10 @@ from typing import Any
 from twin.errors import ScenarioError
 from twin.hal.interface import Transmission
 from twin.hal.rig import Rig
-from twin.run.plants import change_plant, mistaken, prepare_plant
+from twin.run.plants import change_plant, differ, mistaken, prepare_plant
 from twin.scenario.change import SLACK, at_time, times
 from twin.scenario.schema import Scenario
-from twin.settings import filled, settings_of
+from twin.settings import filled
 from twin.sim.drives import DriveModel
 from twin.sim.encoders import EncoderModel
 from twin.sim.plant.friction import Friction
@@ -73,6 +73,7 @@ def change_devices(
     new: Sequence[Scenario],
     *,
     touch: dict[str, Any] | None = None,
+    plant: bool = True,
 ) -> None:
     """Make simulated devices and their plant what scenarios say now.
 
@@ -81,11 +82,12 @@ def change_devices(
         old: What the scenarios said until now, one per rig.
         new: What they say now.
         touch: Imperfections of the touch screen that are not the scenarios' own.
+        plant: Whether the plant is to go on as they say, too.
 
     Raises:
         ModelError: If a number is out of range.
     """
-    if differ((Friction, SurfaceModel, Parts), old, new):
+    if plant and differ((Friction, SurfaceModel, Parts), old, new):
         change_plant(devices.plant, new)
     devices.change(
         touch=replace(filled(TouchModel, new), **touch or {})
@@ -158,13 +160,3 @@ def changing_devices(devices: SimulatedDevices, scenarios: Sequence[Scenario], a
             raise ScenarioError("change: plant.ball: rigs on the exact equations have one ball")
         prepare_plant(devices.plant, stage)
     return changes
-
-
-def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
-    """Whether scenarios say something else of the settings of some dataclasses."""
-    return any(
-        about.of(before) != about.of(after)
-        for cls in classes
-        for about in settings_of(cls).values()
-        for before, after in zip(old, new, strict=True)
-    )

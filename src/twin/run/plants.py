@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from controllers.ballplate import BallPlate
 from twin.hal.cams import CamTable, FixedRatio
@@ -47,6 +51,45 @@ def change_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
 
     assert isinstance(plant, Mechanism)
     plant.change(build_friction(scenarios) or Friction(), _parts(scenarios))
+
+
+def rebuild_plant(
+    plant: Plant,
+    rigs: NDArray[np.integer],
+    before: Sequence[Scenario],
+    scenarios: Sequence[Scenario],
+) -> None:
+    """Let some rigs of a running plant be others; they must then be put to their start.
+
+    Args:
+        plant: N rigs.
+        rigs: Numbers of those that become others, shape (k,).
+        before: What their scenarios said until now, k of them.
+        scenarios: What the scenarios of all N rigs say from now on.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+    fresh = [scenarios[rig] for rig in rigs]
+    if not differ((Friction, SurfaceModel, Parts), before, fresh):
+        return
+    if isinstance(plant, ExactPlant):
+        plant.change(**_equations(scenarios))
+        return
+    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
+
+    assert isinstance(plant, Mechanism)
+    plant.rebuild(rigs, _parts(fresh), build_friction(scenarios) or Friction())
+
+
+def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
+    """Whether scenarios say something else of the settings of some dataclasses."""
+    return any(
+        about.of(before) != about.of(after)
+        for cls in classes
+        for about in settings_of(cls).values()
+        for before, after in zip(old, new, strict=True)
+    )
 
 
 def prepare_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
@@ -118,7 +161,12 @@ def _cams(kind: str, ratio: float) -> Transmission:
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
     models = [filled(SurfaceModel, [scenario]) for scenario in scenarios]
-    made = {model: model.map() for model in dict.fromkeys(models)}
-    surfaces = [made[model] for model in models]
-    friction = filled(Friction, scenarios, map=SurfaceMap.stacked(surfaces))
+    surfaces = SurfaceMap.stacked(list(map(_drawn, models)))
+    friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
+
+
+@lru_cache(maxsize=4096)
+def _drawn(surface: SurfaceModel) -> SurfaceMap | None:
+    """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
+    return surface.map()

@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array
+from controllers.arrays import Array, put
+from twin.sim.noise import Rigs
 
 
 class TrainPart(Protocol):
@@ -28,6 +29,9 @@ class TrainPart(Protocol):
             before: That one.
             rate: Rates of the input in rad/s now, shape (N, 2).
         """
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin as they were when they were made."""
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input, both (N, 2)."""
@@ -50,6 +54,10 @@ class Play:
         """Begin in the state of another one."""
         del rate
         self._input, self._output = before._input, before._output
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin in the middle of the gap."""
+        self._input, self._output = put(self._input, rigs, 0.0), put(self._output, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -83,6 +91,10 @@ class Hysteresis:
         """Begin in the state of another one."""
         del rate
         self._lost = before._lost
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin with nothing lost."""
+        self._lost = put(self._lost, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -124,6 +136,11 @@ class Resonance:
         """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
         self._d, self._d_rate = before._d, before._d_rate
         self._motor_rate = np.where(before.acts, before._motor_rate, rate)
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin at rest."""
+        self._d, self._d_rate = put(self._d, rigs, 0.0), put(self._d_rate, rigs, 0.0)
+        self._motor_rate = put(self._motor_rate, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the plate in rad for one of the motor."""

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arrays import Array, Number
+from controllers.arrays import Array, Number, put
 from twin.settings import Unit, setting
 from twin.sim.drive_train import Hysteresis, Play, Resonance, TrainPart
+from twin.sim.noise import Rigs
 from twin.sim.vibration import Vibration
 
 
@@ -86,6 +87,13 @@ class SimulatedDrives:
         self._equip(model)
         for old, new in zip(before, self._every, strict=True):
             new.go_on(old, rate)
+
+    def adopt(self, rigs: Rigs, other: SimulatedDrives) -> None:
+        """Let some rigs begin at rest, with the noise of others that have not moved."""
+        self._rate, self.ahead = put(self._rate, rigs, 0.0), put(self.ahead, rigs, 0.0)
+        for part in self._every:
+            part.begin(rigs)
+        self._vibration.adopt(rigs, other._vibration)
 
     def _equip(self, model: DriveModel) -> None:
         period, ratio = self._period, self._ratio

@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array, Number, column, constant
 from twin.settings import setting
-from twin.sim.noise import HeldPeriods, Noise
+from twin.sim.noise import HeldPeriods, Noise, Rigs
 
 COUNTS = 245760
 """Of a plate encoder per turn."""
@@ -55,6 +55,10 @@ class SimulatedEncoders:
     def change(self, model: EncoderModel) -> None:
         """Have the noise of another model from now on."""
         self._noise.change(model.variance)
+
+    def adopt(self, rigs: Rigs, other: SimulatedEncoders) -> None:
+        """Let some rigs go on with the noise of others that count alike."""
+        self._noise.adopt(rigs, other._noise)
 
     def read(self, plate: Array) -> Array:
         """Measured plate angles in rad for the true ones, both (N, 2)."""

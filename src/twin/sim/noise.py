@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array
 
+Rigs = NDArray[np.integer]
+"""Numbers of some rigs of a batch, shape (k,)."""
 HeldPeriods = int | NDArray[np.integer]
 """A number of control periods for all rigs, or one per rig, shape (N,)."""
 
@@ -64,6 +66,29 @@ class Noise:
             self._fill(rig)
         each: Array = self._block[index, self._rows]
         return each
+
+    def adopt(self, rigs: Rigs, other: Noise) -> None:
+        """Let some rigs go on with the streams of another noise, from where each of those is.
+
+        Args:
+            rigs: Which.
+            other: The noise of as many rigs, held for the same number of control periods.
+        """
+        assert isinstance(self._hold, int)
+        drawn, held = -(-self._tick // self._hold), self._tick % self._hold > 0
+        taken, channels = -(-other._tick // self._hold), self._scale.shape[1]
+        place = drawn % self.BLOCK
+        for rig, stream in zip(rigs.tolist(), other._streams, strict=True):
+            seed = stream.bit_generator.seed_seq
+            assert isinstance(seed, np.random.SeedSequence)
+            self._streams[rig] = again = np.random.default_rng(seed)
+            past = again.standard_normal((taken, channels))
+            if place:  # the rest of this block; a whole one is drawn when it begins
+                self._drawn[place:, rig] = again.standard_normal((self.BLOCK - place, channels))
+                self._block[place:, rig] = self._drawn[place:, rig] * self._scale[rig]
+            if held and taken:
+                self._drawn[place - 1, rig] = past[-1]
+                self._block[place - 1, rig] = past[-1] * self._scale[rig]
 
     def _fill(self, rig: int) -> None:
         drawn = self._streams[rig].standard_normal((self.BLOCK, self._scale.shape[1]))

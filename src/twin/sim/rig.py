@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, put
 from twin.hal.interface import Touch, Transmission
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
 from twin.sim.drives import DriveModel, SimulatedDrives
 from twin.sim.encoders import EncoderModel, SimulatedEncoders
-from twin.sim.noise import HeldPeriods, Noise
+from twin.sim.noise import HeldPeriods, Noise, Rigs
 from twin.sim.plant.interface import Plant
 from twin.sim.touch import SimulatedScreen, TouchModel
 
@@ -71,7 +71,7 @@ class SimulatedDevices:
         """Have other imperfections from now on; None leaves what there is.
 
         Args:
-            touch: Dead time and noise of the touch screen; all else of it stays.
+            touch: Imperfections of the touch screen.
             encoders: Noise of the plate encoders; their counts stay.
             drives: Imperfections of the drives.
         """
@@ -82,6 +82,22 @@ class SimulatedDevices:
         if drives is not None:
             self._drives.change(drives, self._followed)
             self._disturbance.change(self._shaken(drives))
+
+    def adopt(self, rigs: Rigs, other: SimulatedDevices) -> None:
+        """Let some rigs go on as others that have just begun and are equipped alike.
+
+        Args:
+            rigs: Which.
+            other: The devices of as many rigs, around those of this plant, which have begun.
+        """
+        self._screen.adopt(rigs, other._screen)
+        self._encoders.adopt(rigs, other._encoders)
+        self._disturbance.adopt(rigs, other._disturbance)
+        self._drives.adopt(rigs, other._drives)
+        self._drift = put(self._drift, rigs, other._drift)
+        self._rate = put(self._rate, rigs, other._rate)
+        self._followed = put(self._followed, rigs, other._followed)
+        self.state, self.on_plate = self.plant.state, self.plant.on_plate
 
     @property
     def time(self) -> float:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, Number
+from controllers.arrays import Array, Mask, Number, put
 from twin.hal.interface import SCREEN, Touch
 from twin.settings import Unit, setting
-from twin.sim.noise import HeldPeriods, Noise
+from twin.sim.noise import HeldPeriods, Noise, Rigs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,29 +69,35 @@ class SimulatedScreen:
         self._period = period
         self._model = model
         self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
-        rate = each(model.frame_rate)
-        self._framed = rate > 0
-        self._frames = bool(self._framed.any())
-        self._frame = np.divide(1.0, rate, out=np.zeros(rigs), where=self._framed)
-        phase = [np.random.default_rng(s.spawn(1)[0]).random() for s in seeds]
-        self._phase = np.array(phase) * self._frame
-        spread = each(model.spread)
-        self._wait(each(model.dead_time), spread)
+        self._offset = np.array([np.random.default_rng(s.spawn(1)[0]).random() for s in seeds])
         # Streams of their own, beside those spawned: with and without spread, all else is the same.
         apart = [np.random.SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 1000)) for s in seeds]
-        self._spread = Noise(spread[:, None] ** 2, apart, hold)
-        grid = each(model.grid)[:, None]
-        self._continuous = grid == 0
-        self._gridded, self._mixed = bool(grid.any()), bool(self._continuous.any())
-        self._pitch = np.divide(SCREEN, np.where(self._continuous, 1.0, grid))
-        rotation = each(model.rotation)
-        self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
+        self._spread = Noise(each(model.spread)[:, None] ** 2, apart, hold)
+        self._equip(model)
+        self._wait(each(model.dead_time), each(model.spread))
+        self._begun = np.zeros(rigs, int)
         self._rows = np.arange(rigs)
         self._fresh = np.zeros(rigs)
         self._shown = np.full(rigs, np.nan)
         self._tick = -1
         self._past: Array = np.empty((0, rigs, 2))
         self._felt: Mask = np.empty((0, rigs), bool)
+
+    def _equip(self, model: TouchModel) -> None:
+        """Have the frames, the grid and the rotation of a model."""
+        rate, grid, rotation = (
+            np.broadcast_to(np.asarray(value, float), self._offset.shape)
+            for value in (model.frame_rate, model.grid, model.rotation)
+        )
+        self._framed = rate > 0
+        self._frames = bool(self._framed.any())
+        self._frame = np.divide(1.0, rate, out=np.zeros(len(rate)), where=self._framed)
+        self._phase = self._offset * self._frame
+        grid = grid[:, None]
+        self._continuous = grid == 0
+        self._gridded, self._mixed = bool(grid.any()), bool(self._continuous.any())
+        self._pitch = np.divide(SCREEN, np.where(self._continuous, 1.0, grid))
+        self._turn = (np.cos(rotation), np.sin(rotation)) if rotation.any() else None
 
     def _wait(self, delay: Array, spread: Array) -> None:
         """Let samples take dead times in s, shape (N,), and a spread of them."""
@@ -104,15 +110,18 @@ class SimulatedScreen:
         self._together = int(self._whole[0]) if len(set(delay.tolist())) == 1 else None
 
     def change(self, model: TouchModel) -> None:
-        """Have the dead time and the noise of another model from now on.
+        """Have the imperfections of another model from now on.
 
         Where samples take longer than before, the oldest that is kept, at most two periods older
         than the one shown, stays until the next one has arrived.
         """
         self._noise.change(model.variance)
-        if np.array_equal(model.dead_time, self._model.dead_time):
+        before, self._model = self._model, model
+        waits = (before.dead_time, before.spread, before.frame_rate)
+        self._spread.change(np.broadcast_to(model.spread, self._offset.shape)[:, None] ** 2)
+        self._equip(model)
+        if all(map(np.array_equal, (model.dead_time, model.spread, model.frame_rate), waits)):
             return
-        self._model = model
         delay, spread = np.broadcast_arrays(model.dead_time, model.spread, self._frame)[:2]
         kept = self._length
         self._wait(np.asarray(delay, float), np.asarray(spread, float))
@@ -122,6 +131,19 @@ class SimulatedScreen:
         order = np.empty(self._length, int)
         order[new] = old
         self._past, self._felt = self._past[order], self._felt[order]
+
+    def adopt(self, rigs: Rigs, other: SimulatedScreen) -> None:
+        """Let some rigs go on as others that have just begun and are equipped alike."""
+        self._noise.adopt(rigs, other._noise)
+        self._spread.adopt(rigs, other._spread)
+        self._offset = put(self._offset, rigs, other._offset)
+        self._phase = self._offset * self._frame
+        self._begun[rigs] = self._tick
+        self._shown = put(self._shown, rigs, other._shown)
+        # they have been where they are all the time
+        self._past[:, rigs], self._felt[:, rigs] = other._past[0], other._felt[0]
+        for mine, theirs in zip(self._held, other._held, strict=True):
+            mine[rigs] = theirs
 
     def see(self, position: Array, touching: Mask) -> None:
         """Take in the true ball positions (N, 2) of a new control period."""
@@ -153,7 +175,7 @@ class SimulatedScreen:
 
     def _newest_frame(self) -> Touch:
         """Frames arrive on their clock; how old what they show is may spread from one to next."""
-        lag = self._tick * self._period - self._delay - self._phase
+        lag = (self._tick - self._begun) * self._period - self._delay - self._phase
         length = np.where(self._framed, self._frame, self._period)
         frame = np.floor(lag / length)
         age = np.where(self._framed, lag - frame * length, 0.0)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.arrays import Array
-from twin.sim.noise import Noise
+from twin.sim.noise import Noise, Rigs
 
 
 class Vibration:
@@ -24,6 +24,7 @@ class Vibration:
     def __init__(self, period: float, seeds: Sequence[np.random.SeedSequence]) -> None:
         self._period = period
         self._tick = 0
+        self._begun = np.zeros((len(seeds), 1), int)
         self._noise = Noise(np.full(4, 0.5), [s.spawn(1)[0] for s in seeds])
         self._sizes: Array = np.zeros((len(seeds), 4))
         none = np.zeros((len(seeds), 1))
@@ -45,17 +46,23 @@ class Vibration:
         self._random = wander > 0
         self._kept = np.exp(-self._period / np.where(self._random, wander, 1.0))
 
+    def adopt(self, rigs: Rigs, other: Vibration) -> None:
+        """Let some rigs begin to swing now, with the noise of others that have not begun."""
+        self._begun[rigs] = self._tick
+        self._noise.adopt(rigs, other._noise)
+
     def rate(self) -> Array:
         """Rates of the next period in rad/s, shape (N, 2)."""
         self._tick += 1
-        phase = self._turn * self._tick
+        age = self._tick - self._begun
+        phase = self._turn * age
         sine, cosine = np.sin(phase), np.cos(phase)
         steady = np.concatenate((sine, cosine), axis=1)
         if self._random.any():
             drawn = self._noise.draw()
             # begun as it goes on: there is no instant at which it is known to be still
-            fresh = 1.0 if self._tick == 1 else np.sqrt(1 - self._kept**2)
-            self._sizes = (self._kept * self._sizes if self._tick > 1 else 0.0) + fresh * drawn
+            fresh = np.where(age == 1, 1.0, np.sqrt(1 - self._kept**2))
+            self._sizes = np.where(age == 1, 0.0, self._kept * self._sizes) + fresh * drawn
             wandering = self._sizes[:, :2] * sine + self._sizes[:, 2:] * cosine
             steady = np.where(self._random, wandering, steady)
         moved: Array = self._amplitude * steady

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number
+from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
@@ -102,6 +102,21 @@ class ExactPlant:
         if self.friction is not None and self.friction.ageing:
             self._age = self._settled()
         self._fallen = np.zeros(self.rigs, bool)
+
+    def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
+        """Put some rigs to the start as ``start`` does, the others as they are.
+
+        Raises:
+            ModelError: If a ball is to spin.
+        """
+        if np.any(spin):
+            raise ModelError("the exact equations have a ball that never spins")
+        fresh = np.zeros((len(rigs), 8))
+        fresh[:, (0, 1, 4, 5)] = ball
+        self._x = put(self._x, rigs, fresh)
+        if self._age is not None:
+            self._age = put(self._age, rigs, self._settled()[rigs])
+        self._fallen[rigs] = False
 
     def place(self, ball: Array) -> None:
         """Put the balls at (x, x', y, y') on plates that stay as they are, shape (N, 4)."""

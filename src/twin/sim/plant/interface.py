@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number
 from twin.settings import setting
@@ -58,6 +59,15 @@ class Plant(Protocol):
         Args:
             ball: Positions in m and speeds in m/s of the rolling balls.
             spin: Their rates about the vertical, rad/s; 0 on plants whose ball cannot spin.
+        """
+
+    def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
+        """Put some rigs to the start as ``start`` does, the others as they are.
+
+        Args:
+            rigs: Their numbers, shape (k,).
+            ball: (x, x', y, y') of their balls in m and m/s, shape (k, 4).
+            spin: Their rates about the vertical, rad/s.
         """
 
     def place(self, ball: Array) -> None:

@@ -18,7 +18,7 @@ from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.kinematics import ball_in_plate
 from twin.sim.plant.level import from_plate, tilted_gravity
-from twin.sim.plant.model import NAMES, cam_ratio, differing, load_model
+from twin.sim.plant.model import NAMES, cam_ratio, differing, load_model, value_of
 from twin.sim.plant.parts import Parts
 
 __all__ = ["Mechanism", "load_model"]
@@ -96,8 +96,11 @@ class Mechanism:
         self._sensing = rigs < _MANY
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
-        for name, values in differing(self._models).items():
+        fields = differing(self._models)
+        for name, values in fields.items():
             self._batch.expand(name)[:] = values
+        self._own = set(fields)
+        """Names of the model fields in which the rigs differ, or once did."""
         self._resolve(model)
         height = model.joint("ball").qposadr[0] + 2
         self._height = np.array([each.key("level").qpos[height] for each in self._models])
@@ -204,16 +207,61 @@ class Mechanism:
         """
         batch = self._batch
         batch.reset(keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        x, vx, y, vy = np.broadcast_to(ball, (self.rigs, 4)).T
-        zero = np.zeros(self.rigs)
-        self._qpos[:, self._ball_pose] = np.stack((x, y, self._height), axis=-1)
-        turn = (-vy / self._radius, vx / self._radius, zero + spin)
-        self._qvel[:, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
+        self._roll(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
         batch.forward()
         self._sensed = self._live
         self._look()
         if self._contact is not None:
             self._contact.start(self.state)
+
+    def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
+        """Put some rigs to the start as ``start`` does, the others as they are."""
+        batch = self._batch
+        if self._contact is not None:
+            self._contact.rest(rigs)
+        batch.reset(rigs, keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._roll(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
+        batch.warning[rigs] = 0
+        batch.forward(rigs)
+        self._sensed = self._live
+        self._look()
+        if self._contact is not None:
+            self._contact.begin(rigs, self.state)
+
+    def _roll(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number) -> None:
+        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4)."""
+        x, vx, y, vy = ball.T
+        zero, radius = np.zeros(len(ball)), self._radius[rigs]
+        self._qpos[rigs, self._ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
+        turn = (-vy / radius, vx / radius, zero + spin)
+        self._qvel[rigs, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
+
+    def rebuild(
+        self, rigs: NDArray[np.integer], parts: Sequence[Parts], friction: Friction
+    ) -> None:
+        """Build some rigs anew, as others; ``begin`` must follow.
+
+        Args:
+            rigs: Their numbers, shape (k,).
+            parts: What of each of them differs from the model file.
+            friction: Of all rigs.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        made = {part: self._load(part, self.step) for part in dict.fromkeys(parts)}
+        models = [made[part] for part in parts]
+        self._own |= set(differing([self._models[0], *models]))
+        for name in self._own:
+            self._batch.expand(name)[rigs] = [value_of(model, name) for model in models]
+        for rig, part, model in zip(rigs.tolist(), parts, models, strict=True):
+            self._parts[rig], self._models[rig] = part, model
+            self._height[rig] = model.key("level").qpos[self._poses[-1]]
+        self._radius = self._height - self._surface
+        before, self._contact = self._contact, BallContact(self._batch, friction)
+        if before is not None:
+            self._contact.go_on(before, self.state)
+        self._varying = self._contact.varying
 
     def place(self, ball: Array) -> None:
         """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""

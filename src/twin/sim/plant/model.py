@@ -110,8 +110,7 @@ def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
     if all(model is models[0] for model in models):
         return found
     for name in MODEL_FIELDS:
-        owner, _, field = name.rpartition(".")
-        values = [np.asarray(getattr(model.opt if owner else model, field)) for model in models]
+        values = [value_of(model, name) for model in models]
         if any(value.shape != values[0].shape for value in values):
             raise ModelError(
                 "plant.ball.offset_mm: rigs side by side must all have a ball out of balance or "
@@ -120,6 +119,12 @@ def differing(models: Sequence[mujoco.MjModel]) -> dict[str, Array]:
         if any(not np.array_equal(value, values[0]) for value in values):
             found[name] = np.stack(values)
     return found
+
+
+def value_of(model: mujoco.MjModel, name: str) -> Array:
+    """A model field as ``differing`` names it."""
+    owner, _, field = name.rpartition(".")
+    return np.asarray(getattr(model.opt if owner else model, field))
 
 
 def _build(

@@ -1,0 +1,61 @@
+"""The rigs as environments of Gymnasium: ``ballplate/Track-v0``, ``Hold-v0``, ``Step-v0``.
+
+    import gymnasium as gym
+
+    env = gym.make("ballplate:ballplate/Track-v0")
+    envs = gym.make_vec("ballplate:ballplate/Track-v0", num_envs=256, family="uncertain")
+
+Importing this module registers them. ``import ballplate`` does so only where gymnasium is loaded
+already, as it always is when ``gym.make`` imports what stands before the colon; so nobody waits for
+gymnasium who does not use it, and nothing is hooked into Python's imports. Who imports
+``ballplate`` first and gymnasium later names this module: ``import ballplate.gym``, or
+``gym.make("ballplate.gym:ballplate/Track-v0")``, which works in any order.
+
+An environment is a rig of ``ballplate run``: same plant, sensors, limits and noise, so that the
+same commands give the same ball path, to the last bit. ``ballplate.gym.task`` has what is seen,
+what an action means, the reward, and the end of an episode.
+
+Needs the extra ``gym``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from twin.errors import TwinError
+
+try:
+    from gymnasium.envs.registration import register, registry
+except ImportError as error:
+    raise TwinError("ballplate.gym: needs the extra gym: pip install 'ballplate[gym]'") from error
+
+if TYPE_CHECKING:
+    from ballplate.gym.single import RigEnv
+    from ballplate.gym.vector import RigVectorEnv
+
+__all__ = ["ENVIRONMENTS", "RigEnv", "RigVectorEnv"]
+
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    "ballplate/Track-v0": {"scenario": "circle"},
+    "ballplate/Hold-v0": {"scenario": "hold", "family": "placed"},
+    "ballplate/Step-v0": {"scenario": "step"},
+}
+"""What is registered, with the arguments that each has by default."""
+
+for _name, _arguments in ENVIRONMENTS.items():
+    if _name not in registry:
+        register(
+            _name,
+            entry_point="ballplate.gym.single:RigEnv",
+            vector_entry_point="ballplate.gym.vector:RigVectorEnv",
+            kwargs=_arguments,
+        )
+
+_CLASSES = {"RigEnv": "single", "RigVectorEnv": "vector"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _CLASSES:
+        return getattr(import_module(f"ballplate.gym.{_CLASSES[name]}"), name)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
