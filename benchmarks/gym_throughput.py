@@ -101,10 +101,10 @@ def main() -> None:
         whole = 100 * studied.sum() / stepped.sum()
         work = options.rigs * TURN
         print(
-            f"{options.rigs} rigs, {name}: study {1e6 * np.median(studied) / work:.1f} us a rig and "
-            f"tick, environment {1e6 * np.median(stepped) / work:.1f}: throughput {share:.0f} % of "
-            f"the study's, half of all turns {low:.0f} to {high:.0f} %, all in all {whole:.0f} % "
-            f"(goal: at least {GOAL} %); {turns.begun} episodes began in "
+            f"{options.rigs} rigs, {name}: study {1e6 * np.median(studied) / work:.1f} us a rig "
+            f"and tick, environment {1e6 * np.median(stepped) / work:.1f}: throughput {share:.0f} "
+            f"% of the study's, half of all turns {low:.0f} to {high:.0f} %, all in all "
+            f"{whole:.0f} % (goal: at least {GOAL} %); {turns.begun} episodes began in "
             f"{len(turns.stepped) * TURN // 10} steps"
         )
 

@@ -81,7 +81,9 @@ class Rigs:
         rate = self.task.rate * np.clip(np.asarray(actions, float), -1.0, 1.0)
         ball = episodes.advance(rate, hold)
         error = ball - self._goal(before + np.arange(1, hold + 1)[:, None])
-        reward = (1 / (1 + (error**2).sum(axis=-1) / REWARD_SCALE**2)).mean(axis=0)
+        each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / REWARD_SCALE**2)
+        # one after the other: how numpy adds up depends on how many rigs there are
+        reward = np.asarray(sum(each)) / hold
         reward = np.where(self._ended | ~np.isfinite(reward), 0.0, reward)
         terminated = episodes.over
         truncated = ~terminated & (episodes.ticks >= self.task.ticks)

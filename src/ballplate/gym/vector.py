@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballplate.gym.rigs import Rigs
 from ballplate.gym.task import HOLD, PREVIEW, Task
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, put
 from twin.errors import TwinError
 
 
@@ -152,4 +152,5 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     @staticmethod
     def _told(about: dict[str, Any], which: Mask) -> dict[str, Any]:
         """Infos of some rigs as Gymnasium has them: each beside a mask of whose there are."""
-        return about | {f"_{name}": which.copy() for name in about}
+        own = {name: put(values, np.flatnonzero(~which), 0) for name, values in about.items()}
+        return own | {f"_{name}": which.copy() for name in about}

@@ -1,0 +1,177 @@
+"""Environments of Gymnasium: the rigs of a run, bit for bit, by the rules of Gymnasium."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.vector import SyncVectorEnv
+
+import ballplate
+import ballplate.gym
+from controllers.interfaces import Measurement
+from twin.run.control import build_controllers
+
+EXACT = {"plant.kind": "lagrange", "duration": 1.4, "metrics.start": 0.0}
+"""A plant whose rigs have the same bits alone and beside any others."""
+RATE = 0.5
+"""A power of two, so that dividing a rate by it and multiplying again gives the rate."""
+
+
+def seen_by_controller(observation, time):
+    rows = np.atleast_2d(observation)
+    return Measurement(time, rows[:, :4], rows[:, 6], rows[:, 7] > 0)
+
+
+def driven(env, seed):
+    """True states and commanded rates of an episode under the scenario's own controller."""
+    observation, info = env.reset(seed=seed)
+    (controller, over), states, rates = (
+        (build_controllers(env.rigs.episodes.scenarios), False),
+        [],
+        [],
+    )
+    now = seen_by_controller(observation, info["time"])
+    controller.start(now)
+    while not over:
+        states.append(info["state"])
+        rates.append(controller.command(now).rate[0])
+        observation, _, terminated, over, info = env.step(rates[-1] / RATE)
+        assert not terminated
+        controller.applied(observation[None, 4:6])
+        now = seen_by_controller(observation, info["time"])
+    return np.array(states), np.array(rates)
+
+
+@pytest.mark.parametrize("duration", [0.6, pytest.param(25.0, marks=pytest.mark.long)])
+def test_the_circle_through_gymnasium_is_that_of_a_run_to_the_last_bit(duration):
+    short = {"duration": duration, "metrics": {"start": 0}, "seed": 3}
+    run = ballplate.run("circle", baseline=False, **short)
+    env = gymnasium.make(
+        "ballplate:ballplate/Track-v0", hold=1, rate=RATE,
+        settings={"duration": duration, "metrics.start": 0},
+    ).unwrapped  # fmt: skip
+    states, rates = driven(env, seed=3)
+    env.reset(seed=3)
+    replayed = [env.rigs.episodes.state[0].copy()]
+    replayed += [env.step(rate / RATE)[4]["state"] for rate in rates]
+    for axis, column in ((0, "true_x"), (4, "true_y")):
+        np.testing.assert_array_equal(states[:, axis], run[column])
+        np.testing.assert_array_equal(np.array(replayed)[:-1, axis], run[column])
+
+
+@pytest.mark.parametrize("name", ballplate.gym.ENVIRONMENTS)
+def test_gymnasiums_own_checker_has_nothing_to_say(name):
+    check_env(gymnasium.make(f"ballplate.gym:{name}").unwrapped)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments(mode):
+    about = {"settings": EXACT, "family": "placed", "hold": 20, "preview": (0.3,)}
+    name = "ballplate.gym:ballplate/Track-v0"
+    own = gymnasium.make_vec(name, 3, autoreset_mode=mode, **about)
+    singles = SyncVectorEnv([lambda: gymnasium.make(name, **about)] * 3, autoreset_mode=mode)
+    assert own.metadata["autoreset_mode"] is singles.metadata["autoreset_mode"]
+    assert own.observation_space == singles.observation_space
+    assert own.action_space == singles.action_space
+    ends, actions = np.zeros(2, int), np.random.default_rng(0)
+    assert data_equivalence(own.reset(seed=5), singles.reset(seed=5), exact=True)
+    for _ in range(80):
+        action = actions.uniform(-1, 1, (3, 2)) * [[0.02], [0.5], [0.2]]
+        action[1] += 0.5
+        found, wanted = own.step(action), singles.step(action)
+        assert data_equivalence(found, wanted, exact=True)
+        ends += [found[2].sum(), found[3].sum()]
+        over = found[2] | found[3]
+        if mode == "Disabled" and over.any():
+            again = [each.reset(options={"reset_mask": over}) for each in (own, singles)]
+            assert data_equivalence(*again, exact=True)
+    assert (ends > 1).all()
+
+
+def test_the_reward_is_the_mean_over_the_periods_for_which_an_action_is_held():
+    name, more = "ballplate.gym:ballplate/Step-v0", {"settings": EXACT, "rate": RATE}
+    fine, coarse = (gymnasium.make(name, hold=hold, **more) for hold in (1, 4))
+    fine.reset(seed=1), coarse.reset(seed=1)
+    rewards = []
+    for _ in range(4):
+        *_, info = fine.step([0.3, 0.1])
+        rewards.append(1 / (1 + (info["error"] / 0.02) ** 2))
+        assert info["error"] == pytest.approx(np.hypot(*(info["state"][0::4] - 0.15)), rel=1e-12)
+    assert coarse.step([0.3, 0.1])[1] == pytest.approx(np.mean(rewards), rel=1e-12)
+    assert 0 < rewards[0] < 0.01
+
+
+def test_the_goal_is_seen_as_far_ahead_as_is_asked_for():
+    circle = {"settings": EXACT | {"duration": 4.0}, "preview": (0.2, 0.5), "hold": 100}
+    env = gymnasium.make("ballplate.gym:ballplate/Track-v0", **circle)
+    observation, _ = env.reset(seed=0)
+    observation = env.step([0.0, 0.0])[0]
+    reference = ballplate.rig("circle").reference
+    wanted = reference(np.array([0.2, 0.4, 0.7]))[0]
+    np.testing.assert_allclose(
+        observation[8:].reshape(3, 2), wanted.reshape(3, 2), rtol=0, atol=1e-12
+    )
+
+
+IMPORTS = """
+import sys, ballplate
+assert not {"gymnasium", "numpy"} & sys.modules.keys()
+import gymnasium
+ours = {"ballplate/Track-v0", "ballplate/Hold-v0", "ballplate/Step-v0"}
+assert not ours & gymnasium.registry.keys()
+import ballplate.gym
+assert ours <= gymnasium.registry.keys()
+for name in [name for name in sys.modules if name.partition(".")[0] == "ballplate"]:
+    del sys.modules[name]
+for name in ours:
+    del gymnasium.registry[name]
+import ballplate
+assert ours <= gymnasium.registry.keys()
+assert "mujoco" not in sys.modules
+"""
+
+
+def test_importing_ballplate_registers_where_gymnasium_is_loaded_and_loads_it_nowhere():
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "gymnasium"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, "ballplate.gym")
+    with pytest.raises(ballplate.TwinError, match=r"extra gym: pip install 'ballplate\[gym\]'"):
+        import_module("ballplate.gym")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"hold": 7}, "hold: must divide the 5000 control periods"),
+        ({"rate": 0.0}, "rate: must be more than 0"),
+        ({"preview": (-1.0,)}, "preview: must be times"),
+        ({"family": "uncertan"}, "did you mean 'uncertain'"),
+        ({"settings": ["plant.kin=lagrange"]}, "did you mean"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments, message):
+    with pytest.raises(ballplate.TwinError, match=message) as told:
+        gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, **arguments)
+    assert "\n" not in str(told.value)
+
+
+def test_a_reset_that_cannot_be_is_refused():
+    envs = gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, settings=EXACT)
+    with pytest.raises(ballplate.TwinError, match="reset once before"):
+        envs.step(np.zeros((2, 2)))
+    with pytest.raises(ballplate.TwinError, match="reset_mask: must be 2 truth values"):
+        envs.reset(options={"reset_mask": np.array([True])})
+    with pytest.raises(ballplate.TwinError, match="one for each of 2 rigs, got 3"):
+        envs.reset(seed=[1, 2, 3])

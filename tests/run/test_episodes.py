@@ -1,0 +1,81 @@
+"""Rigs that begin again while others go on: nobody's bits depend on who begins when beside him."""
+
+import numpy as np
+import pytest
+
+from twin.errors import ScenarioError
+from twin.run.episodes import Episodes
+from twin.study.build import Builder
+from twin.study.family import drawn, read
+
+BUILD = Builder("circle")
+EVERYTHING = (
+    "plant.servo.hysteresis_deg=0.1", "plant.servo.resonance_hz=15.0", "plant.servo.vibration=1.0",
+    "plant.servo.vibration_wander=0.5", "disturbance.variance=[1e-4, 1e-4]",
+    "sensors.touch.dead_time_spread=0.002", "sensors.touch.rotation_deg=1.0",
+)  # fmt: skip
+"""What the shipped family leaves out of what has a past."""
+BEGUN = np.array([0, 2])
+"""The rigs that begin again."""
+
+
+def family(count, draw, *fixed):
+    """Rigs of the shipped family, which differ in nearly everything."""
+    rigs = drawn(read("uncertain"), draw, count)
+    return [BUILD([f"seed={rig.seed}", *fixed], rig.point) for rig in rigs]
+
+
+def nominal(count, draw, *fixed):
+    """Rigs that differ in their noise alone."""
+    return [BUILD([f"seed={1000 * draw + rig}", *fixed], {}) for rig in range(count)]
+
+
+def rates(step, count):
+    """Plate rates in rad/s that are the same in every batch."""
+    return 0.05 * np.random.default_rng(step).standard_normal((count, 2))
+
+
+@pytest.mark.parametrize(
+    ("make", "others", "count", "fixed"),
+    [
+        (nominal, nominal, 3, ()),
+        (nominal, nominal, 3, ("plant.kind=lagrange", *EVERYTHING)),
+        (family, family, 3, EVERYTHING),
+        (nominal, family, 16, ()),
+    ],
+)
+def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(
+    make, others, count, fixed
+):
+    first, later = make(count, 1, *fixed), others(len(BEGUN), 2, *fixed)
+    joined, undisturbed = Episodes(first), Episodes(first)
+    for step in range(12):  # 240 ms, a multiple of all that rigs look at together
+        joined.advance(rates(step, count), 10)
+        undisturbed.advance(rates(step, count), 10)
+    joined.begin(BEGUN, later)
+    together = list(first)
+    for rig, scenario in zip(BEGUN, later, strict=True):
+        together[rig] = scenario
+    alone = Episodes(together)
+    going = np.setdiff1d(np.arange(count), BEGUN)
+    assert joined.ticks[BEGUN].tolist() == [0, 0]
+    for step in range(100, 130):
+        for who, same in ((BEGUN, alone), (going, undisturbed)):
+            for seen, wanted in zip(joined.measurement[1:4], same.measurement[1:4], strict=True):
+                np.testing.assert_array_equal(seen[who], wanted[who])
+            np.testing.assert_array_equal(joined.applied[who], same.applied[who])
+        ball = joined.advance(rates(step, count), 10)
+        np.testing.assert_array_equal(
+            ball[:, BEGUN], alone.advance(rates(step, count), 10)[:, BEGUN]
+        )
+        same = undisturbed.advance(rates(step, count), 10)
+        np.testing.assert_array_equal(ball[:, going], same[:, going])
+    assert not joined.over.any()
+
+
+def test_what_all_episodes_share_is_not_changed_by_one_of_them():
+    rigs = Episodes(nominal(2, 1, "plant.kind=lagrange"))
+    for key, value in (("rig.limits.rate_deg", 20), ("plant.step", 0.002)):
+        other = BUILD(["plant.kind=lagrange", f"{key}={value}"], {})
+        with pytest.raises(ScenarioError, match=rf"{key.removesuffix('.rate_deg')}.* must agree"):
+            rigs.begin(np.array([1]), [other])
