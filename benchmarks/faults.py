@@ -38,8 +38,8 @@ FAULTS = (
     Fault(
         "start_slides",
         f"{PLANT}/mechanism.py",
-        "turn = (-vy / self._radius, vx / self._radius,",
-        "turn = (vy / self._radius, -vx / self._radius,",
+        "turn = (-vy / radius, vx / radius,",
+        "turn = (vy / radius, -vx / radius,",
         "plant: a ball started in motion spins backwards",
         ("sim/test_mechanism.py",),
     ),

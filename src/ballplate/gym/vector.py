@@ -23,7 +23,10 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     Seeds are those of ``SyncVectorEnv``: ``reset(seed=n)`` gives rig i the episodes of an
     environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
-    episodes of some rigs; the others do not notice, to the last bit.
+    episodes of some rigs; the others do not notice, to the last bit. From 16 rigs on the engine's
+    are seen in another way than fewer, as in studies, so that the last bits of the mechanism differ
+    from those of one rig; and see ``twin.run.episodes.Episodes`` on episodes that begin at moments
+    that are no multiple of 40 ms.
 
     Args:
         num_envs: How many rigs.
