@@ -30,6 +30,15 @@ def nominal(count, draw, *fixed):
     return [BUILD([f"seed={1000 * draw + rig}", *fixed], {}) for rig in range(count)]
 
 
+def mixed(count, draw, *fixed):
+    """The same, but for the third, which has another spring and a tilted base."""
+    other = ("plant.spring.preload=100.0", "plant.level_deg=[0.3, -0.2]")
+    return [
+        BUILD([f"seed={1000 * draw + rig}", *fixed, *(other if rig == BEGUN[1] else ())], {})
+        for rig in range(count)
+    ]
+
+
 def rates(step, count):
     """Plate rates in rad/s that are the same in every batch."""
     return 0.05 * np.random.default_rng(step).standard_normal((count, 2))
@@ -38,7 +47,7 @@ def rates(step, count):
 @pytest.mark.parametrize(
     ("make", "others", "count", "fixed"),
     [
-        (nominal, nominal, 3, ()),
+        (mixed, nominal, 3, ("plant.friction.breakaway_ratio=1.5", "plant.start.x_rate=0.05")),
         (nominal, nominal, 3, ("plant.kind=lagrange", *EVERYTHING)),
         (family, family, 3, EVERYTHING),
         (nominal, family, 16, ()),

@@ -40,8 +40,7 @@ class BallContact:
             raise ModelError(f"rolling friction must be 0 or at least {LEAST} m, got {roll.min()}")
         pair = model.pair("ball_plate").id
         self._arm = batch.expand("pair_friction")[:, pair, 3:5]
-        self._rolling = np.maximum(roll, LEAST)[:, None]
-        self._arm[:] = self._rolling
+        self._arm[:] = np.maximum(roll, LEAST)[:, None]
         batch.expand("pair_dim")[:, pair] = np.where(free, free_dimension(model), 6)
         self.varying = not friction.constant and not (free.all() and friction.map is None)
         """Whether ``feel`` has to be called."""
@@ -57,10 +56,6 @@ class BallContact:
         """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
         self.age = self._settled(x)
         """Age of each contact, shape (N,)."""
-
-    def rest(self, rigs: NDArray[np.integer]) -> None:
-        """Let some rigs' contacts resist as those that have not been felt yet."""
-        self._arm[rigs] = self._rolling[rigs]
 
     def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
         """Begin with some rigs of the state x, (N, 8), anew."""

@@ -217,8 +217,6 @@ class Mechanism:
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
         """Put some rigs to the start as ``start`` does, the others as they are."""
         batch = self._batch
-        if self._contact is not None:
-            self._contact.rest(rigs)
         batch.reset(rigs, keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._roll(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
         batch.warning[rigs] = 0
