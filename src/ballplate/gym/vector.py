@@ -113,7 +113,6 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         due, everyone = self._over, np.ones(self.num_envs, bool)
         reward, terminated, truncated = self.rigs.step(actions)
         if self.mode is AutoresetMode.NEXT_STEP and due.any():
-            reward = np.where(due, 0.0, reward)
             terminated, truncated = terminated & ~due, truncated & ~due
             self._begin(due)
         over = terminated | truncated
