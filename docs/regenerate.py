@@ -43,6 +43,10 @@ PAGES = {
     "view": Page(("view-*.png",), ("screenshots.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
+    "learning": Page(
+        ("learning.md", "learning.png"),
+        ("-m", "benchmarks.gym_learning", "--doc", "docs/learning.md"),
+    ),
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
