@@ -22,7 +22,7 @@ from controllers.interfaces import Measurement
 from twin.markdown import table
 from twin.run.control import build_controllers
 from twin.run.metrics import tracking_error
-from twin.run.record import write_whole
+from twin.writing import write_whole
 
 ABOUT = """\
 What CMA-ES adds to approximate feedback linearisation on the circle. The law of the shipped
