@@ -10,11 +10,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import control
+import gymnasium
 import numpy as np
 import pytest
 
 import ballplate as bp
+from controllers.interfaces import Measurement
 from twin.cli import main
+from twin.run.control import build_controllers
+
+RATE = 0.5
+"""A power of two, so that dividing a rate by it and multiplying again gives the rate."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +87,42 @@ def by_differential_equations(circle):
     return x[:, [0, 4]]
 
 
+def by_gymnasium(circle):
+    """An environment under the scenario's controller, and once more under its actions alone."""
+    env = gymnasium.make(
+        "ballplate:ballplate/Track-v0", hold=1, rate=RATE, settings=circle.settings
+    ).unwrapped
+    seed = circle.done.scenario.seed
+    observation, info = env.reset(seed=seed)
+    controller = build_controllers(env.rigs.episodes.scenarios)
+    controller.start(seen_by_controller(observation, info["time"]))
+    states, actions, over = [info["state"]], [], False
+    now = seen_by_controller(observation, info["time"])
+    while not over:
+        actions.append(controller.command(now).rate[0] / RATE)
+        observation, _, terminated, over, info = env.step(actions[-1])
+        assert not terminated
+        controller.applied(observation[None, 4:6])
+        now = seen_by_controller(observation, info["time"])
+        states.append(info["state"])
+    env.reset(seed=seed)
+    again = [env.step(action)[4]["state"] for action in actions]
+    np.testing.assert_array_equal(again, states[1:])
+    return np.array(states)[:-1, [0, 4]]
+
+
+def seen_by_controller(observation, time):
+    rows = np.atleast_2d(observation)
+    return Measurement(time, rows[:, :4], rows[:, 6], rows[:, 7] > 0)
+
+
 def commands(circle):
     return np.stack([circle.done["applied_phi_acc"], circle.done["applied_theta_acc"]])
 
 
 DOORS = {
     "command line": Door(command, 0.0, ("mechanism", "exact")),
+    "Gymnasium": Door(by_gymnasium, 0.0, ("mechanism", "exact")),
     "python-control, sampled": Door(by_periods, 1e-6, ("exact", "frictionless")),
     "python-control, continuous": Door(by_differential_equations, 1e-6, ("frictionless",)),
 }

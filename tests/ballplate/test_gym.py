@@ -12,55 +12,11 @@ from gymnasium.vector import SyncVectorEnv
 
 import ballplate
 import ballplate.gym
-from controllers.interfaces import Measurement
-from twin.run.control import build_controllers
 
 EXACT = {"plant.kind": "lagrange", "duration": 1.4, "metrics.start": 0.0}
 """A plant whose rigs have the same bits alone and beside any others."""
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""
-
-
-def seen_by_controller(observation, time):
-    rows = np.atleast_2d(observation)
-    return Measurement(time, rows[:, :4], rows[:, 6], rows[:, 7] > 0)
-
-
-def driven(env, seed):
-    """True states and commanded rates of an episode under the scenario's own controller."""
-    observation, info = env.reset(seed=seed)
-    (controller, over), states, rates = (
-        (build_controllers(env.rigs.episodes.scenarios), False),
-        [],
-        [],
-    )
-    now = seen_by_controller(observation, info["time"])
-    controller.start(now)
-    while not over:
-        states.append(info["state"])
-        rates.append(controller.command(now).rate[0])
-        observation, _, terminated, over, info = env.step(rates[-1] / RATE)
-        assert not terminated
-        controller.applied(observation[None, 4:6])
-        now = seen_by_controller(observation, info["time"])
-    return np.array(states), np.array(rates)
-
-
-@pytest.mark.parametrize("duration", [0.6, pytest.param(25.0, marks=pytest.mark.long)])
-def test_the_circle_through_gymnasium_is_that_of_a_run_to_the_last_bit(duration):
-    short = {"duration": duration, "metrics": {"start": 0}, "seed": 3}
-    run = ballplate.run("circle", baseline=False, **short)
-    env = gymnasium.make(
-        "ballplate:ballplate/Track-v0", hold=1, rate=RATE,
-        settings={"duration": duration, "metrics.start": 0},
-    ).unwrapped  # fmt: skip
-    states, rates = driven(env, seed=3)
-    env.reset(seed=3)
-    replayed = [env.rigs.episodes.state[0].copy()]
-    replayed += [env.step(rate / RATE)[4]["state"] for rate in rates]
-    for axis, column in ((0, "true_x"), (4, "true_y")):
-        np.testing.assert_array_equal(states[:, axis], run[column])
-        np.testing.assert_array_equal(np.array(replayed)[:-1, axis], run[column])
 
 
 @pytest.mark.parametrize("name", ballplate.gym.ENVIRONMENTS)
