@@ -3,6 +3,7 @@
 from controllers.references.harmonic import Sine
 from controllers.references.path import Path, Transition
 from controllers.references.point import Hold, Step
+from controllers.references.setpoints import Setpoints
 from controllers.references.soft import Circle, Lissajous
 
-__all__ = ["Circle", "Hold", "Lissajous", "Path", "Sine", "Step", "Transition"]
+__all__ = ["Circle", "Hold", "Lissajous", "Path", "Setpoints", "Sine", "Step", "Transition"]

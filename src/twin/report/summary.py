@@ -31,6 +31,7 @@ def summary(run: Replay, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [
         _ending(run),
+        *_by_hand(run),
         _error(run, found),
         *_rested(found),
         *_held(run, found),
@@ -101,6 +102,32 @@ def _ending(run: Replay) -> str:
     told = f"{ending} after {end:.4g} s{f': {reason}' if reason else ''}."
     late = blamed(run.ledger) if outcome == "fault" and run.ledger else ""
     return f"{late[0].upper()}{late[1:]}. {told}" if late else told
+
+
+def _by_hand(run: Replay) -> list[str]:
+    """Of a run that a person drove: what they did."""
+    if not run.driven:
+        return []
+    done = [
+        _counted(number, word)
+        for number, word in (
+            (run.driven["goals"], "goal"),
+            (len(run.driven["pushes"]), "push"),
+            (run.driven["changes"], "change of the rig"),
+            (len(run.driven["controllers"]) - 1, "change of the controller"),
+        )
+        if number > 0
+    ]
+    return [f"It was driven by hand: {', '.join(done) or 'nothing was done'}."]
+
+
+def _counted(number: int, word: str) -> str:
+    """A number of things, in words."""
+    if number == 1:
+        return f"1 {word}"
+    head, _, rest = word.partition(" ")
+    plural = f"{head}{'es' if head.endswith('sh') else 's'}"
+    return f"{number} {plural} {rest}".strip()
 
 
 def _error(run: Replay, found: Diagnosis) -> str:

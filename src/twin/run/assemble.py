@@ -47,6 +47,7 @@ def assemble(
     threads: int = 0,
     seeds: Sequence[np.random.SeedSequence] | None = None,
     anchor: float = Rig.ANCHOR,
+    changeable: bool = False,
 ) -> Experiment:
     """N rigs and their controllers from N scenarios.
 
@@ -56,6 +57,7 @@ def assemble(
         seeds: Root of the noise, one per rig; made from each scenario's seed by default, so that a
             rig has the same noise alone and in a batch.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
+        changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
 
     Raises:
         ScenarioError: If the parts do not fit together, or scenarios differ in what the rigs of a
@@ -66,7 +68,7 @@ def assemble(
     _agree(each)
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
-    return Experiment(build_rig(each, plant, transmission, seeds, anchor), controller)
+    return Experiment(build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller)
 
 
 def build_rig(
@@ -75,6 +77,8 @@ def build_rig(
     transmission: Transmission,
     seeds: Sequence[np.random.SeedSequence] | None = None,
     anchor: float = Rig.ANCHOR,
+    *,
+    changeable: bool = False,
 ) -> SimulatedRig:
     """The rigs of scenarios that agree in what a batch shares, around their plant.
 
@@ -84,6 +88,7 @@ def build_rig(
         transmission: Plate angles to motor angles, as the rigs believe.
         seeds: Root of the noise, one per rig.
         anchor: Time in s from one look of the rig at its measured plate angle to the next.
+        changeable: Whether they may be changed while they run, also where no scenario says so.
     """
     rig = SimulatedRig(
         build_devices(scenarios, plant, seeds=seeds),
@@ -93,7 +98,7 @@ def build_rig(
         ideal=scenarios[0].sensors.ideal,
         anchor=anchor,
     )
-    if any(scenario.change for scenario in scenarios):
+    if changeable or any(scenario.change for scenario in scenarios):
         rig.changes = changing(rig, rig.devices, transmission, scenarios)
     return rig
 

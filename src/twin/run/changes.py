@@ -57,6 +57,12 @@ class Changes:
         if any(each < time + SLACK for each in self._times):
             self(time)
 
+    def follow(self, scenarios: Sequence[Scenario], time: float) -> None:
+        """Go on with scenarios that say the same until a time in s, and perhaps more from then."""
+        self.scenarios = tuple(scenarios)
+        self._times = times(scenarios)
+        self.done = sum(each < time - SLACK for each in self._times)
+
     def __call__(self, time: float) -> None:
         """Change what has to be changed by a time in s."""
         before = self.done

@@ -42,6 +42,7 @@ class Run:
         journal: Every condition that was detected.
         account: Timing statistics of a rig in real time.
         snapshots: States of a simulated rig and its controller now and then.
+        driven: What a person did that drove it; empty of a run that went by itself.
     """
 
     scenario: Scenario
@@ -53,6 +54,7 @@ class Run:
     journal: tuple[Entry, ...] = ()
     account: Mapping[str, Any] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
+    driven: Mapping[str, Any] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """What ``--json`` prints: the indicators and the speed."""
@@ -63,6 +65,7 @@ class Run:
             "real_time_factor": self.real_time_factor,
             "units": UNITS,
             **self.account,
+            **({"driven": self.driven} if self.driven else {}),
         }
 
 
@@ -172,6 +175,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
             for time, note in run.journal
         ],
         **run.account,
+        **({"driven": run.driven} if run.driven else {}),
         **(more or {}),
     }
     kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None

@@ -45,12 +45,27 @@ class _RealTime(_Open):
     round_trip: _Times
 
 
+class _Controlled(_Open):
+    since: float
+    controller: dict[str, Any]
+    observer: dict[str, Any]
+    predictor: dict[str, Any] | None
+
+
+class _Driven(_Open):
+    goals: int
+    changes: int
+    pushes: tuple[tuple[float, float, float], ...]
+    controllers: tuple[_Controlled, ...]
+
+
 class _Metadata(_Open):
     metrics: _Judged = _Judged()
     versions: dict[str, str] = {}
     events: tuple[_Detected, ...] = ()
     ledger: _RealTime | None = None
     branch: dict[str, Any] = {}
+    driven: _Driven | None = None
 
 
 def check_metadata(metadata: Mapping[str, Any], source: str) -> None:

@@ -54,6 +54,8 @@ class Replay:
         events: Conditions that were detected: time in s, severity, text.
         ledger: Of a run in real time, ``TimingLog.as_dict``; else empty.
         branch: Of another future of a run, which run, when and what was changed; else empty.
+        driven: Of a run that a person drove, what they did beyond what the scenario says, see
+            ``controlled``; else empty.
     """
 
     name: str
@@ -66,11 +68,22 @@ class Replay:
     events: tuple[Mapping[str, Any], ...] = ()
     ledger: Mapping[str, Any] = field(default_factory=dict)
     branch: Mapping[str, Any] = field(default_factory=dict)
+    driven: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def reference(self) -> Reference:
         """The reference the run was to follow."""
         return build_reference(self.scenario)
+
+    def controlled(self, at: float) -> Scenario:
+        """The scenario with the controller that a person had chosen by a time in s."""
+        found = self.scenario
+        for each in self.driven.get("controllers", ()):
+            if each["since"] < at + 1e-9:
+                tables = self.scenario.model_dump(mode="json")
+                tables |= {name: table for name, table in each.items() if name != "since"}
+                found = check(tables, self.name)
+        return found
 
     @property
     def limits(self) -> Limits:
@@ -177,6 +190,7 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
                 tuple(metadata.get("events", ())),
                 metadata.get("ledger", {}),
                 metadata.get("branch", {}),
+                metadata.get("driven", {}),
             )
         )
     return found

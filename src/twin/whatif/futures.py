@@ -14,7 +14,7 @@ from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
 from twin.run.metrics import Motion
-from twin.run.replay import open_run
+from twin.run.replay import Replay, open_run
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
 from twin.whatif.branch import branch
@@ -62,6 +62,8 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     file = path / "run.parquet" if path.is_dir() else path
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
+    later = _not_repeated(run, at)
+    run = replace(run, scenario=run.controlled(at))
     other = [
         f"{name} {run.versions.get(name, 'unknown')} (here {version})"
         for name, version in versions().items()
@@ -70,12 +72,29 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     if "true_x" not in run.rows or "lateness" in run.rows or other:
         moment = _estimated(run.name, file, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
-        return replace(moment, notes=(*moment.notes, note)) if other else moment
+        return _noted(moment, (note,) if other else (), later)
     period = run.scenario.rig.period
     first, last = run.rows["time"][[0, -1]]
     if not first - period / 2 <= at <= last + period / 2:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
-    return exact(run, file, period * round(at / period))
+    return _noted(exact(run, file, period * round(at / period)), later)
+
+
+def _noted(moment: Moment, *notes: tuple[str, ...]) -> Moment:
+    """A moment with more that should be known of it."""
+    return replace(moment, notes=sum(notes, moment.notes))
+
+
+def _not_repeated(run: Replay, at: float) -> tuple[str, ...]:
+    """What a person did after a time in s that no future repeats."""
+    pushes = sum(push[0] > at for push in run.driven.get("pushes", ()))
+    controllers = sum(each["since"] > at for each in run.driven.get("controllers", ()))
+    if not (pushes or controllers):
+        return ()
+    return (
+        f"driven by hand: {pushes} pushes and {controllers} changes of the controller after "
+        f"{at:g} s are not repeated",
+    )
 
 
 def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:

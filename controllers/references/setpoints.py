@@ -1,0 +1,189 @@
+"""Goals given one after the other, as a person gives them: a filter makes a smooth path of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field
+from math import comb, factorial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from controllers.interfaces import Array, Reference
+from controllers.references.checks import finite, pair, positive
+
+ORDER = 5
+"""Of the filter: position and four derivatives are continuous."""
+BLOCK = 10_000
+"""Times that are worked out at once, so that many of them need no more memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setpoints(Reference):
+    """The desired position follows goals, each from its time on, through a filter.
+
+    The filter has a pole of multiplicity five at -1/time_constant: the path is smooth to the fourth
+    derivative and never leaves the convex hull of the goals. It starts at rest on the first goal.
+    With ``before``, that is the path until the first goal is given; it then fades out with the step
+    response of the same filter, so that the whole path stays as smooth.
+
+    Raises:
+        ValueError: If there is no goal, the times do not rise, or a number is not finite.
+    """
+
+    name: ClassVar[str] = "setpoints"
+
+    points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
+    """The goals: time in s, x and y in m, plate axes; the first one also holds before its time."""
+    time_constant: float = 0.2
+    """Of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
+    before: dict[str, Any] | None = None
+    """Reference until the time of the first goal, its kind and settings; none: the first goal."""
+
+    _filter: _Filter = field(init=False, repr=False, compare=False)
+    _faded: Reference | None = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings and lead the filter along the goals."""
+        if not self.points:
+            raise ValueError("points must have at least one goal (time, x, y)")
+        tau = positive("time_constant", self.time_constant)
+        laid: _Filter | None = None
+        points: list[tuple[float, float, float]] = []
+        for point in self.points:
+            if len(point) != 3:
+                raise ValueError(f"points must be (time, x, y) each, got {len(point)} numbers")
+            time, goal = finite("points", point[0]), pair("points", point[1:])
+            if points and not time > points[-1][0]:
+                raise ValueError(f"points: times must rise, got {points[-1][0]:g} and {time:g} s")
+            points.append((time, *goal))
+            laid = _Filter(1 / tau, time, goal) if laid is None else laid.then(time, goal)
+        object.__setattr__(self, "points", tuple(points))
+        object.__setattr__(self, "_filter", laid)
+        object.__setattr__(self, "_faded", _made(self.before))
+
+    def then(self, time: float, x: float, y: float) -> Setpoints:
+        """The same with one more goal, from a time in s after the last one on; x and y in m."""
+        longer = copy(self)
+        object.__setattr__(longer, "points", (*self.points, (time, x, y)))
+        object.__setattr__(longer, "_filter", self._filter.then(time, (x, y)))
+        return longer
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        t = np.asarray(t, dtype=float)
+        goals = self._filter(t)
+        if self._faded is None:
+            return goals
+        out = self._faded(t)
+        first = self.points[0][0]
+        late = t >= first
+        if not late.any():
+            return out
+        share = self._filter.fading(np.maximum(t - first, 0.0))[..., None]
+        difference = out - goals
+        mixed = goals + np.stack(
+            [
+                sum(comb(n, k) * share[k] * difference[n - k] for k in range(n + 1))
+                for n in range(ORDER)
+            ]
+        )
+        return np.where(late[..., None], mixed, out)
+
+
+def _made(settings: Mapping[str, Any] | None) -> Reference | None:
+    """The reference of a table with its kind and settings; None of None."""
+    if settings is None:
+        return None
+    from controllers.catalog import catalog  # noqa: PLC0415  it imports every module, this one too
+
+    known = dict(catalog(Reference))  # type: ignore[type-abstract]
+    kind = settings.get("kind")
+    if kind not in known or kind == Setpoints.name:
+        raise ValueError(f"before: no reference '{kind}' (known: {', '.join(known)})")
+    try:
+        made: Reference = known[kind](**{k: v for k, v in settings.items() if k != "kind"})
+    except TypeError as error:
+        raise ValueError(f"before: {error}") from error
+    return made
+
+
+class _Filter:
+    """The filter's output between goals, in closed form: goal + exp(-a s) (b0 + ... + b4 s^4).
+
+    Args:
+        a: Amount of its poles, 1/s.
+        time: Of the first goal, s.
+        goal: The first goal, on which it is at rest, m.
+    """
+
+    def __init__(self, a: float, time: float, goal: Sequence[float]) -> None:
+        self._a = a
+        # coefficients of the derivative: (d/ds - a) of the polynomial
+        self._derived = np.diag(np.arange(1.0, ORDER), 1) - a * np.eye(ORDER)
+        self._count = 1
+        self._times = [time]
+        self._goals = [np.array(goal, float)]
+        self._parts = [np.zeros((ORDER, ORDER, 2))]
+        """Of each goal and each derivative the coefficients b, both axes."""
+
+    def then(self, time: float, goal: Sequence[float]) -> _Filter:
+        """The filter with one more goal; what is behind is shared."""
+        longer = copy(self)
+        if len(self._times) > self._count:  # another one has gone on from here already
+            for name in ("_times", "_goals", "_parts"):
+                setattr(longer, name, getattr(self, name)[: self._count])
+        state = self(np.array(time))
+        state[0] -= goal
+        # b_n n! is the n-th derivative of the output times exp(a s), at s = 0
+        first = np.array(
+            [
+                sum(comb(n, k) * self._a ** (n - k) * state[k] for k in range(n + 1)) / factorial(n)
+                for n in range(ORDER)
+            ]
+        )
+        parts = [first]
+        for _ in range(ORDER - 1):
+            parts.append(self._derived @ parts[-1])
+        longer._times.append(time)
+        longer._goals.append(np.array(goal, float))
+        longer._parts.append(np.array(parts))
+        longer._count = self._count + 1
+        return longer
+
+    def __call__(self, t: Array) -> Array:
+        """Position and four derivatives at t, shape (5, *shape(t), 2)."""
+        if t.ndim == 1 and len(t) > BLOCK:
+            blocks = np.array_split(t, len(t) // BLOCK + 1)
+            return np.concatenate([self(block) for block in blocks], axis=1)
+        known, last = self._times[: self._count], self._count - 1
+        if t.size and t.min() >= known[last]:  # as nearly always while it is driven
+            index = np.zeros(t.shape, int)
+            part = slice(last, self._count)
+        else:
+            index = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
+            part = slice(0, self._count)
+        times, goals, parts = (
+            np.array(each[part])[index] for each in (known, self._goals, self._parts)
+        )
+        s = np.maximum(t - times, 0.0)
+        out = np.moveaxis((parts * self._powers(s)[..., None, :, None]).sum(axis=-2), -2, 0)
+        out = np.ascontiguousarray(out)
+        out[0] += goals
+        return out
+
+    def _powers(self, s: Array) -> Array:
+        """exp(-a s) (1, s, ..., s^4), shape (*shape(s), 5)."""
+        powers: Array = np.exp(-self._a * s)[..., None] * s[..., None] ** np.arange(ORDER)
+        return powers
+
+    def fading(self, s: Array) -> Array:
+        """What is left of a step after a time s, and its four derivatives, shape (5, *shape(s))."""
+        b = np.array([self._a**k / factorial(k) for k in range(ORDER)])
+        powers = self._powers(s)
+        out = []
+        for _ in range(ORDER):
+            out.append((powers * b).sum(axis=-1))
+            b = self._derived @ b
+        return np.array(out)

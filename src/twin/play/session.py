@@ -1,0 +1,322 @@
+"""A rig driven by a person: the run loop of every run, with events between its periods."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array
+from controllers.interfaces import Measurement
+from controllers.stack import Controller, SampledReference
+from twin.errors import TwinError
+from twin.play.driven import LONGEST, Driven
+from twin.play.events import Back, End, Event, Goal, Inbox, Pause, Push, Save, Settings, Told
+from twin.play.ghost import Ghost, push
+from twin.play.kept import Kept, States
+from twin.play.pace import Pace
+from twin.play.saving import Part, Write, save_driven, worth_keeping
+from twin.play.sight import Show, Status, Tell
+from twin.run.assemble import assemble
+from twin.run.changes import Changes
+from twin.run.control import build_controller
+from twin.run.loop import Ending, Outcome, drive
+from twin.run.record import Recorder
+from twin.run.snapshot import Snapshot
+from twin.scenario.change import at_time
+from twin.scenario.schema import Scenario
+from twin.whatif.moment import take_over
+
+ROOM = 300.0
+"""Simulated seconds for which a record has room at first; it is doubled when they are over."""
+PICTURES = 0.02
+"""Simulated seconds from one picture to the next."""
+WAIT = 0.05
+"""Seconds after which a simulation that stands still looks about."""
+
+
+class _Again(Exception):  # noqa: N818  no error: a stretch of the run is over
+    """The loop is left and entered again, with another state, controller or record."""
+
+
+class Session:
+    """One rig, its clean model beside it, and the person who drives them.
+
+    Args:
+        scenario: What to begin with.
+        inbox: Where the person's events come from.
+        show: Is given the numbers of a picture.
+        tell: Is told what is said in words.
+        pace: Holds it to the clock.
+        write: Writes what is to be saved; elsewhere, so that the simulation need not wait.
+
+    Attributes:
+        driven: What was driven so far.
+        record: Of it.
+        outcome: How the run ended; None while it goes on.
+
+    Raises:
+        ScenarioError: If the scenario cannot be driven by hand.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        inbox: Inbox,
+        show: Show = lambda _: None,
+        tell: Tell = lambda _: None,
+        pace: Pace | None = None,
+        write: Write = save_driven,
+    ) -> None:
+        self.driven = Driven.begun(scenario)
+        self.outcome: Outcome | None = None
+        self._states = States()
+        self._inbox, self._show, self._tell, self._write = inbox, show, tell, write
+        self._pace = pace or Pace()
+        self._events: deque[Event] = deque()
+        self._over = self._paused = self._again = False
+        self._status = Status({})
+        self._told: Status | None = None
+        self._every = max(1, round(PICTURES / scenario.rig.period))
+        self._assemble()
+        ticks = round(ROOM / self._rig.period)
+        self.record = Recorder(ticks, 1, self._rig.period, self._rig.channels)
+
+    def run(self) -> None:
+        """Simulate until the person ends it."""
+        begin = None
+        self._say(0.0)
+        self._pace.begin(0.0)
+        while not self._over:
+            try:
+                (self.outcome,) = drive(
+                    self._rig, self._controller, LONGEST, self.record, begin=begin, keep=self._turn
+                )
+                self._stand()
+            except _Again:
+                begin = self._begin
+
+    def _assemble(self) -> None:
+        """Rig, controller and clean model of what was driven, as at the beginning of a run."""
+        self._controlled = self.driven.scenario
+        self._rig, self._controller = assemble(self._controlled, changeable=True)
+        self._rig.LEVELLING_TIME = 0.0
+        self._ghost = Ghost(self._controlled, self.driven.reference)
+        self._before: tuple[Controller, Scenario] | None = None
+        self._follow()
+
+    def _begin(self, _: Measurement) -> Measurement:
+        """Put the rig into the last state kept, with the controller that was chosen."""
+        state = self._states.all[-1]
+        if self._before is None:
+            measurement = state.rig.restore(self._rig, self._controller)
+            self._ghost.restore(state.ghost)
+        else:
+            measurement = state.rig.restore(self._rig)
+            take_over(self._controller, *self._before, self._controlled)
+        acted = self._before is not None
+        self._before = None
+        self._follow()
+        self._keep(measurement, acted=acted)
+        self._show(self._picture(measurement.time))
+        self._say(measurement.time)
+        return measurement
+
+    def _follow(self) -> None:
+        """Let rig and clean model follow the path of now."""
+        reference = self.driven.reference
+        self._controller.reference = SampledReference(reference, self._rig.period)
+        self._ghost.follow(reference)
+
+    def _turn(self, tick: int, measurement: Measurement) -> None:
+        """Between two periods: wait for the clock, take events in, step the clean model."""
+        time = measurement.time
+        if self._states.due(time):
+            self._follow()  # what a state keeps must not know the path ahead
+            self._keep(measurement)
+        if self.record.length == self.record.ticks:
+            self._make_room(measurement)
+        self._take(self._inbox(self._pace.early(time)), measurement)
+        while self._paused:
+            self._take(self._inbox(WAIT), measurement)
+            self._pace.begin(time)
+        if tick % self._every == 0:
+            self._show(self._picture(time))
+        self._ghost.step()
+
+    def _take(self, events: Sequence[Event], measurement: Measurement) -> None:
+        """Do what the person wants; leaves the loop if that needs it to be entered again."""
+        self._events += events
+        if not self._events:
+            return
+        while self._events and not self._again:
+            try:
+                self._do(self._events.popleft(), measurement)
+            except TwinError as error:
+                self._note(str(error), wrong=True)
+        self._say(measurement.time)
+        if self._again:
+            self._again = False
+            raise _Again
+
+    def _do(self, event: Event, measurement: Measurement) -> None:
+        time = measurement.time
+        match event:
+            case Goal(x, y):
+                self.driven = self.driven.goal(time, x, y)
+                self._follow()
+            case Push(x_rate, y_rate):
+                self.driven = self.driven.push(time, x_rate, y_rate)
+                push(self._rig, x_rate, y_rate)
+                self._ghost.push(x_rate, y_rate)
+                self._keep(measurement, acted=True)
+                self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
+            case Settings(values):
+                self._change(time, values, measurement)
+            case _:
+                self._do_ended(event, time)
+
+    def _do_ended(self, event: Event, time: float) -> None:
+        """What can be done of a run that has ended, too."""
+        match event:
+            case Pause(paused):
+                self._paused = paused
+                self._note("")
+            case Back(seconds):
+                self._go_back(time - seconds)
+            case Save(folder):
+                self._save(folder)
+            case Told(message, wrong):
+                self._note(message, wrong=wrong)
+            case End():
+                self._over = self._again = True
+                self.outcome = self.outcome or Outcome(Ending.FINISHED, time)
+            case _:
+                raise TwinError("the run has ended; go back first")
+
+    def _stand(self) -> None:
+        """The run has ended: it can be saved, and gone back from."""
+        assert self.outcome is not None
+        time = self.record.end
+        self._show(self._picture(time))
+        self._say(time)
+        while True:
+            for event in self._inbox(WAIT):
+                try:
+                    self._do_ended(event, time)
+                except TwinError as error:
+                    self._note(str(error), wrong=True)
+                self._say(time)
+                if self._again:
+                    self._again = False
+                    raise _Again
+
+    def _change(self, time: float, values: Mapping[str, Any], measurement: Measurement) -> None:
+        """Have new values of settings from now on."""
+        driven = self.driven.settings(time, values)
+        controller = None
+        if driven.controllers is not self.driven.controllers:
+            controller = build_controller(driven.scenario)
+            self._ghost.control(driven.scenario)
+        self.driven = driven
+        assert isinstance(self._rig.changes, Changes)
+        self._rig.changes.follow([driven.scenario], time)
+        self._note("")
+        if controller is not None:
+            self._keep(measurement)
+            self._before = self._controller, self._controlled
+            self._controller, self._controlled = controller, driven.scenario
+            self._again = True
+
+    def _go_back(self, time: float) -> None:
+        """Go on from the last state kept before a time in s."""
+        state = self._states.back_to(time)
+        self.driven, self.record.length, self.outcome = state.driven, state.row, None
+        self._assemble()
+        self._pace.begin(state.time)
+        self._note(f"back at {state.time:g} s")
+        self._again = True
+
+    def _make_room(self, measurement: Measurement) -> None:
+        """Go on with a record of twice the room."""
+        self._keep(measurement)
+        known, record = self.record, self._rig
+        self.record = Recorder(2 * known.ticks, 1, record.period, record.channels)
+        self.record.begin_with(_rows(known))
+        raise _Again
+
+    def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
+        """Keep the state of this moment."""
+        rig = Snapshot.take(self._rig, self._controller, measurement)
+        row, ghost = self.record.length, self._ghost.taken()
+        self._states.keep(Kept(measurement.time, row, self.driven, rig, ghost, acted))
+
+    def _save(self, folder: Path) -> None:
+        """Have what was driven so far written."""
+        if not self.record.length:
+            raise TwinError("nothing was driven yet")
+        end = self.record.end
+        self._write(
+            Part(
+                driven=self.driven,
+                outcome=self.outcome or Outcome(Ending.FINISHED, end),
+                rows=_rows(self.record),
+                plant=self._rig.channels,
+                snapshots=worth_keeping(self._states.all),
+                journal=tuple(self._rig.journal),
+                factor=self._pace.factor,
+            ),
+            folder,
+        )
+        self._note(f"saving to {folder}/")
+
+    def _picture(self, time: float) -> tuple[float, ...]:
+        """The numbers of a picture."""
+        x, _, phi, _, y, _, theta, _ = self._rig.devices.state[0].tolist()
+        desired_x, desired_y = self._controller.reference(time)[0].ravel().tolist()
+        goals = self.driven.goals
+        goal_x, goal_y = (desired_x, desired_y) if goals is None else goals.points[-1][1:]
+        ghost = self._ghost.state
+        there = self._ghost.on_plate
+        ghost_x, ghost_y = (float(ghost[0]), float(ghost[4])) if there else (math.nan, math.nan)
+        effort = math.nan
+        if self.record.length:
+            since = max(0, self.record.length - self._every)
+            effort = float(np.sqrt((self.record["applied"][since:] ** 2).mean()))
+        return (
+            *(time, x, y, phi, theta, goal_x, goal_y, desired_x, desired_y, ghost_x, ghost_y),
+            math.hypot(x - desired_x, y - desired_y),
+            math.hypot(ghost_x - desired_x, ghost_y - desired_y),
+            effort,
+            self._pace.factor,
+        )
+
+    def _note(self, message: str, *, wrong: bool = False) -> None:
+        self._status = self._status._replace(message=message, wrong=wrong)
+
+    def _say(self, time: float) -> None:
+        """Tell how things are, if they have changed."""
+        tables = at_time(self.driven.scenario, time).model_dump(
+            mode="json", exclude={"change", "reference"}
+        )
+        ended = self.outcome
+        now = self._status._replace(
+            tables=tables,
+            paused=self._paused,
+            ended="" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": "),
+        )
+        self._status = now
+        if now != self._told:
+            self._told = now
+            self._tell(now)
+
+
+def _rows(record: Recorder) -> dict[str, Array]:
+    """A copy of what was recorded, column by column."""
+    rows = {name: values.copy() for name, _, values in record.columns()}
+    return {"time": record.time.copy(), **rows}
