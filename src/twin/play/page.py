@@ -1,0 +1,212 @@
+"""The page of one browser: the plate, what it does, and what a person may change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from twin.play.driven import drivable
+from twin.play.elements import CLEAN, RIG, Plate, Strips
+from twin.play.events import Back, Event, Goal, Pause, Push, Settings
+from twin.play.sight import COLUMNS, Status
+from twin.play.sliders import Slider, gains, moved, multiplied, shown_by, sliders, value_in
+from twin.scenario.schema import choices
+
+Do = Callable[[Event], None]
+WIDEST = 2.0
+"""A gain's slider goes from 1/4 to 4 times its value: so many powers of two either way."""
+THROTTLE = 0.05
+"""Seconds from one value of a moving slider to the next that is sent."""
+
+
+class Page:
+    """What one browser shows.
+
+    Args:
+        status: How things are.
+        area: Operating area |x|, |y| in m.
+        do: Lets something happen, if this browser drives.
+        save: Saves what was driven, if this browser drives.
+    """
+
+    def __init__(
+        self, status: Status, area: tuple[float, float], do: Do, save: Callable[[], None]
+    ) -> None:
+        self._status, self._do, self._save = status, do, save
+        self._inputs: list[Any] = []
+        self._sliders: dict[tuple[str, int | None], tuple[Slider, Any, Any]] = {}
+        ui.query("body").style("background:#eef1f4")
+        with ui.row().classes("w-full items-center no-wrap").style("gap:1rem;padding:0 .5rem"):
+            ui.label(status.tables["title"]).style("font-size:1.2rem;font-weight:600")
+            self._ended = ui.label().style("color:#b00020;font-weight:600")
+            ui.space()
+            self._clock = ui.label().style("font-variant-numeric:tabular-nums").mark("clock")
+            self._role = ui.label().style("color:#5b6770").mark("role")
+        with ui.row().classes("w-full no-wrap").style("gap:1rem;align-items:stretch"):
+            with ui.column().style("flex:1 1 0;min-width:0;gap:.5rem"):
+                with ui.card().classes("w-full").style("padding:.6rem"):
+                    self.plate = Plate(area, self._goal, self._push)
+                    self._legend()
+                self._buttons()
+                with ui.card().classes("w-full").style("padding:.6rem;height:21rem"):
+                    self.strips = Strips().classes("w-full").style("height:100%")
+            with ui.card().style("width:19rem;flex:none;gap:.35rem;padding:.8rem"):
+                self._choices()
+        self._say(status)
+
+    def _legend(self) -> None:
+        sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
+        marks = (
+            (f"background:{RIG}", "ball: drag from it to push it"),
+            (f"border:2px dashed {CLEAN}", "the clean model's ball"),
+            ("border:2px solid #d55e00", "goal: drag it, or click"),
+            ("background:#333;transform:scale(.5)", "where the ball shall be now"),
+            ("background:#7a4fa3;border-radius:0;height:.25rem", "downhill (30 mm a degree)"),
+        )
+        with ui.row().style("gap:1.1rem;font-size:.85rem;color:#37424a"):
+            for style, text in marks:
+                html = f'<span style="{sign};{style}"></span>{text}'
+                ui.html(html, sanitize=False).style("display:flex;align-items:center")
+
+    def _buttons(self) -> None:
+        with ui.row().classes("w-full items-center").style("gap:.5rem"):
+            self._pause = self._button("Pause", "pause", self._turn_pause, "pause")
+            self._button("Back 1 s", "replay", lambda: self._do(Back(1.0)), "back")
+            self._button("Back 5 s", "replay_5", lambda: self._do(Back(5.0)), "back-5")
+            start = partial(self._do, Back(math.inf))
+            self._button("To the start", "first_page", start, "start")
+            self._button("Save run", "save", self._save, "save")
+            self._message = ui.label().style("font-size:.9rem").mark("message")
+
+    def _button(self, text: str, icon: str, act: Callable[[], None], mark: str) -> Any:
+        button = ui.button(text, icon=icon, on_click=lambda _: act()).props(
+            f"dense no-caps outline data-testid={mark}"
+        )
+        self._inputs.append(button)
+        return button.style("padding:.1rem .6rem")
+
+    def _choices(self) -> None:
+        laws = [name for name, law in choices("controller").items() if drivable(law)]
+        ui.label("Rig").style("font-weight:600")
+        for slider in sliders(self._status.tables):
+            self._slider(slider)
+        ui.separator()
+        self._law = self._select("Law", laws, "controller.kind")
+        self._law_gains = ui.column().classes("w-full").style("gap:0")
+        observers = list(choices("observer"))
+        self._observer = self._select("Observer", observers, "observer.kind")
+        with ui.expansion("Observer's numbers").classes("w-full").props("dense"):
+            self._observer_gains = ui.column().classes("w-full").style("gap:0")
+        self._shown_gains: dict[str, Any] = {}
+
+    def _select(self, label: str, options: Sequence[str], key: str) -> Any:
+        select = ui.select(list(options), label=label, value=value_in(self._status.tables, key))
+        select.props(f"dense outlined options-dense data-testid={key}").classes("w-full")
+        select.on_value_change(lambda event: self._choose(key, event.value))
+        self._inputs.append(select)
+        return select
+
+    def _choose(self, key: str, value: str) -> None:
+        if value != value_in(self._status.tables, key):
+            self._do(Settings({key: value}))
+
+    def _slider(self, slider: Slider) -> None:
+        with ui.column().classes("w-full").style("gap:0"):
+            with ui.row().classes("w-full justify-between").style("font-size:.85rem"):
+                ui.label(slider.label).tooltip(slider.help)
+                text = ui.label()
+            name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
+            bar = ui.slider(min=slider.low, max=slider.high, step=slider.step, value=slider.low)
+            bar.props(f"dense data-testid={name}")
+
+        def act(event: Any) -> None:
+            text.text = _number(float(event.args), slider.unit)
+            self._do(Settings(moved(self._status.tables, slider, float(event.args))))
+
+        bar.on("update:model-value", act, throttle=THROTTLE)
+        self._inputs.append(bar)
+        self._sliders[slider.key, slider.entry] = slider, bar, text
+
+    def _show_gains(self, table: str, column: Any) -> None:
+        """Sliders of what the present law or observer has for numbers."""
+        present = self._status.tables[table]
+        if self._shown_gains.get(table) == present:
+            return
+        self._shown_gains[table] = present
+        found = gains(self._status.tables, table)
+        column.clear()
+        with column:
+            for gain in found:
+                with ui.row().classes("w-full justify-between").style("font-size:.85rem"):
+                    ui.label(gain.label)
+                    text = ui.label(f"{gain.value:.4g}")
+                bar = ui.slider(min=-WIDEST, max=WIDEST, step=0.1, value=0.0)
+                bar.props(f'dense data-testid="{gain.label}"')
+
+                def told(event: Any, text: Any = text, value: float = gain.value) -> None:
+                    text.text = f"{value * 2 ** float(event.args):.4g}"
+
+                def act(event: Any, found: Any = found, gain: Any = gain) -> None:
+                    self._do(Settings(multiplied(found, gain, 2 ** float(event.args))))
+
+                bar.on("update:model-value", told, throttle=THROTTLE)
+                bar.on("change", act)
+                bar.set_enabled(self._drives)
+
+    def _goal(self, x: float, y: float) -> None:
+        self._do(Goal(x, y))
+
+    def _push(self, x_rate: float, y_rate: float) -> None:
+        self._do(Push(x_rate, y_rate))
+
+    def _turn_pause(self) -> None:
+        self._do(Pause(not self._status.paused))
+
+    _drives = False
+
+    def show(self, rows: list[list[float]]) -> None:
+        """Show pictures, oldest first."""
+        self.plate.show(rows)
+        self.strips.show(rows)
+        now = dict(zip(COLUMNS, rows[-1], strict=True))
+        self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
+
+    def say(self, status: Status, *, drives: bool, others: int) -> None:
+        """Say how things are, and whether this browser drives."""
+        if drives != self._drives or others != self._others:
+            self._drives, self._others = drives, others
+            self.plate.let_drive(drives)
+            for each in self._inputs:
+                each.set_enabled(drives)
+            self._shown_gains.clear()
+            more = f", {others} more look" if others > 1 else f"{', 1 more looks' * others}"
+            self._role.text = f"you drive{more}" if drives else "you look: another browser drives"
+        if status != self._status or drives:
+            self._say(status)
+
+    _others = -1
+
+    def _say(self, status: Status) -> None:
+        self._status = status
+        self._ended.text = f"The run has ended: {status.ended}" if status.ended else ""
+        self._pause.set_text("Go on" if status.paused else "Pause")
+        self._pause.props(f"icon={'play_arrow' if status.paused else 'pause'}")
+        self._message.text = status.message
+        self._message.style(f"color:{'#b00020' if status.wrong else '#37424a'}")
+        for slider, bar, text in self._sliders.values():
+            value = shown_by(status.tables, slider)
+            text.text = _number(value, slider.unit)
+            bar.value = value
+        self._law.value = value_in(status.tables, "controller.kind")
+        self._observer.value = value_in(status.tables, "observer.kind")
+        self._show_gains("controller", self._law_gains)
+        self._show_gains("observer", self._observer_gains)
+
+
+def _number(value: float, unit: str) -> str:
+    """A value of a slider with its unit."""
+    return f"{value:.3g} {unit}"

@@ -1,0 +1,176 @@
+// The plate seen from above, in mm, y upwards: ball, clean model, goal, desired position, tilt.
+// Drag anywhere to move the goal; drag from the ball to push it.
+const SHOWN = 4; // seconds of the ball's way that are drawn
+const PUSH = 2; // mm/s of push a mm of dragging
+const STRONGEST = 400; // mm/s
+const NS = "http://www.w3.org/2000/svg";
+
+export default {
+  template: `
+    <svg ref="svg" :viewBox="box" style="width:100%;display:block;touch-action:none;user-select:none"
+         @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up">
+      <defs>
+        <marker id="tip" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="5" markerHeight="5"
+                orient="auto-start-reverse"><path d="M0 0 L10 5 L0 10 z" fill="context-stroke"/></marker>
+      </defs>
+      <rect :x="-w/2" :y="-h/2" :width="w" :height="h" rx="6" fill="#f4f6f8" stroke="#5b6770" stroke-width="2"/>
+      <rect :x="-area[0]" :y="-area[1]" :width="2*area[0]" :height="2*area[1]" fill="#ffffff"
+            stroke="#9fb0bd" stroke-width="1" stroke-dasharray="6 5"/>
+      <text :x="-area[0]+6" :y="area[1]-7" font-size="11" fill="#7b8a96">goals stay within</text>
+      <path d="M -25 0 H 25 M 0 -25 V 25" stroke="#cfd8de" stroke-width="1"/>
+      <g stroke="#5b6770" stroke-width="1.5" font-size="13" fill="#5b6770">
+        <line :x1="-w/2+16" :y1="h/2-16" :x2="-w/2+66" :y2="h/2-16" marker-end="url(#tip)"/>
+        <line :x1="-w/2+16" :y1="h/2-16" :x2="-w/2+16" :y2="h/2-66" marker-end="url(#tip)"/>
+        <text :x="-w/2+72" :y="h/2-12" stroke="none">x</text>
+        <text :x="-w/2+12" :y="h/2-72" stroke="none">y</text>
+        <g v-if="true" stroke="#5b6770">
+          <line :x1="w/2-116" :y1="h/2-14" :x2="w/2-16" :y2="h/2-14"/>
+          <text :x="w/2-66" :y="h/2-19" stroke="none" text-anchor="middle">100 mm</text>
+        </g>
+      </g>
+      <polyline ref="ghostTrail" fill="none" stroke="#009e73" stroke-width="1.5" stroke-dasharray="4 4" opacity="0.7"/>
+      <polyline ref="trail" fill="none" stroke="#0072b2" stroke-width="2" opacity="0.6"/>
+      <line ref="tilt" stroke="#7a4fa3" stroke-width="4" marker-end="url(#tip)"/>
+      <circle ref="ghost" r="20" fill="none" stroke="#009e73" stroke-width="2.5" stroke-dasharray="6 4"/>
+      <circle ref="ball" r="20" fill="#0072b2" fill-opacity="0.85" stroke="#004b78" stroke-width="2" style="cursor:grab"/>
+      <circle ref="desired" r="4" fill="#333"/>
+      <g ref="goal" stroke="#d55e00" stroke-width="3" fill="none" style="cursor:move">
+        <circle r="13" fill="#d55e00" fill-opacity="0.12"/><path d="M -20 0 H 20 M 0 -20 V 20"/>
+      </g>
+      <line ref="push" stroke="#c2185b" stroke-width="4" marker-end="url(#tip)" visibility="hidden"/>
+      <text ref="pushed" font-size="13" fill="#c2185b" visibility="hidden"></text>
+    </svg>`,
+  props: { size: Array, area: Array, columns: Array, drives: Boolean },
+  data() {
+    return { w: this.size[0], h: this.size[1], box: this.viewBox() };
+  },
+  mounted() {
+    this.way = [];
+    this.now = null;
+    this.held = null;
+    this.sent = null;
+    this.latencies = [];
+    this.pictures = [];
+    this.at = Object.fromEntries(this.columns.map((name, index) => [name, index]));
+  },
+  methods: {
+    viewBox() {
+      const [w, h] = this.size;
+      return `${-w / 2 - 4} ${-h / 2 - 4} ${w + 8} ${h + 8}`;
+    },
+    // rows of numbers in SI, oldest first; a time before the last one: somebody went back
+    show(rows) {
+      const a = this.at;
+      for (const row of rows) {
+        const time = row[a.time];
+        while (this.way.length && this.way[this.way.length - 1][a.time] >= time) this.way.pop();
+        this.way.push(row);
+      }
+      const row = this.way[this.way.length - 1];
+      if (!row) return;
+      while (this.way[0][a.time] < row[a.time] - SHOWN) this.way.shift();
+      this.now = row;
+      this.pictures.push(performance.now());
+      while (this.pictures[0] < performance.now() - 1000) this.pictures.shift();
+      this.measure(row);
+      this.draw(row);
+    },
+    draw(row) {
+      const a = this.at, mm = (name) => 1000 * row[a[name]];
+      const put = (ref, x, y) => this.$refs[ref].setAttribute("transform", `translate(${x} ${-y})`);
+      put("ball", mm("x"), mm("y"));
+      put("desired", mm("desired_x"), mm("desired_y"));
+      if (this.held !== "goal") put("goal", mm("goal_x"), mm("goal_y"));
+      const there = row[a.ghost_x] !== null && Number.isFinite(row[a.ghost_x]);
+      this.$refs.ghost.setAttribute("visibility", there ? "visible" : "hidden");
+      if (there) put("ghost", mm("ghost_x"), mm("ghost_y"));
+      const points = (x, y) =>
+        this.way
+          .filter((each) => Number.isFinite(each[a[x]]) && each[a[x]] !== null)
+          .map((each) => `${(1000 * each[a[x]]).toFixed(1)},${(-1000 * each[a[y]]).toFixed(1)}`)
+          .join(" ");
+      this.$refs.trail.setAttribute("points", points("x", "y"));
+      this.$refs.ghostTrail.setAttribute("points", points("ghost_x", "ghost_y"));
+      // downhill: x'' ~ +phi, y'' ~ -theta; 1 deg is 30 mm long
+      const deg = 180 / Math.PI, x = 30 * deg * row[a.phi], y = -30 * deg * row[a.theta];
+      const tilt = this.$refs.tilt;
+      tilt.setAttribute("x2", x);
+      tilt.setAttribute("y2", -y);
+      tilt.setAttribute("visibility", Math.hypot(x, y) > 3 ? "visible" : "hidden");
+      const svg = this.$refs.svg.dataset;
+      svg.time = row[a.time];
+      svg.x = row[a.x];
+      svg.y = row[a.y];
+      svg.goalX = row[a.goal_x];
+      svg.goalY = row[a.goal_y];
+      svg.factor = row[a.factor];
+      svg.pictures = this.pictures.length;
+    },
+    // time in ms from a goal that was sent to the picture of the simulation that follows it
+    measure(row) {
+      if (!this.sent) return;
+      const a = this.at;
+      if (Math.hypot(row[a.goal_x] - this.sent.x, row[a.goal_y] - this.sent.y) > 1e-6) return;
+      this.latencies.push(performance.now() - this.sent.when);
+      this.$refs.svg.dataset.latencies = this.latencies.slice(-50).map((ms) => ms.toFixed(1)).join(" ");
+      this.sent = null;
+    },
+    place(event) {
+      const point = new DOMPoint(event.clientX, event.clientY);
+      const at = point.matrixTransform(this.$refs.svg.getScreenCTM().inverse());
+      return [at.x, -at.y];
+    },
+    down(event) {
+      if (!this.drives || !this.now) return;
+      this.$refs.svg.setPointerCapture(event.pointerId);
+      const [x, y] = this.place(event), a = this.at;
+      const far = (i, j) => Math.hypot(x - 1000 * this.now[a[i]], y - 1000 * this.now[a[j]]);
+      const onBall = far("x", "y") < 22, onGoal = far("goal_x", "goal_y") < 14;
+      this.held = onBall && !(onGoal && far("goal_x", "goal_y") < far("x", "y")) ? "ball" : "goal";
+      this.move(event);
+    },
+    move(event) {
+      if (!this.held) return;
+      const [x, y] = this.place(event), a = this.at;
+      if (this.held === "goal") {
+        const gx = Math.max(-this.area[0], Math.min(this.area[0], x));
+        const gy = Math.max(-this.area[1], Math.min(this.area[1], y));
+        this.$refs.goal.setAttribute("transform", `translate(${gx} ${-gy})`);
+        this.later = [gx / 1000, gy / 1000];
+        if (!this.waiting) {
+          this.waiting = true;
+          setTimeout(() => this.send(), 30);
+        }
+        return;
+      }
+      const bx = 1000 * this.now[a.x], by = 1000 * this.now[a.y];
+      const line = this.$refs.push, text = this.$refs.pushed;
+      line.setAttribute("x1", bx);
+      line.setAttribute("y1", -by);
+      line.setAttribute("x2", x);
+      line.setAttribute("y2", -y);
+      line.setAttribute("visibility", "visible");
+      this.kick = [PUSH * (x - bx), PUSH * (y - by)];
+      const speed = Math.hypot(...this.kick);
+      if (speed > STRONGEST) this.kick = this.kick.map((each) => (each * STRONGEST) / speed);
+      text.textContent = `push ${Math.hypot(...this.kick).toFixed(0)} mm/s`;
+      text.setAttribute("x", x + 10);
+      text.setAttribute("y", -y);
+      text.setAttribute("visibility", "visible");
+    },
+    send() {
+      this.waiting = false;
+      const [x, y] = this.later;
+      this.sent = { x, y, when: performance.now() };
+      this.$emit("goal", { x, y });
+    },
+    up() {
+      if (this.held === "ball" && this.kick && Math.hypot(...this.kick) > 5) {
+        this.$emit("push", { x: this.kick[0] / 1000, y: this.kick[1] / 1000 });
+      }
+      this.$refs.push.setAttribute("visibility", "hidden");
+      this.$refs.pushed.setAttribute("visibility", "hidden");
+      this.held = this.kick = null;
+    },
+  },
+};

@@ -1,0 +1,213 @@
+"""The server of the page: on this machine, unless another address is asked for."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from twin.errors import ViewError
+from twin.play.audience import Audience
+from twin.play.events import Event, Save
+from twin.play.guard import Guard, is_loopback
+from twin.play.process import Simulation
+from twin.play.sight import Status
+from twin.run.folders import free, slug
+from twin.scenario.schema import Scenario
+
+LOOPBACK = "127.0.0.1"
+PICTURES = 1 / 32
+"""Seconds from one picture that is sent to the next."""
+MISSING = "play: needs the extra play: pip install 'ballplate[play]'"
+
+
+def library() -> None:
+    """Make sure that the extra is installed.
+
+    Raises:
+        ViewError: If it is not.
+    """
+    try:
+        import nicegui  # noqa: F401, PLC0415 - an extra
+    except ImportError as error:
+        raise ViewError(MISSING) from error
+
+
+class Server:
+    """Serves the page until it is ended, its time is up, or nobody looks any more.
+
+    Args:
+        scenario: What to begin with.
+        folder: Of the runs that are saved; the next ones have a number behind it.
+        address: Where to listen; with another one than that of this machine a token is needed.
+        port: Port; 0 for a free one.
+        seconds: After which it ends by itself; None for never.
+
+    Attributes:
+        url: Address of the page, with the token if there is one.
+        token: What the address must carry; empty if it need not.
+        failure: Why the simulation ended by itself; None if it did not.
+
+    Raises:
+        TwinError: If the extra is missing, the port is taken, or the scenario cannot be driven.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        folder: Path,
+        *,
+        address: str = LOOPBACK,
+        port: int = 0,
+        seconds: float | None = None,
+    ) -> None:
+        library()
+        self._scenario, self._folder, self._seconds = scenario, folder, seconds
+        self.token = "" if is_loopback(address) else secrets.token_urlsafe(18)
+        self._socket = _bound(address, port)
+        host = f"[{address}]" if ":" in address else address
+        query = f"?token={self.token}" if self.token else ""
+        self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
+        self.failure: str | None = None
+        self._pages: dict[str, Any] = {}
+        self._audience = Audience(monotonic)
+        try:
+            self._simulation = Simulation(scenario)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._status: Status = self._simulation.news()[-1]
+        self._taken: set[Path] = set()
+
+    def run(self, begun: Callable[[], None] = lambda: None) -> None:
+        """Serve; returns when it is over. Ctrl-C ends it in order.
+
+        Args:
+            begun: Called when the page can be loaded.
+        """
+        try:
+            self._serve(begun)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self._socket.close()
+            self._simulation.close()
+
+    def _serve(self, begun: Callable[[], None]) -> None:
+        import uvicorn  # noqa: PLC0415 - of the extra
+        from fastapi import FastAPI  # noqa: PLC0415
+        from nicegui import ui  # noqa: PLC0415
+
+        app = FastAPI(openapi_url=None)
+        ui.page("/")(self._page)
+        ui.run_with(
+            app,
+            title="ballplate play",
+            favicon="⚪",
+            tailwind=False,
+            message_history_length=50,
+            reconnect_timeout=3.0,
+            show_welcome_message=False,
+        )
+        config = uvicorn.Config(
+            Guard(app, self.token), log_level="error", ws="wsproto", timeout_graceful_shutdown=1
+        )
+        server = uvicorn.Server(config)
+
+        async def serve() -> None:
+            feeding = asyncio.create_task(self._feed(server, begun))
+            await server.serve(sockets=[self._socket])
+            feeding.cancel()
+
+        asyncio.run(serve())
+
+    async def _page(self, client: Any) -> None:
+        """Build the page of a browser."""
+        from twin.play.page import Page  # noqa: PLC0415
+
+        who = client.id
+
+        def do(event: Event) -> None:
+            if self._audience.driver == who:
+                self._simulation.send(event)
+
+        page = Page(
+            self._status, self._scenario.rig.limits.area, do, lambda: do(Save(self._next_folder()))
+        )
+        self._pages[who] = page
+        client.on_connect(lambda: self._come(who))
+        client.on_disconnect(lambda: self._audience.go(who))
+        client.on_delete(lambda: self._pages.pop(who, None))
+
+    def _come(self, who: str) -> None:
+        self._audience.come(who)
+
+    def _next_folder(self) -> Path:
+        """A folder that no run is in or being written to."""
+        folder, number = free(self._folder), 1
+        while folder in self._taken:
+            number += 1
+            folder = free(self._folder.with_name(f"{self._folder.name}~{number}"))
+        self._taken.add(folder)
+        return folder
+
+    async def _feed(self, server: Any, begun: Callable[[], None]) -> None:
+        """Hand what is new to every page, and end the server when it is over."""
+        while not server.started:
+            await asyncio.sleep(0.01)
+        begun()
+        begin = monotonic()
+        while True:
+            await asyncio.sleep(PICTURES)
+            self._hand_on()
+            out_of_time = self._seconds is not None and monotonic() - begin > self._seconds
+            self.failure = self._simulation.failure
+            if self._audience.gone or out_of_time or self.failure is not None:
+                server.should_exit = True
+                return
+
+    def _hand_on(self) -> None:
+        rows = self._simulation.pictures().tolist()
+        for status in self._simulation.news():
+            self._status = status
+        driver, others = self._audience.driver, len(self._audience) - 1
+        for who, page in list(self._pages.items()):
+            with page.plate.client:
+                page.say(self._status, drives=who == driver, others=others)
+                if rows:
+                    page.show(rows)
+
+
+def _bound(address: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        ViewError: If it cannot.
+    """
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((address, port))
+    except OSError as error:
+        bound.close()
+        if error.errno == errno.EADDRINUSE:
+            raise ViewError(f"--port {port}: {error.strerror}; choose another") from error
+        raise ViewError(f"--address {address} --port {port}: {error.strerror or error}") from error
+    return bound
+
+
+def open_browser(url: str) -> bool:
+    """Open the page in a browser window of this machine; whether there is one."""
+    return webbrowser.open(url)
+
+
+def folder_of(scenario: str) -> Path:
+    """The folder of runs that are driven from a scenario, by its name or file."""
+    return Path("runs") / slug(f"play-{Path(scenario).stem}")
