@@ -40,21 +40,27 @@ class Page:
         self._inputs: list[Any] = []
         self._sliders: dict[tuple[str, int | None], tuple[Slider, Any, Any]] = {}
         ui.query("body").style("background:#eef1f4")
-        with ui.row().classes("w-full items-center no-wrap").style("gap:1rem;padding:0 .5rem"):
+        ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
+        with (
+            ui.row()
+            .classes("items-center no-wrap")
+            .style("width:100%")
+            .style("gap:1rem;padding:0 .5rem")
+        ):
             ui.label(status.tables["title"]).style("font-size:1.2rem;font-weight:600")
             self._ended = ui.label().style("color:#b00020;font-weight:600")
             ui.space()
             self._clock = ui.label().style("font-variant-numeric:tabular-nums").mark("clock")
             self._role = ui.label().style("color:#5b6770").mark("role")
-        with ui.row().classes("w-full no-wrap").style("gap:1rem;align-items:stretch"):
+        with ui.row().classes("no-wrap").style("width:100%").style("gap:1rem;align-items:stretch"):
             with ui.column().style("flex:1 1 0;min-width:0;gap:.5rem"):
-                with ui.card().classes("w-full").style("padding:.6rem"):
+                with ui.card().style("width:100%").style("padding:.6rem"):
                     self.plate = Plate(area, self._goal, self._push)
                     self._legend()
                 self._buttons()
-                with ui.card().classes("w-full").style("padding:.6rem;height:21rem"):
-                    self.strips = Strips().classes("w-full").style("height:100%")
-            with ui.card().style("width:19rem;flex:none;gap:.35rem;padding:.8rem"):
+                with ui.card().style("width:100%").style("padding:.6rem;height:19rem"):
+                    self.strips = Strips().style("width:100%").style("height:100%")
+            with ui.card().style("width:20rem;flex:none;gap:.35rem;padding:.8rem"):
                 self._choices()
         self._say(status)
 
@@ -73,7 +79,7 @@ class Page:
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 
     def _buttons(self) -> None:
-        with ui.row().classes("w-full items-center").style("gap:.5rem"):
+        with ui.row().classes("items-center").style("width:100%").style("gap:.5rem"):
             self._pause = self._button("Pause", "pause", self._turn_pause, "pause")
             self._button("Back 1 s", "replay", lambda: self._do(Back(1.0)), "back")
             self._button("Back 5 s", "replay_5", lambda: self._do(Back(5.0)), "back-5")
@@ -96,16 +102,16 @@ class Page:
             self._slider(slider)
         ui.separator()
         self._law = self._select("Law", laws, "controller.kind")
-        self._law_gains = ui.column().classes("w-full").style("gap:0")
+        self._law_gains = ui.column().style("width:100%").style("gap:0")
         observers = list(choices("observer"))
         self._observer = self._select("Observer", observers, "observer.kind")
-        with ui.expansion("Observer's numbers").classes("w-full").props("dense"):
-            self._observer_gains = ui.column().classes("w-full").style("gap:0")
+        with ui.expansion("Observer's numbers").style("width:100%").props("dense"):
+            self._observer_gains = ui.column().style("width:100%").style("gap:0")
         self._shown_gains: dict[str, Any] = {}
 
     def _select(self, label: str, options: Sequence[str], key: str) -> Any:
         select = ui.select(list(options), label=label, value=value_in(self._status.tables, key))
-        select.props(f"dense outlined options-dense data-testid={key}").classes("w-full")
+        select.props(f"dense outlined options-dense data-testid={key}").style("width:100%")
         select.on_value_change(lambda event: self._choose(key, event.value))
         self._inputs.append(select)
         return select
@@ -115,8 +121,8 @@ class Page:
             self._do(Settings({key: value}))
 
     def _slider(self, slider: Slider) -> None:
-        with ui.column().classes("w-full").style("gap:0"):
-            with ui.row().classes("w-full justify-between").style("font-size:.85rem"):
+        with ui.column().style("width:100%").style("gap:0"):
+            with ui.row().classes("justify-between").style("width:100%").style("font-size:.85rem"):
                 ui.label(slider.label).tooltip(slider.help)
                 text = ui.label()
             name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
@@ -141,7 +147,12 @@ class Page:
         column.clear()
         with column:
             for gain in found:
-                with ui.row().classes("w-full justify-between").style("font-size:.85rem"):
+                with (
+                    ui.row()
+                    .classes("justify-between")
+                    .style("width:100%")
+                    .style("font-size:.85rem")
+                ):
                     ui.label(gain.label)
                     text = ui.label(f"{gain.value:.4g}")
                 bar = ui.slider(min=-WIDEST, max=WIDEST, step=0.1, value=0.0)

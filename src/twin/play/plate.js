@@ -7,30 +7,28 @@ const NS = "http://www.w3.org/2000/svg";
 
 export default {
   template: `
-    <svg ref="svg" :viewBox="box" style="width:100%;display:block;touch-action:none;user-select:none"
+    <svg ref="svg" :viewBox="box" style="width:100%;max-height:47vh;display:block;touch-action:none;user-select:none"
          @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up">
       <defs>
-        <marker id="tip" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="5" markerHeight="5"
+        <marker id="tip" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="4" markerHeight="4"
                 orient="auto-start-reverse"><path d="M0 0 L10 5 L0 10 z" fill="context-stroke"/></marker>
       </defs>
       <rect :x="-w/2" :y="-h/2" :width="w" :height="h" rx="6" fill="#f4f6f8" stroke="#5b6770" stroke-width="2"/>
       <rect :x="-area[0]" :y="-area[1]" :width="2*area[0]" :height="2*area[1]" fill="#ffffff"
             stroke="#9fb0bd" stroke-width="1" stroke-dasharray="6 5"/>
-      <text :x="-area[0]+6" :y="area[1]-7" font-size="11" fill="#7b8a96">goals stay within</text>
+      <text :x="-area[0]+6" :y="-area[1]+14" font-size="11" fill="#7b8a96">goals stay within this area</text>
       <path d="M -25 0 H 25 M 0 -25 V 25" stroke="#cfd8de" stroke-width="1"/>
       <g stroke="#5b6770" stroke-width="1.5" font-size="13" fill="#5b6770">
         <line :x1="-w/2+16" :y1="h/2-16" :x2="-w/2+66" :y2="h/2-16" marker-end="url(#tip)"/>
         <line :x1="-w/2+16" :y1="h/2-16" :x2="-w/2+16" :y2="h/2-66" marker-end="url(#tip)"/>
         <text :x="-w/2+72" :y="h/2-12" stroke="none">x</text>
         <text :x="-w/2+12" :y="h/2-72" stroke="none">y</text>
-        <g v-if="true" stroke="#5b6770">
-          <line :x1="w/2-116" :y1="h/2-14" :x2="w/2-16" :y2="h/2-14"/>
-          <text :x="w/2-66" :y="h/2-19" stroke="none" text-anchor="middle">100 mm</text>
-        </g>
+        <line :x1="w/2-116" :y1="h/2-14" :x2="w/2-16" :y2="h/2-14"/>
+        <text :x="w/2-66" :y="h/2-19" stroke="none" text-anchor="middle">100 mm</text>
       </g>
       <polyline ref="ghostTrail" fill="none" stroke="#009e73" stroke-width="1.5" stroke-dasharray="4 4" opacity="0.7"/>
       <polyline ref="trail" fill="none" stroke="#0072b2" stroke-width="2" opacity="0.6"/>
-      <line ref="tilt" stroke="#7a4fa3" stroke-width="4" marker-end="url(#tip)"/>
+      <line ref="tilt" stroke="#7a4fa3" stroke-width="3" marker-end="url(#tip)"/>
       <circle ref="ghost" r="20" fill="none" stroke="#009e73" stroke-width="2.5" stroke-dasharray="6 4"/>
       <circle ref="ball" r="20" fill="#0072b2" fill-opacity="0.85" stroke="#004b78" stroke-width="2" style="cursor:grab"/>
       <circle ref="desired" r="4" fill="#333"/>
@@ -96,7 +94,7 @@ export default {
       const tilt = this.$refs.tilt;
       tilt.setAttribute("x2", x);
       tilt.setAttribute("y2", -y);
-      tilt.setAttribute("visibility", Math.hypot(x, y) > 3 ? "visible" : "hidden");
+      tilt.setAttribute("visibility", Math.hypot(x, y) > 8 ? "visible" : "hidden");
       const svg = this.$refs.svg.dataset;
       svg.time = row[a.time];
       svg.x = row[a.x];

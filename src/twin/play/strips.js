@@ -59,7 +59,7 @@ export default {
           if (row[i] !== null && Number.isFinite(row[i])) most = Math.max(most, Math.abs(row[i] * factor));
         }
       }
-      const step = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => most / s <= 3) || 1000;
+      const step = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => most / s <= (signed ? 2 : 3)) || 1000;
       most = Math.ceil(most / step - 1e-9) * step;
       const y = (value) =>
         signed ? top + height / 2 - (value / most) * (height / 2) : top + height - (value / most) * height;
