@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
 from controllers.interfaces import Law, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
@@ -40,7 +39,6 @@ class Driven:
     goals: Setpoints | None = None
     controllers: tuple[tuple[float, Mapping[str, Any]], ...] = ()
     pushes: tuple[tuple[float, float, float], ...] = ()
-    area: Array = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
     def begun(cls, scenario: Scenario) -> Driven:
@@ -52,8 +50,7 @@ class Driven:
         _drivable(scenario)
         long = scenario.model_copy(update={"duration": LONGEST, "baseline": False})
         build_reference(long)
-        area = np.asarray(scenario.rig.limits.area, float)
-        return cls(long, None, ((0.0, _control(long)),), (), area)
+        return cls(long, None, ((0.0, _control(long)),))
 
     @property
     def reference(self) -> Reference:
@@ -62,7 +59,8 @@ class Driven:
 
     def goal(self, time: float, x: float, y: float) -> Driven:
         """With one more goal from a time in s on, taken into the operating area; m."""
-        x, y = np.clip((x, y), -self.area, self.area).tolist()
+        area = np.asarray(self.scenario.rig.limits.area, float)
+        x, y = np.clip((x, y), -area, area).tolist()
         if self.goals is None:
             before = self.scenario.reference.model_dump(mode="json")
             goals = Setpoints(points=((time, x, y),), before=before)

@@ -1,0 +1,158 @@
+"""What stands around a driven rig: who may ask, who drives, the clock, the sliders, the command."""
+
+import asyncio
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.play import play
+from twin.errors import ViewError
+from twin.play import serve
+from twin.play.audience import Audience
+from twin.play.guard import Guard, is_loopback
+from twin.play.pace import AHEAD, BEHIND, Pace
+from twin.play.sliders import PLANT, gains, moved, multiplied, shown_by
+from twin.scenario.load import load
+
+HERE = {"host": "127.0.0.1:8090"}
+THERE = {"host": "10.0.0.5:8090"}
+
+
+def asked(token="", *, headers=HERE, query="", kind="http"):
+    """What somebody gets who asks: the messages that are sent, and whether the page answered."""
+    sent, answered = [], []
+
+    async def app(scope, receive, send):
+        answered.append(scope["type"])
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message):
+        sent.append(message)
+
+    scope = {
+        "type": kind,
+        "query_string": query.encode(),
+        "headers": [(name.encode(), text.encode()) for name, text in headers.items()],
+    }
+    asyncio.run(Guard(app, token)(scope, None, send))
+    return sent, bool(answered)
+
+
+def test_this_machine_is_answered_and_told_of_no_token():
+    sent, answered = asked()
+    assert answered
+    assert sent[0]["headers"] == []
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+@pytest.mark.parametrize(
+    ("token", "headers", "query"),
+    [
+        ("", {"host": "evil.example:8090"}, ""),  # a name that leads here
+        ("", {**HERE, "origin": "http://evil.example"}, ""),
+        ("secret", THERE, ""),
+        ("secret", THERE, "token=wrong"),
+        ("secret", THERE, "token="),
+        ("secret", {**THERE, "cookie": "ballplate_token=wrong"}, ""),
+        ("secret", {**THERE, "origin": "http://evil.example"}, "token=secret"),
+    ],
+)
+def test_others_are_refused(token, headers, query, kind):
+    sent, answered = asked(token, headers=headers, query=query, kind=kind)
+    assert not answered
+    if kind == "http":
+        assert sent[0]["status"] == 403
+    else:
+        assert sent == [{"type": "websocket.close", "code": 1008}]
+
+
+def test_who_has_the_token_is_answered_and_gets_a_cookie_that_will_do():
+    sent, answered = asked("secret", headers=THERE, query="token=secret")
+    assert answered
+    ((name, cookie),) = sent[0]["headers"]
+    assert name == b"set-cookie"
+    assert b"HttpOnly" in cookie
+    again = {**THERE, "cookie": cookie.decode().partition(";")[0]}
+    _, answered = asked("secret", headers=again, kind="websocket")
+    assert answered
+
+
+@pytest.mark.parametrize(
+    ("host", "here"),
+    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("x.y", False)],
+)
+def test_what_is_this_machine_alone(host, here):
+    assert is_loopback(host) == here
+
+
+def test_the_first_drives_and_the_next_takes_over_when_it_has_gone():
+    now = 0.0
+    audience = Audience(lambda: now, patience=5.0)
+    assert not audience.gone
+    audience.come("one")
+    audience.come("two")
+    assert audience.driver == "one"
+    audience.go("one")
+    assert audience.driver == "two"
+    audience.come("one")
+    assert audience.driver == "two"
+    audience.go("two")
+    audience.go("one")
+    now = 4.0
+    assert not audience.gone
+    audience.come("three")  # a page that was loaded again
+    now = 20.0
+    assert not audience.gone
+    audience.go("three")
+    now = 26.0
+    assert audience.gone
+
+
+def test_a_clock_holds_the_simulation_to_real_time_and_says_when_it_cannot():
+    now = 100.0
+    pace = Pace(lambda: now)
+    assert pace.early(0.0) == 0.0
+    assert pace.early(AHEAD / 2) == 0.0
+    assert pace.early(0.5) == pytest.approx(0.5)
+    now = 101.0
+    assert pace.early(0.5) == 0.0  # half a second late: not all of it is caught up with
+    assert pace.early(0.5 + BEHIND + 0.01) == pytest.approx(0.01)
+    now = 101.5
+    pace.early(0.75)
+    assert pace.factor == pytest.approx(0.5)
+
+
+def test_a_slider_moves_its_number_and_shows_it():
+    tables = load("circle").model_dump(mode="json")
+    dead_time = next(each for each in PLANT if each.unit == "ms")
+    assert shown_by(tables, dead_time) == pytest.approx(42)
+    assert moved(tables, dead_time, 60.0) == {"sensors.touch.dead_time": pytest.approx(0.06)}
+    along_y = next(each for each in PLANT if each.entry == 1)
+    assert moved(tables, along_y, 0.3) == {"plant.level_deg": [0.0, 0.3]}
+
+
+def test_a_gain_is_multiplied_and_the_others_of_its_key_stay():
+    found = gains(load("circle").model_dump(mode="json"), "controller")
+    assert [each.value for each in found] == [180, 162, 66, 13]
+    assert multiplied(found, found[1], 0.5) == {"controller.gains": [180, 81, 66, 13]}
+    (rho, _, *_) = gains(load("hold").model_dump(mode="json"), "controller")
+    assert multiplied([rho], rho, 2.0) == {"controller.rho": 600.0}
+
+
+def test_a_missing_extra_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "nicegui", None)
+    with pytest.raises(ViewError, match=r"needs the extra play: pip install 'ballplate\[play\]'"):
+        serve.library()
+
+
+def test_a_port_that_is_taken_is_one_line_and_starts_nothing(tmp_path):
+    taken = serve._bound("127.0.0.1", 0)
+    port = taken.getsockname()[1]
+    taken.listen()
+    try:
+        done = CliRunner().invoke(play, ["hold", "--port", str(port), "--out", str(tmp_path / "x")])
+    finally:
+        taken.close()
+    assert isinstance(done.exception, ViewError)
+    assert str(done.exception) == f"--port {port}: Address already in use; choose another"

@@ -1,0 +1,231 @@
+"""A driven rig: events act at once, nothing else differs from a run, going back is exact."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.errors import ScenarioError
+from twin.play.driven import Driven
+from twin.play.events import Back, End, Goal, Pause, Push, Save, Settings
+from twin.play.pace import AtOnce
+from twin.play.session import Session
+from twin.play.sight import COLUMNS
+from twin.report.diagnosis import Diagnosis
+from twin.report.summary import summary
+from twin.run.execute import run
+from twin.run.replay import open_run
+from twin.scenario.load import load
+from twin.whatif.futures import moment_of
+
+FRICTION = "plant.friction.rolling_mm"
+
+
+def rows(session):
+    """What was recorded, all columns side by side."""
+    return np.column_stack([values for _, _, values in session.record.columns()])
+
+
+@pytest.fixture(scope="module")
+def played(driven, tmp_path_factory):
+    """A rig on the mechanism: goal, friction, push, another law, saved."""
+    folder = tmp_path_factory.mktemp("runs") / "play"
+    script = {
+        100: [Goal(0.05, 0.02)],
+        150: [Settings({FRICTION: 0.3})],
+        250: [Push(0.05, -0.02)],
+        350: [Settings({"controller.kind": "pole_placement"})],
+        600: [Save(folder)],
+    }
+    told = []
+    session = driven(load("hold"), script, 600, tell=told.append)
+    return session, folder, told
+
+
+def test_untouched_it_is_the_run_to_the_bit(driven):
+    session = driven(load("hold"), {}, 200)
+    alone = run(load("hold", ["duration=0.4"])).record
+    assert session.record.length == alone.length == 200
+    for name, _, values in alone.columns():
+        ours = {column: each for column, _, each in session.record.columns()}[name]
+        assert np.array_equal(ours, values), name
+
+
+def test_goals_and_changes_of_the_rig_are_a_scenario_that_runs_to_the_same_bits(driven, tmp_path):
+    script = {
+        50: [Goal(0.1, 0.05)],
+        120: [Goal(-0.05, 0.0), Settings({FRICTION: 0.02})],
+        160: [Settings({"plant.level_deg": [0.5, -0.2], "sensors.touch.dead_time": 0.06})],
+        300: [Save(tmp_path / "run")],
+    }
+    session = driven(load("circle"), script, 300)
+    (saved,) = open_run(tmp_path / "run")
+    again = run(saved.scenario).record
+    assert again.length == 300
+    for name, _, values in again.columns():
+        if name in saved.rows:
+            assert np.array_equal(saved.rows[name], values), name
+    assert session.driven.scenario.change
+
+
+def test_a_goal_acts_in_the_period_in_which_it_comes(driven):
+    without = driven(load("hold"), {}, 60)
+    given = driven(load("hold"), {50: [Goal(0.1, 0.0)]}, 60)
+    differ = (without.record["applied"] != given.record["applied"]).any(axis=(1, 2))
+    # the path leaves the old goal smoothly: its fourth derivative rises from 0
+    assert np.flatnonzero(differ)[0] == 51
+
+
+def test_a_slider_acts_in_the_period_in_which_it_comes(driven):
+    scenario = load("circle", ["plant.kind=lagrange", f"{FRICTION}=0"])
+    without = driven(scenario, {}, 60)
+    given = driven(scenario, {50: [Settings({"plant.level_deg": [0.5, 0.0]})]}, 60)
+    differ = (without.record["state"] != given.record["state"]).any(axis=(1, 2))
+    assert np.flatnonzero(differ)[0] == 51
+
+
+def test_going_back_undoes_and_goes_on_to_the_same_bits(driven):
+    calm = driven(load("circle"), {}, 900)
+    script = {
+        600: [Goal(0.1, 0.1), Settings({FRICTION: 0.5, "plant.level_deg": [1.0, 0.0]})],
+        610: [Settings({"controller.kind": "lqr"})],
+        700: [Back(0.3)],
+    }
+    # turn 611 is the one after the law was changed; the state kept at 500 is gone back to
+    session = driven(load("circle"), script, 1100)
+    assert session.driven == Driven.begun(load("circle"))
+    common = min(session.record.length, calm.record.length)
+    assert common > 850
+    assert np.array_equal(rows(session)[:common], rows(calm)[:common])
+
+
+def test_back_to_the_start_is_the_start(driven):
+    session = driven(load("hold"), {50: [Push(0.1, 0)], 100: [Back(np.inf)]}, 150)
+    assert session.driven.pushes == ()
+    assert session.record.length == pytest.approx(50, abs=2)
+    calm = driven(load("hold"), {}, 150)
+    assert np.array_equal(rows(session), rows(calm)[: session.record.length])
+
+
+def test_a_push_changes_the_ball_and_nothing_else(driven):
+    session = driven(load("hold"), {50: [Push(0.1, -0.05)]}, 60)
+    state = session.record["state"][:, 0]
+    jump = state[50] - state[49]
+    assert jump[[1, 5]] == pytest.approx([0.1, -0.05], abs=2e-3)
+    assert np.abs(jump[[0, 2, 4, 6]]).max() < 1e-3
+
+
+def test_another_law_goes_on_from_this_moment(played):
+    session, _, _ = played
+    assert session.driven.scenario.controller.kind == "pole_placement"
+    assert len(session.driven.controllers) == 2
+    assert np.abs(np.diff(session.record["state"][:, 0, 0])).max() < 5e-4
+    assert np.isfinite(rows(session)).all()
+
+
+def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
+    _, folder, _ = played
+    (saved,) = open_run(folder)
+    assert saved.metrics["outcome"] == "finished"
+    assert saved.driven["pushes"] == [[0.5, 0.05, -0.02]]
+    assert [each["controller"]["kind"] for each in saved.driven["controllers"]] == [
+        "lqr",
+        "pole_placement",
+    ]
+    said = summary(saved, Diagnosis.of(saved))
+    assert (
+        "It was driven by hand: 1 goal, 1 push, 1 change of the rig, 1 change of the controller."
+    ) in said
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["driven"]["goals"] == 1
+    assert (folder / "picture.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("at", "law", "not_repeated"),
+    [
+        (0.4, "lqr", "1 pushes and 1 changes of the controller after 0.4 s"),
+        (0.6, "lqr", "0 pushes and 1 changes of the controller after 0.6 s"),
+        (1.0, "pole_placement", None),
+    ],
+)
+def test_whatif_goes_on_from_any_moment_of_it_exactly(played, at, law, not_repeated):
+    _, folder, _ = played
+    moment = moment_of(folder, at)
+    assert moment.exact
+    assert moment.before_mm == 0.0
+    assert moment.scenario.controller.kind == law
+    assert [f"driven by hand: {not_repeated} are not repeated"] * bool(not_repeated) == list(
+        moment.notes
+    )
+
+
+def test_what_cannot_be_is_said_in_a_line_and_changes_nothing(driven):
+    told = []
+    script = {
+        20: [Settings({FRICTION: -1.0})],
+        30: [Settings({"rig.period": 0.001})],
+        40: [Settings({"controller.kind": "stable_inversion"})],
+        50: [Settings({"controller.kind": "no_such"})],
+    }
+    session = driven(load("hold"), script, 60, tell=told.append)
+    wrong = [each.message for each in told if each.wrong]
+    assert FRICTION in wrong[0]
+    assert wrong[1] == "rig.period: cannot be changed while a rig runs"
+    assert "plans on a path known ahead" in wrong[2]
+    assert "no_such" in wrong[3]
+    assert not any("\n" in each for each in wrong)
+    calm = driven(load("hold"), {}, 60)
+    assert np.array_equal(rows(session), rows(calm))
+
+
+def test_a_ball_that_is_off_the_plate_ends_the_run_until_one_goes_back(driven):
+    told = []
+    # after the fall the loop stands still and asks on; the numbers are those of its questions
+    script = {20: [Push(1.4, 0.0)], 1700: [Goal(0, 0)], 1701: [Back(np.inf)]}
+    session = driven(load("hold"), script, 1800, tell=told.append)
+    ended = next(each for each in told if each.ended)
+    assert ended.ended.startswith(("fell", "aborted", "lost"))
+    assert "the run has ended; go back first" in [each.message for each in told if each.wrong]
+    assert told[-1].ended.startswith("finished")
+    assert session.driven.pushes == ()
+    assert 90 < session.record.length < 110
+
+
+def test_time_stands_still_while_it_is_paused(driven):
+    pictures = []
+    session = driven(
+        load("hold"), {50: [Pause(True)], 500: [Pause(False)]}, 540, show=pictures.append
+    )
+    assert 85 <= session.record.length <= 95
+    times = [each[0] for each in pictures]
+    assert times == sorted(times)
+
+
+def test_a_record_that_is_full_goes_on_with_twice_the_room(driven, monkeypatch):
+    calm = driven(load("hold"), {}, 260)
+    monkeypatch.setattr("twin.play.session.ROOM", 0.2)
+    session = driven(load("hold"), {}, 251)
+    assert session.record.ticks == 400
+    assert np.array_equal(rows(session), rows(calm)[: session.record.length])
+
+
+def test_the_clean_model_goes_beside_without_friction(driven):
+    pictures = []
+    driven(load("circle"), {}, 1500, show=pictures.append)
+    last = dict(zip(COLUMNS, pictures[-1], strict=True))
+    assert last["time"] > 2.9
+    assert last["ghost_error"] < 0.1 * last["error"]
+
+
+def test_a_law_that_plans_ahead_is_refused_before_anything_begins():
+    with pytest.raises(ScenarioError, match="'stable_inversion' plans on a path known ahead"):
+        Session(load("cure"), inbox=lambda _: [End()], pace=AtOnce())
+
+
+def test_nothing_is_saved_of_nothing(driven):
+    told = []
+    driven(load("hold"), {0: [Save(Path("nowhere"))]}, 10, tell=told.append)
+    assert "nothing was driven yet" in [each.message for each in told]
+    assert not Path("nowhere").exists()
