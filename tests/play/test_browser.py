@@ -1,0 +1,260 @@
+"""The page in a real browser without a window: dragging, clicking, looking on, and who is refused.
+
+Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium); without it these fail.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from threading import Thread
+
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from twin.run.replay import open_run
+from twin.whatif.futures import moment_of
+
+CHROMIUM = Path("/usr/bin/chromium")
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play")
+PATIENCE = 60.0
+"""Seconds that a busy machine is given for what takes one or two."""
+
+pytestmark = [pytest.mark.long, pytest.mark.real_time]
+
+
+class Played:
+    """A running command, its address, and all that it has printed."""
+
+    def __init__(self, process):
+        self.process, self.lines = process, []
+        self._reader = Thread(target=self._read)
+        self._reader.start()
+        until = time.monotonic() + PATIENCE
+        while not (found := re.search(r"http://\S+", "".join(self.lines))):
+            assert process.poll() is None, self.lines
+            assert time.monotonic() < until, self.lines
+            time.sleep(0.05)
+        self.url = found[0]
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.lines.append(line)
+
+    def ended(self):
+        """Its exit code, once it has ended and all that it printed is read."""
+        code = self.process.wait(PATIENCE)
+        self._reader.join()
+        return code
+
+
+@contextmanager
+def playing(*arguments):
+    env = {name: text for name, text in os.environ.items() if not name.startswith("PYTEST")}
+    process = subprocess.Popen(
+        [*CALL, *arguments, "--port", "0", "--no-browser"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=env,
+    )
+    with process:
+        try:
+            yield Played(process)
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Opens browsers of their own, each with nothing in its profile."""
+    assert CHROMIUM.exists(), "no Chromium: apt-get install chromium"
+    with sync_playwright() as engine:
+        opened = []
+
+        def open_one(folder, url):
+            one = engine.chromium.launch_persistent_context(
+                folder,
+                executable_path=CHROMIUM,
+                args=QUIET,
+                headless=True,
+                viewport={"width": 1360, "height": 900},
+            )
+            opened.append(one)
+            page = one.new_page()
+            page.asked, page.wrong = [], []
+            page.on("request", lambda request: page.asked.append(request.url))
+            page.on("websocket", lambda socket: page.asked.append(socket.url))
+            page.on("pageerror", lambda error: page.wrong.append(str(error)))
+            page.goto(url)
+            page.wait_for_selector("svg[data-time]", timeout=1000 * PATIENCE)
+            return page
+
+        yield open_one
+        for one in opened:
+            one.close()
+
+
+def seen(page, name):
+    """A number that the plate shows."""
+    return float(page.locator("svg[data-time]").get_attribute(f"data-{name}"))
+
+
+def until(condition):
+    """Wait until something holds."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def drag(page, begin, end, steps=25):
+    """Drag from one place of the plate, mm, to another, as a hand does."""
+    box = page.locator("svg[data-time]").bounding_box()
+    scale = min(box["width"] / 708, box["height"] / 403)
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def move(x, y):
+        page.mouse.move(middle[0] + scale * x, middle[1] - scale * y)
+
+    move(*begin)
+    page.mouse.down()
+    for step in range(1, steps + 1):
+        share = step / steps
+        move(*(a + share * (b - a) for a, b in zip(begin, end, strict=True)))
+        time.sleep(0.03)
+    page.mouse.up()
+
+
+def test_a_person_drives_the_rig(browser, tmp_path):
+    folder = tmp_path / "run"
+    with playing("circle", "--out", str(folder)) as played:
+        page = browser(tmp_path / "one", played.url)
+        expect(page.get_by_text("you drive")).to_be_visible(timeout=1000 * PATIENCE)
+        until(lambda: seen(page, "time") > 2.0)
+
+        drag(page, (-100, -60), (120, 60))
+        until(lambda: abs(seen(page, "goal-x") - 0.12) < 0.002)
+        assert seen(page, "goal-y") == pytest.approx(0.06, abs=0.002)
+        until(lambda: abs(seen(page, "x") - 0.12) < 0.04)
+
+        friction = page.get_by_test_id("plant.friction.rolling_mm")
+        friction.click(position={"x": friction.bounding_box()["width"] * 0.8, "y": 5})
+        page.get_by_test_id("controller.kind").click()
+        page.get_by_role("option", name="lqr").click()
+        expect(page.get_by_text("kappa")).to_be_visible(timeout=1000 * PATIENCE)
+
+        page.get_by_test_id("pause").click()
+        expect(page.get_by_test_id("pause")).to_contain_text("Go on")
+        time.sleep(0.5)
+        stood = seen(page, "time")
+        time.sleep(1.0)
+        assert seen(page, "time") == stood
+        page.get_by_test_id("save").click()
+        expect(page.get_by_text(f"saved as {folder}/")).to_be_visible(timeout=1000 * PATIENCE)
+
+        page.get_by_test_id("back").click()
+        until(lambda: seen(page, "time") <= stood - 1.0 + 1e-6)
+        page.get_by_test_id("pause").click()
+        until(lambda: seen(page, "time") > stood + 0.5)
+        drag(page, (1000 * seen(page, "x"), 1000 * seen(page, "y")), (0, 0), steps=5)
+        expect(page.get_by_text("pushed by")).to_be_visible(timeout=1000 * PATIENCE)
+
+        assert {re.match(r"\w+://([\d.]+):", url)[1] for url in page.asked} == {"127.0.0.1"}
+        assert page.wrong == []
+        page.context.close()
+        assert played.ended() == 0
+        assert len(played.lines) == 1, played.lines
+
+    (run,) = open_run(folder)
+    assert run.driven["goals"] > 3
+    assert run.scenario.change[-1].set["plant.friction.rolling_mm"] == pytest.approx(0.4, abs=0.02)
+    assert run.scenario.controller.kind == "lqr"
+    end = float(run.rows["time"][-1])
+    assert end == pytest.approx(stood, abs=0.05)
+    assert moment_of(folder, end - 0.1).before_mm == 0.0
+
+
+def test_thirty_pictures_a_second_beside_real_time_and_a_goal_is_seen_in_a_tenth(browser, tmp_path):
+    # the best of some seconds: what it can do does not depend on what else this machine does
+    pictures, factors, latencies = [], [], []
+    with playing("circle", "--out", str(tmp_path / "run")) as played:
+        page = browser(tmp_path / "one", played.url)
+        until(lambda: seen(page, "time") > 3.0)
+        for way in range(10):
+            side = 1 if way % 2 else -1
+            drag(page, (-100 * side, -60), (100 * side, 60), steps=40)
+            pictures.append(seen(page, "pictures"))
+            factors.append(seen(page, "factor"))
+            told = page.locator("svg[data-time]").get_attribute("data-latencies").split()
+            latencies.append(median(map(float, told[-10:])))
+    assert max(pictures) >= 28, pictures
+    assert max(factors) > 0.97, factors
+    assert min(latencies) < 100, latencies
+
+
+def test_one_drives_and_the_other_looks_until_the_first_has_gone(browser, tmp_path):
+    with playing("hold", "--out", str(tmp_path / "run")) as played:
+        first = browser(tmp_path / "one", played.url)
+        expect(first.get_by_text("you drive")).to_be_visible(timeout=1000 * PATIENCE)
+        second = browser(tmp_path / "two", played.url)
+        expect(second.get_by_text("another browser drives")).to_be_visible(timeout=1000 * PATIENCE)
+        drag(second, (50, 50), (120, 60), steps=5)
+        time.sleep(1.0)
+        assert seen(first, "goal-x") == 0.0
+        first.context.close()
+        expect(second.get_by_text("you drive")).to_be_visible(timeout=1000 * PATIENCE)
+        drag(second, (50, 50), (120, 60), steps=5)
+        until(lambda: abs(seen(second, "goal-x") - 0.12) < 0.002)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_in_order_when_it_is_told_to(number, tmp_path):
+    with playing("hold", "--out", str(tmp_path / "run")) as played:
+        played.process.send_signal(number)
+        assert played.ended() == 0
+        assert len(played.lines) == 1, played.lines
+
+
+def test_it_ends_by_itself_when_its_time_is_up(tmp_path):
+    with playing("hold", "--seconds", "1", "--out", str(tmp_path / "run")) as played:
+        assert played.ended() == 0
+
+
+def answer(url, **headers):
+    """The status of an answer."""
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers)) as response:
+            return response.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_another_address_needs_the_token_and_is_warned_of(tmp_path):
+    with playing("hold", "--address", "0.0.0.0", "--out", str(tmp_path / "run")) as played:
+        assert any("can be reached from other machines" in line for line in played.lines)
+        here = played.url.replace("0.0.0.0", "127.0.0.1")
+        bare, _, token = here.partition("?token=")
+        assert len(token) >= 20
+        assert answer(here) == 200
+        assert answer(bare) == 403
+        assert answer(f"{bare}?token={token[:-1]}") == 403
+        assert answer(f"{bare}_nicegui_ws/socket.io/?EIO=4&transport=polling") == 403
+        assert answer(here, Origin="http://elsewhere.example") == 403
