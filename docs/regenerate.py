@@ -41,6 +41,7 @@ PAGES = {
         (("picture.png", "circle.png"),),
     ),
     "view": Page(("view-*.png",), ("screenshots.py",)),
+    "play": Page(("play.png",), ("play_picture.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
     "learning": Page(

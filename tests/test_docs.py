@@ -26,6 +26,7 @@ WRITTEN = {
     "tune.md",
     "whatif.md",
     "regenerate.py",
+    "play_picture.py",
     "screenshots.py",
 } | {
     "bring_up.py",

@@ -47,7 +47,8 @@ class Page:
             .style("width:100%")
             .style("gap:1rem;padding:0 .5rem")
         ):
-            ui.label(status.tables["title"]).style("font-size:1.2rem;font-weight:600")
+            title = f"Driven by hand: {status.tables['title']}"
+            ui.label(title).style("font-size:1.2rem;font-weight:600")
             self._ended = ui.label().style("color:#b00020;font-weight:600")
             ui.space()
             self._clock = ui.label().style("font-variant-numeric:tabular-nums").mark("clock")

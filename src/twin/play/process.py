@@ -36,7 +36,7 @@ class Failure(str):
 
 
 class Simulation:
-    """A driven rig in another process.
+    """A driven rig in another process, where time stands still until it is let go on.
 
     Args:
         scenario: What to begin with.
@@ -167,7 +167,9 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                     found.append(write.told.get())
                 return found
 
-            Session(scenario, inbox=inbox, show=show, tell=said.put, write=write).run()
+            Session(
+                scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True
+            ).run()
             write.finish()
     except TwinError as error:
         said.put(Failure(error))

@@ -14,7 +14,7 @@ from typing import Any
 
 from twin.errors import ViewError
 from twin.play.audience import Audience
-from twin.play.events import Event, Save
+from twin.play.events import Event, Pause, Save
 from twin.play.guard import Guard, is_loopback
 from twin.play.process import Simulation
 from twin.play.sight import Status
@@ -84,6 +84,7 @@ class Server:
             raise
         self._status: Status = self._simulation.news()[-1]
         self._taken: set[Path] = set()
+        self._begun = False
 
     def run(self, begun: Callable[[], None] = lambda: None) -> None:
         """Serve; returns when it is over. Ctrl-C ends it in order.
@@ -146,7 +147,11 @@ class Server:
         client.on_delete(lambda: self._pages.pop(who, None))
 
     def _come(self, who: str) -> None:
+        """A browser shows its page; time goes on when the first one does."""
         self._audience.come(who)
+        if not self._begun:
+            self._begun = True
+            self._simulation.send(Pause(False))
 
     def _next_folder(self) -> Path:
         """A folder that no run is in or being written to."""

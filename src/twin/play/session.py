@@ -53,6 +53,7 @@ class Session:
         tell: Is told what is said in words.
         pace: Holds it to the clock.
         write: Writes what is to be saved; elsewhere, so that the simulation need not wait.
+        paused: Whether time stands still to begin with.
 
     Attributes:
         driven: What was driven so far.
@@ -72,6 +73,7 @@ class Session:
         tell: Tell = lambda _: None,
         pace: Pace | None = None,
         write: Write = save_driven,
+        paused: bool = False,
     ) -> None:
         self.driven = Driven.begun(scenario)
         self.outcome: Outcome | None = None
@@ -79,7 +81,8 @@ class Session:
         self._inbox, self._show, self._tell, self._write = inbox, show, tell, write
         self._pace = pace or Pace()
         self._events: deque[Event] = deque()
-        self._over = self._paused = self._again = False
+        self._over = self._again = False
+        self._paused = paused
         self._status = Status({})
         self._told: Status | None = None
         self._every = max(1, round(PICTURES / scenario.rig.period))

@@ -1,0 +1,94 @@
+"""Regenerates the picture of the page that `ballplate play` serves: python docs/play_picture.py.
+
+Needs Chromium at /usr/bin/chromium (Debian: apt-get install chromium) and half a minute.
+"""
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from playwright.sync_api import Page, sync_playwright
+
+HERE = Path(__file__).parent
+CHROMIUM = "/usr/bin/chromium"
+QUIET = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+CALL = (sys.executable, "-c", "from twin.cli import main; main()", "play", "circle")
+OPTIONS = ("--port", "0", "--no-browser", "--seconds", "300")
+PATIENCE = 60.0
+
+
+def main() -> None:
+    """Drive the circle's rig for some seconds as a person does, and take the picture."""
+    with (
+        TemporaryDirectory() as folder,
+        subprocess.Popen(
+            [*CALL, *OPTIONS, "--out", f"{folder}/run"], stdout=subprocess.PIPE, text=True
+        ) as command,
+    ):
+        try:
+            assert command.stdout is not None
+            url = re.search(r"http://\S+", command.stdout.readline())
+            assert url is not None
+            with sync_playwright() as engine:
+                browser = engine.chromium.launch_persistent_context(
+                    f"{folder}/profile",
+                    executable_path=CHROMIUM,
+                    args=QUIET,
+                    viewport={"width": 1360, "height": 900},
+                )
+                page = browser.new_page()
+                page.goto(url[0])
+                drive(page)
+                page.screenshot(path=HERE / "play.png")
+                browser.close()
+        finally:
+            command.terminate()
+
+
+def drive(page: Page) -> None:
+    """Move the goal twice, raise friction, push the ball."""
+    page.wait_for_selector("svg[data-time]", timeout=1000 * PATIENCE)
+    wait(page, 5.0)
+    drag(page, (-60, 60), (-150, -50))
+    friction = page.get_by_test_id("plant.friction.rolling_mm")
+    wait(page, 9.0)
+    friction.click(position={"x": friction.bounding_box()["width"] * 0.6, "y": 5})
+    drag(page, (-150, -50), (150, 70))
+    wait(page, 13.5)
+    page.get_by_test_id("pause").click()
+    plate = page.locator("svg[data-time]")
+    ball = tuple(1000 * float(plate.get_attribute(f"data-{axis}")) for axis in "xy")
+    page.get_by_test_id("pause").click()
+    drag(page, ball, (ball[0] - 60, ball[1] - 90), steps=3)
+    now = float(plate.get_attribute("data-time"))
+    wait(page, now + 0.6)
+    page.mouse.move(5, 5)
+
+
+def wait(page: Page, at: float) -> None:
+    """Wait until a simulated time in s."""
+    until = time.monotonic() + PATIENCE
+    while float(page.locator("svg[data-time]").get_attribute("data-time")) < at:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def drag(page: Page, begin: tuple[float, float], end: tuple[float, float], steps: int = 20) -> None:
+    """Drag from one place of the plate, mm, to another."""
+    box = page.locator("svg[data-time]").bounding_box()
+    scale = min(box["width"] / 708, box["height"] / 403)
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for step in range(steps + 1):
+        x, y = (a + step / steps * (b - a) for a, b in zip(begin, end, strict=True))
+        page.mouse.move(middle[0] + scale * x, middle[1] - scale * y)
+        if step == 0:
+            page.mouse.down()
+        time.sleep(0.03)
+    page.mouse.up()
+
+
+if __name__ == "__main__":
+    main()
