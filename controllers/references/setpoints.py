@@ -35,7 +35,7 @@ class Setpoints(Reference):
     name: ClassVar[str] = "setpoints"
 
     points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
-    """The goals: (time, x, y) each, from when on which place, s and m of plate axes."""
+    """The goals (time, x, y): seconds of the run, metres in plate axes."""
     time_constant: float = 0.2
     """Of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
     before: dict[str, Any] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from time import monotonic
 from typing import Any
 
 from nicegui import ui
@@ -19,6 +20,8 @@ from twin.scenario.schema import choices
 Do = Callable[[Event], None]
 WIDEST = 2.0
 """A gain's slider goes from 1/4 to 4 times its value: so many powers of two either way."""
+SETTLED = 0.5
+"""Seconds after which a slider is no longer being moved."""
 THROTTLE = 0.05
 """Seconds from one value of a moving slider to the next that is sent."""
 
@@ -38,7 +41,10 @@ class Page:
     ) -> None:
         self._status, self._do, self._save = status, do, save
         self._inputs: list[Any] = []
-        self._sliders: dict[tuple[str, int | None], tuple[Slider, Any, Any]] = {}
+        self._sliders: list[tuple[Slider, Any, Any]] = []
+        self._drives = False
+        self._others = -1
+        self._touched = 0.0
         ui.query("body").style("background:#eef1f4")
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
         with (
@@ -131,12 +137,13 @@ class Page:
             bar.props(f"dense data-testid={name}")
 
         def act(event: Any) -> None:
+            self._touched = monotonic()
             text.text = _number(float(event.args), slider.unit)
             self._do(Settings(moved(self._status.tables, slider, float(event.args))))
 
         bar.on("update:model-value", act, throttle=THROTTLE)
         self._inputs.append(bar)
-        self._sliders[slider.key, slider.entry] = slider, bar, text
+        self._sliders.append((slider, bar, text))
 
     def _show_gains(self, table: str, column: Any) -> None:
         """Sliders of what the present law or observer has for numbers."""
@@ -178,8 +185,6 @@ class Page:
     def _turn_pause(self) -> None:
         self._do(Pause(not self._status.paused))
 
-    _drives = False
-
     def show(self, rows: list[list[float]]) -> None:
         """Show pictures, oldest first."""
         self.plate.show(rows)
@@ -197,10 +202,11 @@ class Page:
             self._shown_gains.clear()
             more = f", {others} more look" if others > 1 else f"{', 1 more looks' * others}"
             self._role.text = f"you drive{more}" if drives else "you look: another browser drives"
-        if status != self._status or drives:
+        if status is not self._status:
             self._say(status)
-
-    _others = -1
+        elif self._touched and monotonic() - self._touched > SETTLED:
+            self._touched = 0.0
+            self._set_sliders()
 
     def _say(self, status: Status) -> None:
         self._status = status
@@ -209,14 +215,19 @@ class Page:
         self._pause.props(f"icon={'play_arrow' if status.paused else 'pause'}")
         self._message.text = status.message
         self._message.style(f"color:{'#b00020' if status.wrong else '#37424a'}")
-        for slider, bar, text in self._sliders.values():
-            value = shown_by(status.tables, slider)
-            text.text = _number(value, slider.unit)
-            bar.value = value
+        if not self._touched:
+            self._set_sliders()
         self._law.value = value_in(status.tables, "controller.kind")
         self._observer.value = value_in(status.tables, "observer.kind")
         self._show_gains("controller", self._law_gains)
         self._show_gains("observer", self._observer_gains)
+
+    def _set_sliders(self) -> None:
+        """Let the sliders show what is, unless one is just being moved."""
+        for slider, bar, text in self._sliders:
+            value = shown_by(self._status.tables, slider)
+            text.text = _number(value, slider.unit)
+            bar.value = value
 
 
 def _number(value: float, unit: str) -> str:

@@ -49,6 +49,7 @@ export default {
     this.sent = null;
     this.latencies = [];
     this.pictures = [];
+    this.shown = 0;
     this.at = Object.fromEntries(this.columns.map((name, index) => [name, index]));
   },
   methods: {
@@ -103,6 +104,7 @@ export default {
       svg.goalY = row[a.goal_y];
       svg.factor = row[a.factor];
       svg.pictures = this.pictures.length;
+      svg.shown = this.shown += 1;
     },
     // time in ms from a goal that was sent to the picture of the simulation that follows it
     measure(row) {

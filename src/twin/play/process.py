@@ -167,9 +167,7 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
                     found.append(write.told.get())
                 return found
 
-            Session(
-                scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True
-            ).run()
+            Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
             write.finish()
     except TwinError as error:
         said.put(Failure(error))

@@ -301,6 +301,8 @@ class Session:
 
     def _note(self, message: str, *, wrong: bool = False) -> None:
         self._status = self._status._replace(message=message, wrong=wrong)
+        if wrong:
+            self._told = None  # told again, as the page may show what was refused
 
     def _say(self, time: float) -> None:
         """Tell how things are, if they have changed."""
