@@ -48,10 +48,10 @@ class Played:
         self.process, self.lines = process, []
         self._reader = Thread(target=self._read)
         self._reader.start()
-        until = time.monotonic() + PATIENCE
+        last = time.monotonic() + PATIENCE
         while not (found := re.search(r"http://\S+", "".join(self.lines))):
             assert process.poll() is None, self.lines
-            assert time.monotonic() < until, self.lines
+            assert time.monotonic() < last, self.lines
             time.sleep(0.05)
         self.url = found[0]
 
@@ -77,10 +77,12 @@ def playing(*arguments):
         env=env,
     )
     with process:
+        played = Played(process)
         try:
-            yield Played(process)
+            yield played
         finally:
             process.terminate()
+            played.ended()
 
 
 @pytest.fixture(scope="module")

@@ -43,6 +43,12 @@ class Part(NamedTuple):
 Write = Callable[[Part, Path], None]
 
 
+def rows_of(record: Recorder) -> dict[str, Array]:
+    """A copy of what was recorded, column by column."""
+    rows = {name: values.copy() for name, _, values in record.columns()}
+    return {"time": record.time.copy(), **rows}
+
+
 def worth_keeping(states: Sequence[Kept]) -> tuple[Snapshot, ...]:
     """The states that a record keeps: each since which it says all that was done, and some more."""
     acted = {each.time: each.rig for each in states if each.acted}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from controllers.arrays import Array
 from controllers.interfaces import Measurement
 from controllers.stack import Controller, SampledReference
 from twin.errors import TwinError
@@ -19,8 +19,8 @@ from twin.play.events import Back, End, Event, Goal, Inbox, Pause, Push, Save, S
 from twin.play.ghost import Ghost, push
 from twin.play.kept import Kept, States
 from twin.play.pace import Pace
-from twin.play.saving import Part, Write, save_driven, worth_keeping
-from twin.play.sight import Show, Status, Tell
+from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
+from twin.play.sight import Show, Status, Tell, picture
 from twin.run.assemble import assemble
 from twin.run.changes import Changes
 from twin.run.control import build_controller
@@ -144,25 +144,26 @@ class Session:
             self._keep(measurement)
         if self.record.length == self.record.ticks:
             self._make_room(measurement)
-        self._take(self._inbox(self._pace.early(time)), measurement)
+        do = partial(self._do, measurement=measurement)
+        self._take(self._inbox(self._pace.early(time)), do, time)
         while self._paused:
-            self._take(self._inbox(WAIT), measurement)
+            self._take(self._inbox(WAIT), do, time)
             self._pace.begin(time)
         if tick % self._every == 0:
             self._show(self._picture(time))
         self._ghost.step()
 
-    def _take(self, events: Sequence[Event], measurement: Measurement) -> None:
+    def _take(self, events: Sequence[Event], do: Callable[[Event], None], time: float) -> None:
         """Do what the person wants; leaves the loop if that needs it to be entered again."""
         self._events += events
         if not self._events:
             return
         while self._events and not self._again:
             try:
-                self._do(self._events.popleft(), measurement)
+                do(self._events.popleft())
             except TwinError as error:
                 self._note(str(error), wrong=True)
-        self._say(measurement.time)
+        self._say(time)
         if self._again:
             self._again = False
             raise _Again
@@ -209,15 +210,7 @@ class Session:
         self._show(self._picture(time))
         self._say(time)
         while True:
-            for event in self._inbox(WAIT):
-                try:
-                    self._do_ended(event, time)
-                except TwinError as error:
-                    self._note(str(error), wrong=True)
-                self._say(time)
-                if self._again:
-                    self._again = False
-                    raise _Again
+            self._take(self._inbox(WAIT), partial(self._do_ended, time=time), time)
 
     def _change(self, time: float, values: Mapping[str, Any], measurement: Measurement) -> None:
         """Have new values of settings from now on."""
@@ -250,7 +243,7 @@ class Session:
         self._keep(measurement)
         known, record = self.record, self._rig
         self.record = Recorder(2 * known.ticks, 1, record.period, record.channels)
-        self.record.begin_with(_rows(known))
+        self.record.begin_with(rows_of(known))
         raise _Again
 
     def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
@@ -268,7 +261,7 @@ class Session:
             Part(
                 driven=self.driven,
                 outcome=self.outcome or Outcome(Ending.FINISHED, end),
-                rows=_rows(self.record),
+                rows=rows_of(self.record),
                 plant=self._rig.channels,
                 snapshots=worth_keeping(self._states.all),
                 journal=tuple(self._rig.journal),
@@ -280,23 +273,17 @@ class Session:
 
     def _picture(self, time: float) -> tuple[float, ...]:
         """The numbers of a picture."""
-        x, _, phi, _, y, _, theta, _ = self._rig.devices.state[0].tolist()
-        desired_x, desired_y = self._controller.reference(time)[0].ravel().tolist()
-        goals = self.driven.goals
-        goal_x, goal_y = (desired_x, desired_y) if goals is None else goals.points[-1][1:]
-        ghost = self._ghost.state
-        there = self._ghost.on_plate
-        ghost_x, ghost_y = (float(ghost[0]), float(ghost[4])) if there else (math.nan, math.nan)
-        effort = math.nan
-        if self.record.length:
-            since = max(0, self.record.length - self._every)
-            effort = float(np.sqrt((self.record["applied"][since:] ** 2).mean()))
-        return (
-            *(time, x, y, phi, theta, goal_x, goal_y, desired_x, desired_y, ghost_x, ghost_y),
-            math.hypot(x - desired_x, y - desired_y),
-            math.hypot(ghost_x - desired_x, ghost_y - desired_y),
-            effort,
-            self._pace.factor,
+        desired = self._controller.reference(time)[0].ravel()
+        goals, ghost = self.driven.goals, self._ghost
+        last = self.record["applied"][-self._every :] if self.record.length else None
+        return picture(
+            time,
+            self._rig.devices.state[0],
+            goal=desired if goals is None else np.array(goals.points[-1][1:]),
+            desired=desired,
+            ghost=ghost.state if ghost.on_plate else None,
+            applied=last,
+            factor=self._pace.factor,
         )
 
     def _note(self, message: str, *, wrong: bool = False) -> None:
@@ -319,9 +306,3 @@ class Session:
         if now != self._told:
             self._told = now
             self._tell(now)
-
-
-def _rows(record: Recorder) -> dict[str, Array]:
-    """A copy of what was recorded, column by column."""
-    rows = {name: values.copy() for name, _, values in record.columns()}
-    return {"time": record.time.copy(), **rows}
