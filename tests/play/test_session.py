@@ -9,6 +9,7 @@ import pytest
 from twin.errors import ScenarioError
 from twin.play.driven import Driven
 from twin.play.events import Back, End, Goal, Pause, Push, Save, Settings
+from twin.play.kept import Kept, States
 from twin.play.pace import AtOnce
 from twin.play.session import Session
 from twin.play.sight import COLUMNS
@@ -35,12 +36,16 @@ def played(driven, tmp_path_factory):
         100: [Goal(0.05, 0.02)],
         150: [Settings({FRICTION: 0.3})],
         250: [Push(0.05, -0.02)],
+        # soon after the state that is kept of the push, which must not know of it
+        300: [Goal(0.05, 0.0)],
         350: [Settings({"controller.kind": "pole_placement"})],
-        600: [Save(folder)],
+        560: [Goal(-0.05, 0.0)],
+        700: [Save(folder)],
     }
-    told = []
-    session = driven(load("hold"), script, 600, tell=told.append)
-    return session, folder, told
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.play.saving.LATER", 0.5)
+        session = driven(load("hold"), script, 700)
+    return session, folder
 
 
 def test_untouched_it_is_the_run_to_the_bit(driven):
@@ -117,15 +122,39 @@ def test_a_push_changes_the_ball_and_nothing_else(driven):
 
 
 def test_another_law_goes_on_from_this_moment(played):
-    session, _, _ = played
+    session, _ = played
     assert session.driven.scenario.controller.kind == "pole_placement"
     assert len(session.driven.controllers) == 2
     assert np.abs(np.diff(session.record["state"][:, 0, 0])).max() < 5e-4
     assert np.isfinite(rows(session)).all()
 
 
+@pytest.mark.parametrize("values", [{"controller.rho": 300.0}, {"observer.kind": "luenberger"}])
+def test_what_is_chosen_again_as_it_was_changes_no_bit(driven, values):
+    calm = driven(load("hold"), {20: [Goal(0.1, 0)]}, 200)
+    session = driven(load("hold"), {20: [Goal(0.1, 0)], 100: [Settings(values)]}, 200)
+    assert len(session.driven.controllers) == 2
+    common = session.record.length
+    assert common > 190
+    assert np.array_equal(rows(session), rows(calm)[:common])
+
+
+def test_states_of_long_ago_are_fewer_but_none_in_which_something_was_done_is_left_out():
+    states = States()
+    for second in range(120):
+        assert states.due(float(second))
+        for acted in (False, True)[: 2 if second == 33 else 1]:
+            states.keep(Kept(float(second), 500 * second, None, None, None, acted))
+    times = [each.time for each in states.all]
+    assert times[-30:] == list(range(90, 120))
+    assert 33.0 in times
+    assert len(times) == len(set(times))
+    assert len(times) < 30 + 90 / 5 + 5
+    assert states.back_to(42.5).time == max(each for each in times if each < 42.5)
+
+
 def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
-    _, folder, _ = played
+    _, folder = played
     (saved,) = open_run(folder)
     assert saved.metrics["outcome"] == "finished"
     assert saved.driven["pushes"] == [[0.5, 0.05, -0.02]]
@@ -135,10 +164,10 @@ def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
     ]
     said = summary(saved, Diagnosis.of(saved))
     assert (
-        "It was driven by hand: 1 goal, 1 push, 1 change of the rig, 1 change of the controller."
+        "It was driven by hand: 3 goals, 1 push, 1 change of the rig, 1 change of the controller."
     ) in said
     metrics = json.loads((folder / "metrics.json").read_text())
-    assert metrics["driven"]["goals"] == 1
+    assert metrics["driven"]["goals"] == 3
     assert (folder / "picture.png").stat().st_size > 10_000
 
 
@@ -146,12 +175,12 @@ def test_a_saved_run_is_a_run_that_says_it_was_driven(played):
     ("at", "law", "not_repeated"),
     [
         (0.4, "lqr", "1 pushes and 1 changes of the controller after 0.4 s"),
-        (0.6, "lqr", "0 pushes and 1 changes of the controller after 0.6 s"),
-        (1.0, "pole_placement", None),
+        (0.65, "lqr", "0 pushes and 1 changes of the controller after 0.65 s"),
+        (1.2, "pole_placement", None),
     ],
 )
 def test_whatif_goes_on_from_any_moment_of_it_exactly(played, at, law, not_repeated):
-    _, folder, _ = played
+    _, folder = played
     moment = moment_of(folder, at)
     assert moment.exact
     assert moment.before_mm == 0.0

@@ -48,7 +48,8 @@ class States:
     def keep(self, state: Kept) -> None:
         """Take one in; of two at one moment the later one counts."""
         if self.all and abs(self.all[-1].time - state.time) < 1e-9:
-            state = state._replace(acted=state.acted or self.all.pop().acted)
+            former = self.all.pop()
+            state = state._replace(acted=state.acted or former.acted)
         self.all.append(state)
         self._thin(state.time)
 

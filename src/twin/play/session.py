@@ -124,7 +124,6 @@ class Session:
             take_over(self._controller, *self._before, self._controlled)
         acted = self._before is not None
         self._before = None
-        self._follow()
         self._keep(measurement, acted=acted)
         self._show(self._picture(measurement.time))
         self._say(measurement.time)
@@ -140,7 +139,6 @@ class Session:
         """Between two periods: wait for the clock, take events in, step the clean model."""
         time = measurement.time
         if self._states.due(time):
-            self._follow()  # what a state keeps must not know the path ahead
             self._keep(measurement)
         if self.record.length == self.record.ticks:
             self._make_room(measurement)
@@ -247,7 +245,8 @@ class Session:
         raise _Again
 
     def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
-        """Keep the state of this moment."""
+        """Keep the state of this moment; it must not hold what the path ahead was taken to be."""
+        self._follow()
         rig = Snapshot.take(self._rig, self._controller, measurement)
         row, ghost = self.record.length, self._ghost.taken()
         self._states.keep(Kept(measurement.time, row, self.driven, rig, ghost, acted))
