@@ -62,7 +62,7 @@ def drive(page: Page) -> None:
     plate = page.locator("svg[data-time]")
     ball = tuple(1000 * float(plate.get_attribute(f"data-{axis}")) for axis in "xy")
     page.get_by_test_id("pause").click()
-    drag(page, ball, (ball[0] - 60, ball[1] - 90), steps=3)
+    drag(page, ball, (ball[0] - 30, ball[1] - 40), steps=3)
     now = float(plate.get_attribute("data-time"))
     wait(page, now + 0.6)
     page.mouse.move(5, 5)
