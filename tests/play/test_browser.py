@@ -261,6 +261,16 @@ def test_it_ends_by_itself_when_its_time_is_up(tmp_path):
         assert played.ended() == 0
 
 
+def test_a_simulation_that_dies_is_one_line_and_exit_code_1(tmp_path):
+    with playing("hold", "--out", str(tmp_path / "run")) as played:
+        children = psutil.Process(played.process.pid).children()
+        max(children, key=lambda each: sum(each.cpu_times()[:2])).kill()
+        assert played.ended() == 1
+        # what follows is Python's own: semaphores of a process that was killed are taken back
+        assert played.lines[1] == "ballplate: the simulation's process was ended\n"
+        assert "Traceback" not in "".join(played.lines)
+
+
 def answer(url, **headers):
     """The status of an answer."""
     try:

@@ -9,7 +9,6 @@ import click
 from twin.cli import completion as tab
 from twin.cli.options import LAW, PLANT, SETTING, load_scenario, with_plant
 from twin.cli.output import console, warn
-from twin.errors import TwinError
 from twin.writable import check_writable
 
 PORT = 8090
@@ -70,5 +69,6 @@ def play(
 
     server.run(begun)
     if server.failure is not None:
-        raise TwinError(server.failure)
+        click.echo(f"ballplate: {server.failure}", err=True)
+        return 1
     return 0
