@@ -9,7 +9,7 @@ import click
 from twin.cli import completion as tab
 from twin.cli.options import LAW, PLANT, SETTING, load_scenario, with_plant
 from twin.cli.output import console, warn
-from twin.writable import check_writable
+from twin.writing import check_writable
 
 PORT = 8090
 

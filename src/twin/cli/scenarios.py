@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,11 +12,23 @@ from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
 from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, with_plant
-from twin.cli.output import console, print_json, print_metrics, print_reasons, print_titles
+from twin.cli.output import (
+    console,
+    print_json,
+    print_metrics,
+    print_reasons,
+    print_titles,
+    progress,
+    warn,
+)
 from twin.cli.rigs import RESET, RIG
 from twin.cli.terminal import Terminal
 from twin.cli.viewing import VIEWING, Viewing
+from twin.errors import LogError
 from twin.shipped import find
+
+if TYPE_CHECKING:
+    from twin.shadow.examine import Examined
 
 
 @click.command("list")
@@ -40,6 +53,7 @@ def list_scenarios(*, as_json: bool) -> None:
 @RIG
 @RESET
 @click.option("--resume", is_flag=True, help="Go on with the run in the run folder, interrupted.")
+@click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
 @VIEWING
 @ALL
 @JSON
@@ -55,6 +69,7 @@ def run(
     reset: bool,
     everything: bool,
     resume: bool,
+    shadow: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
@@ -74,13 +89,15 @@ def run(
         on=rig,
         reset=reset,
         resume=resume,
-        watch=lambda chosen: terminal.watching(viewing, chosen, folder),
+        watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
         reporter=terminal,
     )
+    examined = _examined(folder) if shadow else None
     model = done.baseline
     if as_json:
         compared_with = model.summary() if model else None
-        print_json({**done.summary(), "verdict": done.verdict, "baseline": compared_with})
+        told = {} if examined is None else {"shadow": examined.numbers}
+        print_json({**done.summary(), "verdict": done.verdict, "baseline": compared_with, **told})
     else:
         console.print(done.title, style="bold", markup=False)
         shown = {label: each.summary() for label, each in done.shown.items()}
@@ -92,7 +109,10 @@ def run(
                 "designed on, without dead time, noise or mechanism"
             )
         console.print(done.verdict, style="bold", markup=False)
+        for sentence in [] if examined is None else examined.sentences:
+            console.print(sentence, markup=False)
         files = "picture.png, metrics.json, run.parquet"
+        files += "" if examined is None else ", shadow.html, shadow.json, shadow.parquet"
         console.print(f"written to {folder}/{replaced}: {files}", markup=False, soft_wrap=True)
         console.print(
             f"more: --all for every indicator; ballplate report, view, explain {scenario}",
@@ -102,3 +122,15 @@ def run(
         )
     viewing.keep(folder)
     return int(not done.finished)
+
+
+def _examined(folder: Path) -> Examined | None:
+    """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
+    from twin.shadow.examine import examine
+
+    try:
+        with progress("the twin beside the whole run", 1.0) as advance:
+            return examine(folder, folder, progress=advance)
+    except LogError as error:
+        warn(f"{error}; the run itself is in {folder}/")
+        return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -11,6 +10,10 @@ from twin.cli.options import JSON, PROCESSES, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.writing import check_writable
 
+FAMILY = "uncertain"
+"""The family of rigs from which the healthy ones of the matrix are drawn,"""
+DRAWS = (1_801, 1_802)
+"""and the draws: to work out the false-alarm rate, and to judge."""
 HORIZON = click.Choice(["0.5", "1", "2"])
 
 
@@ -63,51 +66,39 @@ def shadow(
         return _matrix(each, hours, doc, processes)
     if log is None:
         raise click.UsageError("give a run folder, a run.parquet or a CSV file, or --matrix")
-    from twin.identify.log import read
-    from twin.shadow.belief import believed
-    from twin.shadow.proposal import propose
-    from twin.shadow.proposal import write as write_proposal
-    from twin.shadow.report import numbers, sentences, write
-    from twin.shadow.shadow import shadow as follow
+    from twin.shadow.examine import FILES, examine
 
-    recorded = replace(read(log), source=log.name)
-    belief = believed(recorded, overrides)
-    own = log if log.is_dir() else Path("runs") / f"shadow-{log.stem}"
-    folder = out or own
+    folder = out or (log if log.is_dir() else Path("runs") / f"shadow-{log.stem}")
     check_writable(folder)
-    proposal, file = None, None
-    with progress(f"the twin beside {recorded.source}", 1.0) as advance:
-        found = follow(recorded, belief, float(horizon))
-        advance(0.5)
-        if found.alarms and not no_proposal:
-            proposal = propose(recorded, belief, found.alarms[-1].since)
-    if proposal is not None and proposal.text:
-        file = write_proposal(proposal, folder)
-    write(found, proposal, file, folder)
+    with progress(f"the twin beside {log.name}", 1.0) as advance:
+        examined = examine(
+            log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
+        )
     if as_json:
-        print_json(numbers(found, proposal, file))
+        print_json(examined.numbers)
     else:
-        for sentence in sentences(found, proposal):
+        for sentence in examined.sentences:
             console.print(sentence, markup=False)
-        if file is not None:
-            console.print(f"try it: --set parameters={file}", markup=False)
-        console.print(f"written to {folder}/: shadow.html, shadow.json, shadow.parquet")
-    return int(bool(found.alarms))
+        console.print(f"written to {folder}/: {FILES}")
+    return int(bool(examined.found.alarms))
 
 
 def _matrix(each: int, hours: float, doc: Path | None, processes: int | None) -> int:
     """Try the shadow on simulated rigs."""
     from twin.jobs import cores
-    from twin.shadow.matrix import trials
+    from twin.shadow.matrix import healthy_rigs, trials
     from twin.shadow.matrix_page import page
+    from twin.study.family import drawn, read
     from twin.writing import write_whole
 
     command = f"ballplate shadow --matrix --each {each} --hours {hours:g}"
     if doc is not None:
         check_writable(doc.parent, "--doc")
         command += f" --doc {doc}"
+    family, count = read(FAMILY), healthy_rigs(hours)
+    halves = [[rig.point for rig in drawn(family, draw, count)] for draw in DRAWS]
     with progress("rigs that something happens to, and healthy ones", 1.0) as advance:
-        text = page(trials(each, hours, processes or cores(), advance), command)
+        text = page(trials(each, halves, processes or cores(), advance), command)
     if doc is None:
         console.print(text, markup=False)
     else:

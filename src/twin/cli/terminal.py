@@ -44,9 +44,18 @@ class Terminal(Reporter):
         return OPTIONS.get(argument, f"--{argument}")
 
     @contextmanager
-    def watching(self, viewing: Viewing, scenario: Scenario, folder: Path) -> Iterator[Attach]:
-        """The context of a run that is watched; a live summary takes the place of its progress."""
-        with viewing.of(scenario, folder) as attach:
+    def watching(
+        self, viewing: Viewing, scenario: Scenario, folder: Path, *, twin: bool = False
+    ) -> Iterator[Attach]:
+        """The context of a run that is watched; a live summary takes the place of its progress.
+
+        Args:
+            viewing: How.
+            scenario: What is run.
+            folder: Its folder.
+            twin: Whether its twin runs beside it.
+        """
+        with viewing.of(scenario, folder, twin=twin) as attach:
             self._quiet = viewing.watch
             try:
                 yield attach

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import click
 
@@ -65,10 +66,17 @@ class Viewing:
         self.watch = watch
         self._window, self._connect, self._serve, self._rrd = window, connect, serve, rrd
         self._opened: Opened | None = None
+        self._url, self._recording = "", str(uuid4())
 
     @contextmanager
-    def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
-        """Watch the run made within; the view names it after its folder."""
+    def of(self, scenario: Scenario, folder: Path, *, twin: bool = False) -> Iterator[Attach]:
+        """Watch the run made within; the view names it after its folder.
+
+        Args:
+            scenario: What is run.
+            folder: Its folder.
+            twin: Whether its twin runs beside it.
+        """
         with ExitStack() as running:
             observers: list[LiveProcess] = []
             if self.watch:
@@ -76,10 +84,14 @@ class Viewing:
 
                 observers.append(live_process.LiveProcess(terminal.work, (scenario,)))
                 running.callback(observers[-1].close)
-            shown = self._open(scenario, folder.name)
+            shown = self._open(scenario, folder.name, twin=twin)
             if shown is not None:
                 running.callback(shown.close)
                 observers.append(shown)
+            shadow = self._twin(scenario, folder.name) if twin else None
+            if shadow is not None:
+                running.callback(shadow.close)
+                observers.append(shadow)
 
             def watch(recorder: Recorder) -> None:
                 for each in observers:
@@ -88,8 +100,16 @@ class Viewing:
             yield watch
             if self.watch:
                 observers[0].finish(SUMMARY)
+            if shadow is not None and not shadow.finish(SUMMARY):
+                warn("the twin stopped before the end; the run and its record are complete")
             if shown is not None:
                 self._end(shown)
+
+    def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
+        """Start the twin beside the run, drawn in the view if there is one."""
+        from twin.shadow.live import Shown, beside
+
+        return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
 
     def _end(self, shown: LiveProcess) -> None:
         """Let the view catch up and report what it missed."""
@@ -116,7 +136,7 @@ class Viewing:
             except KeyboardInterrupt:
                 self._opened.close()
 
-    def _open(self, scenario: Scenario, name: str) -> LiveProcess | None:
+    def _open(self, scenario: Scenario, name: str, *, twin: bool) -> LiveProcess | None:
         """Start the view that was asked for; None if none was, or it cannot start."""
         if not (self._window or self._connect or self._serve):
             return None
@@ -134,7 +154,8 @@ class Viewing:
             return None
         if self._opened is not None and self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
-        return live.show(scenario, name, url)
+        self._url = url
+        return live.show(scenario, name, url, recording=self._recording, twin=twin)
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

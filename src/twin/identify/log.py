@@ -125,7 +125,7 @@ def read(path: Path) -> Log:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     run = path.resolve().parent.name
     source = f"{run}/{path.name}" if path.name == "run.parquet" else path.name
-    return _log(columns, metadata, source)
+    return of_columns(columns, metadata, source)
 
 
 def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -167,7 +167,18 @@ def _require(names: list[str], source: str) -> None:
         )
 
 
-def _log(columns: dict[str, Array], metadata: dict[str, Any], source: str) -> Log:
+def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:
+    """A log of columns in SI units.
+
+    Args:
+        columns: Of ``COLUMNS``, shape (K,) each; those that are required are there.
+        metadata: Of the run, with its scenario; empty for another log.
+        source: What the log is called.
+
+    Raises:
+        LogError: If the metadata are not those of a run.
+    """
+
     def pair(first: str, second: str) -> Array | None:
         if first not in columns or second not in columns:
             return None

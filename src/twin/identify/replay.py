@@ -118,7 +118,7 @@ def replay(
         a += free(n + 1, p + h * v, v + h * a)
         pull = v / grip + a / 2
         strength = np.hypot(pull[0], pull[1])
-        place = np.moveaxis(p, 0, -1)
+        place = p if friction.map is None else np.moveaxis(p, 0, -1)
         most = per_arm[n] * friction.arm(speed, place, age)
         after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
         left = np.hypot(after[0], after[1])

@@ -68,7 +68,9 @@ def assemble(
     _agree(each)
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
-    return Experiment(build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller)
+    return Experiment(
+        build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller
+    )
 
 
 def build_rig(

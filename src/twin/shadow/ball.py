@@ -6,8 +6,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.identify.levenberg_marquardt import fit_starts
-from twin.identify.prepare import PreparedLog
-from twin.identify.windows import BIN, LOOKBACK, Windows, cut, moving_spans
+from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.evidence import Evidence, log_evidence
 
@@ -16,12 +16,30 @@ LONGEST = 1.5
 WIDE = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
 STEPS = 5
-"""Gauss-Newton steps that look for the ball's start in a window."""
+"""Gauss-Newton steps that look for the ball's start in a window,"""
+CONVERGED = 1e-4
+"""and the decrease of the misfit, in noise variances, below which they are enough."""
 
 
-def ball_windows(log: PreparedLog, belief: Belief) -> Windows | None:
-    """The windows in which the ball moves; None if there are none."""
-    return cut(log, belief.lag, LONGEST, moving_spans)
+def ball_windows(
+    log: PreparedLog, belief: Belief, since: float = -np.inf
+) -> tuple[Windows | None, Array]:
+    """The windows in which the ball moves, None if there are none, and when each ends, shape (W,).
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        since: Seconds; what was before has been cut into windows already.
+    """
+    ends = [np.zeros(0)]
+
+    def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
+        found = moving_spans(segment, max(begin, since), end, longest)
+        ends.append(found.begin + found.length)
+        return found
+
+    windows = cut(log, belief.lag, LONGEST, spans)
+    return windows, np.concatenate(ends)
 
 
 def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> list[Evidence]:
@@ -38,7 +56,7 @@ def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) 
     problem = belief.problem(windows)
     theta = belief.theta if theta is None else theta
     first = np.repeat(problem.initial_starts(), len(theta), axis=1)
-    starts, _ = fit_starts(problem, theta, first, STEPS)
+    starts, _ = fit_starts(problem, theta, first, STEPS, CONVERGED)
     free, _ = problem.linearise(theta, starts).eliminate_starts()
     r, J = free[..., 0], free[..., 1 : 1 + len(BALL)]  # noqa: N806
     counted = windows.weight[..., :1] > 0

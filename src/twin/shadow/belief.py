@@ -22,6 +22,7 @@ from twin.sim.drives import DriveModel
 from twin.sim.encoders import EncoderModel
 from twin.sim.plant.friction import Friction
 from twin.sim.touch import TouchModel
+from twin.sim.transmission import TransmissionError
 
 BALL = ("rolling", "breakaway", "delay", "level_phi", "level_theta", "gain")
 """Parameters that the ball's motion shows."""
@@ -61,6 +62,8 @@ class Belief:
         values: Ball parameters in SI units by their name in ``identify``.
         lag: Time constant in s of the drives.
         own_lag: Lag in s of the twin's own drives without a bandwidth limit.
+        play: Width in rad of the gap in the drives, as plate angle.
+        turned: How far the plate turns over how far it is commanded to, phi and theta, shape (2,).
         grip: Time in s within which friction stops a ball, see ``replay``.
         screen: Variance of a sample along x and y in m^2, shape (2,).
         encoders: Variance of a reading of phi and theta in rad^2, shape (2,).
@@ -75,6 +78,8 @@ class Belief:
     values: Mapping[str, float]
     lag: float
     own_lag: float
+    play: float
+    turned: Array
     grip: float
     screen: Array
     encoders: Array
@@ -130,6 +135,8 @@ class Belief:
             values=values,
             lag=1 / (2 * np.pi * corner) if corner else 0.0,
             own_lag=log.own_lag,
+            play=float(np.ravel(drives.backlash)[0]),
+            turned=1 + _pair(filled(TransmissionError, [scenario]).slope),
             grip=log.grips[0],
             screen=_pair(touch.variance) + pitch**2 / 12,
             encoders=_pair(encoders.variance) + count**2 / 12,

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from controllers.arrays import Array
 from twin.run.overview_plot import COLOURS, LOOK
-from twin.shadow.shadow import THRESHOLD, Shadow
+from twin.shadow.alarms import THRESHOLD
+from twin.shadow.shadow import Shadow
 
 ALARM = COLOURS[1]
 SIDES = 1.96

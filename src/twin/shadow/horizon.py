@@ -8,7 +8,9 @@ What the twin does not know, its state at the start and its parameters, is drawn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +19,8 @@ from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import Problem
-from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, cut, speed
+from twin.identify.replay import STEP, AccelerationField
+from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, Windows, cut, speed
 from twin.shadow.belief import BALL, PARAMETERS, Belief
 
 HORIZONS = (0.5, 1.0, 2.0)
@@ -26,8 +29,13 @@ LEAD = 0.4
 """Seconds of samples from which the state at a start is smoothed."""
 MEDIAN, BAND = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
+ROWS = ("time", "error", "spread", "told", "path")
+DRAWN = 5
+"""Steps of a replay from one point of its path that is kept to the next."""
 STEPS = 6
-"""Gauss-Newton steps that look for the ball's start."""
+"""Gauss-Newton steps that look for the ball's start,"""
+CONVERGED = 1e-4
+"""and the decrease of the misfit, in noise variances, below which they are enough."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,7 @@ class Replays:
         error: Measured ball minus replay at the horizon, m, shape (W, 2); NaN without a sample.
         spread: Predicted covariance of it, m^2, shape (W, 2, 2).
         told: Whether the ball moved, so that the replay can tell anything, shape (W,).
+        path: Where the twin's ball is from the start on, every ``DRAWN`` steps, m, shape (W, N, 2).
     """
 
     time: Array
@@ -47,6 +56,20 @@ class Replays:
     error: Array
     spread: Array
     told: Mask
+    path: Array
+
+    def take(self, which: Mask) -> Replays:
+        """Some of them."""
+        parts: dict[str, Any] = {name: getattr(self, name)[which] for name in ROWS}
+        return replace(self, **parts)
+
+    @classmethod
+    def join(cls, parts: Sequence[Replays]) -> Replays:
+        """All of several of one horizon."""
+        rows: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in ROWS
+        }
+        return replace(parts[0], **rows)
 
     @property
     def square(self) -> Array:
@@ -65,7 +88,9 @@ class Replays:
         return np.asarray(self.told & np.isfinite(self.error).all(axis=-1))
 
 
-def replays(log: PreparedLog, belief: Belief, ahead: float, every: float) -> Replays | None:
+def replays(
+    log: PreparedLog, belief: Belief, ahead: float, every: float, since: float = -np.inf
+) -> Replays | None:
     """Replays of a log from many starts; None if it is too short for any.
 
     Args:
@@ -73,18 +98,18 @@ def replays(log: PreparedLog, belief: Belief, ahead: float, every: float) -> Rep
         belief: The twin.
         ahead: Horizon in s.
         every: Seconds between the starts of two replays.
+        since: The first start in s, where the log goes back further.
     """
 
     def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
         del segment
-        begins = np.arange(begin, end - longest, every)
+        begins = np.arange(max(begin, since - LEAD), end - longest, every)
         return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
     windows = cut(log, belief.lag, LEAD + ahead + BIN, spans)
     if windows is None:
         return None
-    lead = windows.time < LOOKBACK + LEAD
-    known = belief.problem(replace(windows, weight=windows.weight * lead[..., None]))
+    known = belief.problem(_lead(windows))
     points, weights = _sigma_points(known, belief)
     whole = belief.problem(windows)
     places, speeds = whole.replayed(points[0], points[1])
@@ -100,7 +125,23 @@ def replays(log: PreparedLog, belief: Belief, ahead: float, every: float) -> Rep
     spread = np.einsum("c,cwi,cwj->wij", weights, away, away) + noise[..., None] * np.eye(2)
     error = np.where(near.any(axis=1)[:, None], windows.ball[rows, sample] - middle, np.nan)
     start = windows.begin + LOOKBACK + LEAD
-    return Replays(start, ahead, error, spread, _moving(log, start, ahead))
+    path = np.einsum("c,nicw->wni", weights, places)[:, round((LOOKBACK + LEAD) / STEP) :]
+    path = path[:, : round(ahead / STEP) + 1 : DRAWN]
+    return Replays(start, ahead, error, spread, _moving(log, start, ahead), path)
+
+
+def _lead(windows: Windows) -> Windows:
+    """The samples from which a start is smoothed, and as much of the field as they need."""
+    bins, steps = round(LEAD / BIN) + 1, round((LOOKBACK + LEAD + BIN) / STEP) + 1
+    before = windows.time[:, :bins] < LOOKBACK + LEAD
+    field = {item.name: getattr(windows.field, item.name)[:steps] for item in fields(windows.field)}
+    return replace(
+        windows,
+        field=AccelerationField(**field),
+        time=windows.time[:, :bins],
+        ball=windows.ball[:, :bins],
+        weight=windows.weight[:, :bins] * before[..., None],
+    )
 
 
 def _sigma_points(problem: Problem, belief: Belief) -> tuple[tuple[Array, Array], Array]:
@@ -110,7 +151,7 @@ def _sigma_points(problem: Problem, belief: Belief) -> tuple[tuple[Array, Array]
     samples then, and that varies by what the samples leave open.
     """
     theta = belief.theta
-    starts, _ = fit_starts(problem, theta, problem.initial_starts(), STEPS)
+    starts, _ = fit_starts(problem, theta, problem.initial_starts(), STEPS, CONVERGED)
     line = problem.linearise(theta, starts)
     _, follow = line.eliminate_starts()
     Z = line.by_start[0]  # noqa: N806

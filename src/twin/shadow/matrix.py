@@ -14,10 +14,10 @@ from twin.jobs import results
 from twin.shadow.belief import believed
 from twin.shadow.causes import likely
 from twin.shadow.horizon import BAND
-from twin.shadow.injections import AT, DURATION, HEALTHY, KINDS, RAMP, Kind, logs, rig
+from twin.shadow.injections import AT, DURATION, HEALTHY, KINDS, RAMP, Drawn, Kind, logs, rig
 from twin.shadow.shadow import shadow
 
-TOGETHER = 6
+TOGETHER = 24
 """Rigs that are simulated side by side."""
 IN_TIME = 20.0
 """Seconds after a change is complete within which an alarm counts as in time."""
@@ -30,12 +30,25 @@ INJECTED = 30_000
 HEALTHY_SCENARIOS = ("excite", "circle", "sine")
 
 
-class Job(NamedTuple):
-    """Rigs of one kind that are simulated side by side."""
+class Member(NamedTuple):
+    """One rig of a job: its seed, what happens to it, and what it is if it is not drawn as usual.
 
-    kind: int
+    Attributes:
+        seed: Which rig.
+        kind: Index of ``KINDS``; None for a healthy one.
+        drawn: What it is, by dotted keys.
+    """
+
+    seed: int
+    kind: int | None = None
+    drawn: Drawn | None = None
+
+
+class Job(NamedTuple):
+    """Rigs that are simulated side by side."""
+
     scenario: str
-    seeds: tuple[int, ...]
+    rigs: tuple[Member, ...]
 
 
 @dataclass(frozen=True)
@@ -78,22 +91,24 @@ class Trial:
 
 def carry_out(job: Job) -> list[Trial]:
     """Simulate the rigs of a job and let the twin run beside each."""
-    kind = HEALTHY if job.kind < 0 else KINDS[job.kind]
     found = []
-    for seed, log in zip(
-        job.seeds, logs([rig(seed, job.scenario, kind) for seed in job.seeds]), strict=True
-    ):
+    kinds = [HEALTHY if each.kind is None else KINDS[each.kind] for each in job.rigs]
+    pairs = [
+        rig(each.seed, job.scenario, kind, each.drawn)
+        for each, kind in zip(job.rigs, kinds, strict=True)
+    ]
+    for each, kind, log in zip(job.rigs, kinds, logs(pairs), strict=True):
         said = shadow(log, believed(log))
         first = said.alarms[0] if said.alarms else None
         run = said.one_second
         counted = np.zeros(0, int) if run is None else np.flatnonzero(run.counted)
         found.append(
             Trial(
-                seed,
+                each.seed,
                 kind,
                 float(said.ratio.max()),
                 None if first is None else first.time,
-                () if first is None else tuple(each.name for each in likely(first.causes)),
+                () if first is None else tuple(cause.name for cause in likely(first.causes)),
                 np.zeros(0) if run is None else run.square[counted],
                 np.zeros(0) if run is None else np.hypot(*run.error[counted].T),
             )
@@ -101,18 +116,27 @@ def carry_out(job: Job) -> list[Trial]:
     return found
 
 
+def healthy_rigs(hours: float) -> int:
+    """How many healthy rigs make up some hours, in each half."""
+    return max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION / 2))
+
+
 def trials(
-    each: int, hours: float, processes: int, progress: Callable[[float], None] = lambda _: None
+    each: int,
+    families: Sequence[Sequence[Drawn]],
+    processes: int,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> list[Trial]:
     """Rigs of every kind and healthy ones.
 
     Args:
         each: Rigs of each kind; every second one changes along a ramp, where there can be one.
-        hours: Of healthy running, half of it for working out the false-alarm rate.
+        families: Healthy rigs: those from which the false-alarm rate is worked out, and those on
+            which it is judged.
         processes: That work side by side.
         progress: Called with the share of the work done.
     """
-    jobs = list(_jobs(each, hours))
+    jobs = list(enumerate(_jobs(each, families)))
     found: list[Trial] = []
     for done, (_, some) in enumerate(results(carry_out, jobs, processes)):
         found += some
@@ -120,21 +144,24 @@ def trials(
     return sorted(found, key=lambda trial: trial.seed)
 
 
-def _jobs(each: int, hours: float) -> Iterator[tuple[int, Job]]:
-    number = 0
-    for kind in range(len(KINDS)):
-        for seeds in _groups(INJECTED + 1000 * kind, each):
-            yield (number := number + 1), Job(kind, "excite", seeds)
-    half = max(1, round(hours * 3600 / DURATION / 2 / TOGETHER)) * TOGETHER
-    for first in (CALIBRATED, JUDGED):
-        for index, seeds in enumerate(_groups(first, half)):
-            scenario = HEALTHY_SCENARIOS[index % len(HEALTHY_SCENARIOS)]
-            yield (number := number + 1), Job(-1, scenario, seeds)
+def _jobs(each: int, families: Sequence[Sequence[Drawn]]) -> Iterator[Job]:
+    changed = [
+        Member(INJECTED + 1000 * kind + number, kind)
+        for number in range(each)
+        for kind in range(len(KINDS))
+    ]
+    yield from (Job("excite", group) for group in _groups(changed))
+    for first, family in zip((CALIBRATED, JUDGED), families, strict=True):
+        rigs = [Member(first + index, None, drawn) for index, drawn in enumerate(family)]
+        for place, scenario in enumerate(HEALTHY_SCENARIOS):
+            yield from (
+                Job(scenario, part) for part in _groups(rigs[place :: len(HEALTHY_SCENARIOS)])
+            )
 
 
-def _groups(first: int, count: int) -> Iterator[tuple[int, ...]]:
-    for begin in range(0, count, TOGETHER):
-        yield tuple(range(first + begin, first + min(begin + TOGETHER, count)))
+def _groups(rigs: Sequence[Member]) -> Iterator[tuple[Member, ...]]:
+    for begin in range(0, len(rigs), TOGETHER):
+        yield tuple(rigs[begin : begin + TOGETHER])
 
 
 def hours_between_alarms(largest: Sequence[float], threshold: float, seconds: float) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.shadow.alarms import THRESHOLD
 from twin.shadow.horizon import MEDIAN
 from twin.shadow.injections import DURATION, HEALTHY, KINDS, RAMP
 from twin.shadow.matrix import (
@@ -20,7 +21,6 @@ from twin.shadow.matrix import (
     inside,
     interval,
 )
-from twin.shadow.shadow import THRESHOLD
 
 
 def page(found: Sequence[Trial], command: str) -> str:

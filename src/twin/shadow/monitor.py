@@ -65,16 +65,17 @@ class _Sums:
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
 
-def statistic(evidence: Evidence, belief: Belief) -> Array:
+def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
     """After each window the largest log-likelihood ratio of a change so far, shape (W,).
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
+        after: Windows for which it is not worked out, but left at zero.
     """
     sums = _Sums(evidence, belief)
     largest = np.zeros(len(evidence))
-    for first in range(0, len(evidence), BLOCK):
+    for first in range(after, len(evidence), BLOCK):
         last = 1 + np.arange(first, min(first + BLOCK, len(evidence)))
         begin = np.maximum(last[:, None] - np.array(LOOKBACKS), 0)
         ratio = sums.ratio(begin, np.broadcast_to(last[:, None], begin.shape))

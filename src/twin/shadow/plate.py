@@ -16,7 +16,6 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import DRIVES, Belief
 from twin.shadow.evidence import Evidence
-from twin.sim.drive_train import Play
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -33,24 +32,32 @@ GAPS = (np.radians(0.05), np.radians(0.2))
 """Widths in rad of a narrow and of a wide gap."""
 
 
-def plate_evidence(log: PreparedLog, belief: Belief) -> Evidence | None:
-    """Evidence of ``DRIVES``; None if no part of the log is long enough."""
-    parts = [_of_segment(segment, log.period, belief) for segment in log.segments]
+def plate_evidence(log: PreparedLog, belief: Belief, since: float = -np.inf) -> Evidence | None:
+    """Evidence of ``DRIVES``; None if no part of the log is long enough.
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        since: When the first window begins, s, where the log goes back further.
+    """
+    parts = [_of_segment(segment, log.period, belief, since) for segment in log.segments]
     found = [part for part in parts if part is not None]
     return Evidence.join(found) if found else None
 
 
-def _of_segment(segment: Segment, period: float, belief: Belief) -> Evidence | None:
-    rows, skipped = round(WINDOW / period), round(SETTLED / period)
+def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -> Evidence | None:
+    rows = round(WINDOW / period)
+    skipped = round(max(SETTLED, since - segment.time[0]) / period)
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
         return None
     command = segment.command
-    angle, _ = servo_response(command, period, belief.lag, belief.own_lag)
-    late, _ = servo_response(command, period, belief.lag + LAG_DIFFERENCE, belief.own_lag)
+    shaft = _shaft(command, period, belief, belief.lag)
+    angle = _with_play(shaft, belief.play)
+    late = _with_play(_shaft(command, period, belief, belief.lag + LAG_DIFFERENCE), belief.play)
     slopes = (
         (late - angle) / LAG_DIFFERENCE,
-        *(_with_play(angle, gap) - angle for gap in GAPS),
+        *(_with_play(shaft, belief.play + gap) - angle for gap in GAPS),
         angle,
     )
     information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
@@ -90,8 +97,28 @@ def whitened(signals: Array, period: float, disturbance: float, encoder: float) 
     return np.asarray(out / np.sqrt(variance))
 
 
+def _shaft(command: Array, period: float, belief: Belief, lag: float) -> Array:
+    """The plate's angle without a gap, from zero, rad, shape (K, 2)."""
+    return belief.turned * servo_response(command, period, lag, belief.own_lag)[0]
+
+
 def _with_play(angle: Array, width: float) -> Array:
-    """The angle behind a gap of a width in rad, shape (K, 2)."""
-    gap = Play(np.full((1, 1), width))
-    turns = np.diff(angle, axis=0, prepend=angle[:1])
-    return np.asarray(angle[0] + np.cumsum([gap.follow(turn[None])[0] for turn in turns], axis=0))
+    """The angle behind a gap of a width in rad, shape (K, 2), the gap's middle at the first.
+
+    In plain numbers, not arrays: a step depends on the one before.
+    """
+    if width == 0:
+        return angle
+    behind = np.empty_like(angle)
+    half = width / 2
+    for axis in (0, 1):
+        at = float(angle[0, axis])
+        out: list[float] = []
+        for value in angle[:, axis].tolist():
+            if value - at > half:
+                at = value - half
+            elif at - value > half:
+                at = value + half
+            out.append(at)
+        behind[:, axis] = out
+    return behind

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from twin.html import inline, render
+from twin.shadow.alarms import THRESHOLD
 from twin.shadow.causes import likely
 from twin.shadow.figures import picture
 from twin.shadow.proposal import Proposal
-from twin.shadow.shadow import THRESHOLD, Shadow
+from twin.shadow.shadow import Shadow
 from twin.writing import write_json, write_whole
 
 

@@ -30,15 +30,22 @@ def noise_level(ball: Array, variance: Array) -> float:
     return float(np.log(((bend**2).mean(axis=0) / (6 * variance)).mean()) / 2)
 
 
-def noise_evidence(log: PreparedLog, belief: Belief) -> Evidence | None:
-    """Evidence of ``noise``; None if no part of the log is long enough."""
-    parts = [_of_segment(segment, belief) for segment in log.segments]
+def noise_evidence(log: PreparedLog, belief: Belief, since: float = -np.inf) -> Evidence | None:
+    """Evidence of ``noise``; None if no part of the log is long enough.
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        since: When the first window begins, s, where the log goes back further.
+    """
+    parts = [_of_segment(segment, belief, since) for segment in log.segments]
     found = [part for part in parts if part is not None]
     return Evidence.join(found) if found else None
 
 
-def _of_segment(segment: Segment, belief: Belief) -> Evidence | None:
-    begins = segment.time[0] + WINDOW * np.arange(int(segment.length / WINDOW))
+def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:
+    begin = max(float(segment.time[0]), since)
+    begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
     spans, levels, counts, places = [], [], [], []
     for begin in begins:
         ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + WINDOW)]

@@ -20,7 +20,7 @@ Ranges = Mapping[str, tuple[float, float]]
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
-_KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg")
+_KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg", "twin_score", "twin_error_mm")
 """The plots next to the mechanism."""
 
 

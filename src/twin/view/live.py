@@ -6,7 +6,9 @@ import os
 import re
 import socket
 import time
+from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 
 import rerun as rr
 
@@ -19,6 +21,7 @@ from twin.view.recording import new_stream, send
 from twin.view.shared_ring_buffer import SharedRingBuffer
 from twin.view.signals import explained
 from twin.view.streams import TIMELINE, Batch, RunStream
+from twin.view.twin_stream import TWIN_WORDS
 from twin.view.viewer import environment
 
 EVERY = 0.08
@@ -35,6 +38,8 @@ def show(
     *,
     rigs: tuple[int, ...] = (0,),
     layout: Layout = "showing",
+    recording: str | None = None,
+    twin: bool = False,
 ) -> LiveProcess:
     """Show a run live.
 
@@ -44,9 +49,11 @@ def show(
         url: Address of the viewer, or of the server of a page.
         rigs: Which of N rigs are shown, over each other.
         layout: Which tab is open.
+        recording: Identity of the recording, if another process adds to it.
+        twin: Whether that is the run's twin, which then has plots.
     """
     names = (name,) if len(rigs) == 1 else tuple(f"{name}-rig-{rig}" for rig in rigs)
-    return LiveProcess(work, (scenario, names, url, layout), rigs)
+    return LiveProcess(work, (scenario, names, url, layout, recording, twin), rigs)
 
 
 def address(text: str) -> str:
@@ -77,25 +84,31 @@ def reach(url: str) -> str:
 
 
 def work(
-    buffer: Address, scenario: Scenario, names: tuple[str, ...], url: str, layout: Layout
+    buffer: Address,
+    scenario: Scenario,
+    names: tuple[str, ...],
+    url: str,
+    layout: Layout,
+    recording: str | None,
+    twin: bool,
 ) -> None:
     """Send rows until the writer has ended, or is gone; the body of the process."""
     step_back()
     os.environ.update(environment())
     parent = os.getppid()
     with closing(SharedRingBuffer(*buffer)) as ring:
-        _send_rows(ring, scenario, names, url, layout, parent)
+        sender = partial(_begin, url=url, layout=layout, twin=twin)
+        _send_rows(ring, scenario, new_stream(names[0], recording), names, sender, parent)
 
 
 def _send_rows(
     ring: SharedRingBuffer,
     scenario: Scenario,
+    stream: rr.RecordingStream,
     names: tuple[str, ...],
-    url: str,
-    layout: Layout,
+    begin: Callable[[rr.RecordingStream, list[RunStream], dict[str, Array]], None],
     parent: int,
 ) -> None:
-    stream = new_stream(names[0])
     together = len(names) > 1
     runs = [RunStream(name, scenario, i if together else None) for i, name in enumerate(names)]
     while not ring.columns:
@@ -113,7 +126,7 @@ def _send_rows(
             own = rows[:, 1 + i * width : 1 + (i + 1) * width]
             block = {"time": rows[:, 0], **dict(zip(columns, own.T, strict=True))}
             if len(rows) and not started:
-                _begin(stream, runs, block, url, layout)
+                begin(stream, runs, block)
                 started = True
             for batch in each.batches(block):
                 send(stream, batch)
@@ -132,13 +145,16 @@ def _begin(
     stream: rr.RecordingStream,
     runs: list[RunStream],
     block: dict[str, Array],
+    *,
     url: str,
     layout: Layout,
+    twin: bool,
 ) -> None:
     """Connect, and send what does not change."""
     names = [each.name for each in runs]
     plots = [each.plots(block) for each in runs]
     groups = {group: explained([plot[group] for plot in plots], names) for group in plots[0]}
+    groups |= TWIN_WORDS if twin else {}
     plan = blueprint([each.root for each in runs], groups, TIMELINE, layout, live=True)
     stream.connect_grpc(url, default_blueprint=plan)
     for each in runs:

@@ -26,9 +26,14 @@ MENU = 36
 """Height of the viewer's own menu, which is cut off."""
 
 
-def new_stream(name: str) -> rr.RecordingStream:
-    """A stream of our application; what it is connected to is the caller's choice."""
-    stream = rr.RecordingStream(APPLICATION)
+def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
+    """A stream of our application; what it is connected to is the caller's choice.
+
+    Args:
+        name: What the recording is called.
+        recording: Its identity, if several processes add to it.
+    """
+    stream = rr.RecordingStream(APPLICATION, recording_id=recording)
     stream.send_recording_name(name)
     return stream
 

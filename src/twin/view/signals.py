@@ -85,6 +85,8 @@ GROUPS = (
     Group("estimation_error_mm", "estimation error [mm]"),
     Group("friction_mm_per_s2", "friction, disturbance [mm/s²]"),
     Group("tilt_gain_percent", "tilt gain error [%]"),
+    Group("twin_score", "score of the twin"),
+    Group("twin_error_mm", "error of the twin [mm]"),
     Group("delay_ms", "touch screen [ms]"),
     Group("timing_ms", "loop timing [ms]"),
     Group("wheel_force_N", "wheels on cams [N]"),

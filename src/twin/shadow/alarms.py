@@ -1,0 +1,117 @@
+"""When reality has left the model, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.arrays import Array, Mask
+from twin.identify.windows import Windows
+from twin.shadow.belief import Belief
+from twin.shadow.causes import Cause, in_words, likely
+from twin.shadow.diagnosis import Suspicion, weigh
+from twin.shadow.evidence import Evidence
+from twin.shadow.monitor import baseline, onset
+
+THRESHOLD = 12.0
+"""Log-likelihood ratio at which an alarm is raised."""
+SETTLING = 15.0
+"""Seconds after an alarm that are looked at for its cause."""
+STRADDLING = 2.0
+"""Seconds after the most likely time of a change in which it may still lie,"""
+ENOUGH = 4
+"""which are left out where at least so many windows come after."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Reality has left the model.
+
+    Attributes:
+        time: When it was noticed, s.
+        since: The most likely time of the change, s.
+        ratio: Log-likelihood ratio of a change against none.
+        causes: All hypotheses, the most probable first.
+    """
+
+    time: float
+    since: float
+    ratio: float
+    causes: tuple[Cause, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``: the causes that cannot be ruled out."""
+        return {
+            "time": self.time,
+            "since": self.since,
+            "log_likelihood_ratio": self.ratio,
+            "causes": [each.as_dict() for each in likely(self.causes)],
+        }
+
+    @property
+    def words(self) -> str:
+        """One sentence."""
+        return f"{self.time:.1f} s, since about {self.since:.1f} s: {in_words(self.causes)}"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the windows of a log say, from which alarms are made.
+
+    Attributes:
+        soft: All of it, softened, in the order of time.
+        ratio: The statistic of the sequential test after each window of it, shape (W,).
+        ball: Windows in which the ball moves, not softened; None if there are none.
+        windows: The same, as they are replayed.
+        other: Evidence of plate and screen, not softened.
+    """
+
+    soft: Evidence
+    ratio: Array
+    ball: Evidence | None
+    windows: Windows | None
+    other: Evidence
+
+    def alarm(self, crossing: int, belief: Belief) -> Alarm:
+        """The alarm raised after a window of ``soft``.
+
+        Args:
+            crossing: Which window.
+            belief: The twin.
+        """
+        soft = self.soft
+        end = float(soft.end[crossing])
+        last = int(np.searchsorted(soft.end, end + SETTLING, side="right")) - 1
+        since = onset(soft, belief, crossing, last)
+        begin = float(soft.begin[since])
+        suspected = self._suspicion(begin, end + SETTLING)
+        causes = tuple(weigh(suspected, baseline(soft, belief, since), belief))
+        return Alarm(end, begin, float(self.ratio[crossing]), causes)
+
+    def _suspicion(self, begin: float, end: float) -> Suspicion:
+        """What the log holds between two times in s."""
+
+        def between(part: Evidence) -> Mask:
+            return np.asarray((part.begin >= begin - 1e-9) & (part.end <= end))
+
+        rest, ball = self.other.take(between(self.other)), self.ball
+        if ball is None or self.windows is None or not between(ball).any():
+            return Suspicion(None, None, rest)
+        chosen = between(ball)
+        # a window in which the change may lie speaks for neither before nor after
+        clear = chosen & (ball.begin >= begin + STRADDLING)
+        if clear.sum() >= ENOUGH:
+            chosen = clear
+        return Suspicion(self.windows.take(chosen), ball.take(chosen), rest)
+
+
+def crossings(ratio: Array) -> list[int]:
+    """Windows at which the statistic comes to exceed the threshold, having been far below it."""
+    found, armed = [], True
+    for window, value in enumerate(ratio):
+        if armed and value > THRESHOLD:
+            found.append(window)
+        armed = value < THRESHOLD / 3 if not armed or value > THRESHOLD else armed
+    return found

@@ -1,0 +1,217 @@
+"""The twin beside a run in progress: what is said of a log, said while it is written.
+
+Every few seconds the rows of late are looked at as a whole log would be, and what lies far enough
+from their end is kept. Scores differ from those of the whole log by what only the whole log tells:
+the screen's noise and how strongly the plate's encoders are smoothed are estimated from the last
+minute, and a smoothed angle near the end does not know what comes after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.errors import LogError
+from twin.identify.log import COLUMNS, Log, of_columns
+from twin.identify.prepare import PreparedLog, prepare
+from twin.identify.windows import BIN, Windows
+from twin.scenario.schema import Scenario
+from twin.shadow.alarms import SETTLING, Alarm, Findings, crossings
+from twin.shadow.ball import ball_evidence, ball_windows
+from twin.shadow.belief import Belief
+from twin.shadow.evidence import Evidence
+from twin.shadow.horizon import Replays, replays
+from twin.shadow.monitor import LOOKBACKS, statistic
+from twin.shadow.plate import plate_evidence
+from twin.shadow.screen import noise_evidence
+
+STRIDE = 5.0
+"""Seconds of a run after which its twin is asked again."""
+MARGIN = 1.0
+"""Seconds at the end of what has been recorded that are not judged yet."""
+LEAD_IN = 4.0
+"""Seconds before what is judged anew: filters of the plate's angle have settled by then."""
+OLDEST = 10.0
+"""Seconds that are gone back at most for a window in which the ball moves."""
+KEPT = 60.0
+"""Seconds of rows from which noise is estimated."""
+LAST = 2 * LOOKBACKS[-1]
+"""Windows of the ball that are kept for a diagnosis."""
+
+
+@dataclass
+class Said:
+    """What was said of a run so far.
+
+    Attributes:
+        replays: At the horizon of one second; None before the first.
+        soft: Windows of all kinds, softened; None before the first.
+        ratio: The statistic of the sequential test after each.
+        alarms: In the order of time; the causes of the last one may not be settled yet.
+    """
+
+    replays: Replays | None = None
+    soft: Evidence | None = None
+    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    alarms: list[Alarm] = field(default_factory=list)
+
+
+class Follower:
+    """Takes the rows of a run as they come.
+
+    Args:
+        scenario: What is run; the twin believes it, but for what it says will change.
+        source: What the run is called.
+        horizon: Seconds ahead and from one start to the next.
+    """
+
+    def __init__(self, scenario: Scenario, source: str, horizon: float = 1.0) -> None:
+        self.said = Said()
+        self._horizon = horizon
+        self._metadata = {"scenario": scenario.model_dump(mode="json")}
+        self._source = source
+        self.period = scenario.rig.period
+        """Control period in s."""
+        self._rows: dict[str, Array] = {}
+        self._rate: Array = np.zeros(2)
+        self._scenario = scenario
+        self._belief: Belief | None = None
+        self._ball: Evidence | None = None
+        self._windows: Windows | None = None
+        self._other: Evidence | None = None
+        self._unsettled: dict[int, int] = {}
+        self._judged = 0.0
+        begin = -np.inf
+        self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
+
+    def take(self, rows: Mapping[str, Array]) -> bool:
+        """Take in rows; return whether it is time to ask the twin again.
+
+        Args:
+            rows: Columns of the record, shape (K,) each.
+        """
+        time = rows["time"]
+        if not len(time):
+            return False
+        # a log's acceleration is added up from its first row on; here from that of the run on
+        new = {name: rows[name] for name in COLUMNS if name in rows}
+        for axis, name in enumerate(("phi", "theta")):
+            steps = self.period * np.nan_to_num(new.pop(f"applied_{name}_acc"))
+            rate = self._rate[axis] + np.cumsum(steps)
+            new[f"applied_{name}_rate"], self._rate[axis] = rate, rate[-1]
+        old = self._rows or {name: np.zeros(0) for name in new}
+        keep = old["time"] > time[-1] - KEPT - STRIDE
+        self._rows = {name: np.concatenate((old[name][keep], new[name])) for name in new}
+        return float(time[-1]) >= self._judged + STRIDE
+
+    def ask(self, *, whole: bool = False) -> list[Alarm]:
+        """What the twin says of the rows taken in: alarms whose causes are told.
+
+        An alarm is in ``said`` as soon as it is raised, without causes until enough has been seen.
+
+        Args:
+            whole: Whether no further row comes.
+        """
+        if not self._rows:
+            return []
+        now = float(self._rows["time"][-1])
+        self._judged = now
+        log = of_columns(self._rows, self._metadata, self._source)
+        if self._belief is None:
+            self._belief = Belief.of(self._scenario, log)
+        try:
+            usable = self._late(log, now)
+        except LogError:  # too little yet, or the ball is off the screen
+            return []
+        until = np.inf if whole else now - MARGIN
+        self._replay(usable, self._belief, until)
+        first = self._judge(usable, self._belief, until)
+        return self._alarms(self._belief, first, now, whole=whole)
+
+    def _late(self, log: Log, now: float) -> PreparedLog:
+        """The part of the log that has to be looked at."""
+        assert self._belief is not None
+        usable = prepare(replace(log, model=self._belief.model))
+        since = max(min(self._since.values()), now - OLDEST - STRIDE)
+        parts = [each.between(since - LEAD_IN, np.inf) for each in usable.segments]
+        parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
+        if not parts:
+            raise LogError(f"{log.source}: nothing usable of late")
+        return replace(usable, segments=tuple(parts))
+
+    def _replay(self, log: PreparedLog, belief: Belief, until: float) -> None:
+        found = replays(log, belief, self._horizon, self._horizon, self._since["replays"])
+        if found is None:
+            return
+        found = found.take(found.time + self._horizon + BIN <= until)
+        if not len(found.time):
+            return
+        self._since["replays"] = float(found.time[-1]) + self._horizon
+        said = self.said
+        said.replays = found if said.replays is None else Replays.join([said.replays, found])
+
+    def _judge(self, log: PreparedLog, belief: Belief, until: float) -> int:
+        """Add the evidence of new windows; return how many there were before."""
+        other = [
+            plate_evidence(log, belief, self._since["plate"]),
+            noise_evidence(log, belief, self._since["screen"]),
+        ]
+        done = [None if each is None else each.take(each.end <= until) for each in other]
+        for name, part in zip(("plate", "screen"), done, strict=True):
+            if part is not None and len(part):
+                self._since[name] = float(part.end[-1])
+        calm = self._moving(log, belief, until)
+        plain = [each for each in done if each is not None and len(each)]
+        if plain:
+            before = [] if self._other is None else [self._other]
+            self._other = Evidence.join([*before, *plain])
+        new = [*plain, *([] if calm is None else [calm])]
+        said = self.said
+        count = 0 if said.soft is None else len(said.soft)
+        if new:
+            soft = Evidence.join(new).softened(belief.changing)
+            said.soft = soft if said.soft is None else Evidence.join([said.soft, soft])
+            ratio = statistic(said.soft, belief, after=count)
+            said.ratio = np.concatenate((said.ratio, ratio[count:]))
+        return count
+
+    def _moving(self, log: PreparedLog, belief: Belief, until: float) -> Evidence | None:
+        """Evidence of new windows in which the ball moves."""
+        windows, ends = ball_windows(log, belief, self._since["ball"])
+        finished = np.asarray(ends <= until)
+        self._since["ball"] = max(
+            float(ends[finished].max(initial=self._since["ball"])),
+            float(log.segments[-1].time[-1]) - OLDEST,
+        )
+        if windows is None or not finished.any():
+            return None
+        windows = windows.take(finished)
+        ball = ball_evidence(windows, belief)[0]
+        if self._ball is None or self._windows is None:
+            self._ball, self._windows = ball, windows
+        else:
+            chosen = np.arange(len(self._ball)) >= len(self._ball) - LAST
+            self._ball = Evidence.join([self._ball.take(chosen), ball])
+            self._windows = Windows.join([self._windows.take(chosen), windows])
+        return ball.tempered(ball.dispersion)
+
+    def _alarms(self, belief: Belief, first: int, now: float, *, whole: bool) -> list[Alarm]:
+        said = self.said
+        if said.soft is None or self._other is None:
+            return []
+        findings = Findings(said.soft, said.ratio, self._ball, self._windows, self._other)
+        for window in crossings(said.ratio):
+            if window >= first:
+                end = float(said.soft.end[window])
+                self._unsettled[window] = len(said.alarms)
+                said.alarms.append(Alarm(end, end, float(said.ratio[window]), ()))
+        told = []
+        for window, place in list(self._unsettled.items()):
+            if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
+                said.alarms[place] = findings.alarm(window, belief)
+                told.append(said.alarms[place])
+                del self._unsettled[window]
+        return told
