@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 WEB_PORT = 9090
 SUMMARY = 30.0
 """Most seconds that the live summary is given for its last lines: it has the lowest priority."""
+TWIN = 60.0
+"""The same for what the twin says last, which takes it longer."""
 Attach = Callable[["Recorder"], None]
 """Is given the recorder before the run, to observe it."""
 
@@ -100,7 +102,7 @@ class Viewing:
             yield watch
             if self.watch:
                 observers[0].finish(SUMMARY)
-            if shadow is not None and not shadow.finish(SUMMARY):
+            if shadow is not None and not shadow.finish(TWIN):
                 warn("the twin stopped before the end; the run and its record are complete")
             if shown is not None:
                 self._end(shown)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from twin.shadow.diagnosis import Suspicion, weigh
 from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
-THRESHOLD = 12.0
+THRESHOLD = 16.0
 """Log-likelihood ratio at which an alarm is raised."""
 SETTLING = 15.0
 """Seconds after an alarm that are looked at for its cause."""
@@ -62,6 +62,7 @@ class Findings:
 
     Attributes:
         soft: All of it, softened, in the order of time.
+        factors: Learned of the scatter from window to window, shape (W, P).
         ratio: The statistic of the sequential test after each window of it, shape (W,).
         ball: Windows in which the ball moves, not softened; None if there are none.
         windows: The same, as they are replayed.
@@ -69,6 +70,7 @@ class Findings:
     """
 
     soft: Evidence
+    factors: Array
     ratio: Array
     ball: Evidence | None
     windows: Windows | None
@@ -86,6 +88,7 @@ class Findings:
         last = int(np.searchsorted(soft.end, end + SETTLING, side="right")) - 1
         since = onset(soft, belief, crossing, last)
         begin = float(soft.begin[since])
+        belief = replace(belief, changing=belief.changing * self.factors[since])
         suspected = self._suspicion(begin, end + SETTLING)
         causes = tuple(weigh(suspected, baseline(soft, belief, since), belief))
         return Alarm(end, begin, float(self.ratio[crossing]), causes)

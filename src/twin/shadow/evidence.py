@@ -108,7 +108,7 @@ class Evidence:
             height=self.height / dispersion,
         )
 
-    def softened(self, changing: Array) -> Evidence:
+    def softened(self, changing: Array, factors: Array | float = 1.0) -> Evidence:
         """The evidence if the parameters also differ from window to window.
 
         With a deviation of its own of covariance Q in each window, the information becomes
@@ -116,8 +116,10 @@ class Evidence:
 
         Args:
             changing: Standard deviations, shape (2, P): while the ball rolls, and where it stops.
+            factors: On them, shape (W, P).
         """
-        A, variance = self.information, changing[self.stopping.astype(int)] ** 2  # noqa: N806
+        A = self.information  # noqa: N806
+        variance = (factors * changing[self.stopping.astype(int)]) ** 2
         both = np.concatenate((A, self.score[..., None]), axis=-1)
         less = np.linalg.solve(np.eye(A.shape[-1]) + A * variance[:, None], both)
         return replace(

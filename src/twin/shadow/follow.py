@@ -24,7 +24,8 @@ from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import Evidence
 from twin.shadow.horizon import Replays, replays
-from twin.shadow.monitor import LOOKBACKS, statistic
+from twin.shadow.learned import scatter
+from twin.shadow.monitor import LOOKBACKS, bounded, statistic
 from twin.shadow.plate import plate_evidence
 from twin.shadow.screen import noise_evidence
 
@@ -48,7 +49,7 @@ class Said:
 
     Attributes:
         replays: At the horizon of one second; None before the first.
-        soft: Windows of all kinds, softened; None before the first.
+        soft: Windows of all kinds, as the sequential test takes them; None before the first.
         ratio: The statistic of the sequential test after each.
         alarms: In the order of time; the causes of the last one may not be settled yet.
     """
@@ -82,6 +83,9 @@ class Follower:
         self._ball: Evidence | None = None
         self._windows: Windows | None = None
         self._other: Evidence | None = None
+        self._every: Evidence | None = None
+        self._soft: Evidence | None = None
+        self._factors: Array = np.zeros((0, 0))
         self._unsettled: dict[int, int] = {}
         self._judged = 0.0
         begin = -np.inf
@@ -166,14 +170,17 @@ class Follower:
         calm = self._moving(log, belief, until)
         plain = [each for each in done if each is not None and len(each)]
         if plain:
-            before = [] if self._other is None else [self._other]
-            self._other = Evidence.join([*before, *plain])
+            self._other = _joined(self._other, Evidence.join(plain))
         new = [*plain, *([] if calm is None else [calm])]
         said = self.said
         count = 0 if said.soft is None else len(said.soft)
         if new:
-            soft = Evidence.join(new).softened(belief.changing)
-            said.soft = soft if said.soft is None else Evidence.join([said.soft, soft])
+            self._every = _joined(self._every, Evidence.join(new))
+            self._factors = scatter(self._every, belief)
+            late = self._every.take(np.arange(len(self._every)) >= count)
+            soft = late.softened(belief.changing, self._factors[count:])
+            self._soft = _joined(self._soft, soft)
+            said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
             ratio = statistic(said.soft, belief, after=count)
             said.ratio = np.concatenate((said.ratio, ratio[count:]))
         return count
@@ -202,7 +209,8 @@ class Follower:
         said = self.said
         if said.soft is None or self._other is None:
             return []
-        findings = Findings(said.soft, said.ratio, self._ball, self._windows, self._other)
+        shown = (self._ball, self._windows, self._other)
+        findings = Findings(said.soft, self._factors, said.ratio, *shown)
         for window in crossings(said.ratio):
             if window >= first:
                 end = float(said.soft.end[window])
@@ -215,3 +223,7 @@ class Follower:
                 told.append(said.alarms[place])
                 del self._unsettled[window]
         return told
+
+
+def _joined(before: Evidence | None, new: Evidence) -> Evidence:
+    return new if before is None else Evidence.join([before, new])

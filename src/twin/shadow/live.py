@@ -20,6 +20,8 @@ from twin.view.shared_ring_buffer import SharedRingBuffer
 
 EVERY = 0.2
 """Seconds between two looks for new rows."""
+MOST = 1000
+"""Rows taken at a time, so that one sees a twin that is behind a fast run go on."""
 SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
 
@@ -56,13 +58,15 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
         tell = drawing(scenario, shown)
     commentary = Commentary(Follower(scenario, "the run"), _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
-        done = False
+        done, taken = False, 0
         while not done:
             done = ring.done or os.getppid() != parent
             if ring.columns:
-                rows = ring.take()
+                rows = ring.take(MOST)
+                taken = len(rows)
+                done = done and taken < MOST
                 commentary.take(dict(zip(ring.columns, rows.T, strict=True)), tell)
-            if not done:
+            if not done and taken < MOST:
                 time.sleep(EVERY)
         commentary.end(tell, ring.dropped)
 

@@ -28,6 +28,10 @@ BLOCK = 200
 """Windows that are worked on at a time."""
 
 
+AT_MOST = 5.0
+"""Log-likelihood ratio that one window may speak for a change: an outlier alone is no alarm."""
+
+
 class _Sums:
     """Sums of evidence up to each window, in numbers of one size.
 
@@ -63,6 +67,19 @@ class _Sums:
             mean[..., None, :],
         )
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
+
+
+def bounded(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
+    """The windows, each of them weakened to what one may say for a change.
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change.
+        after: Windows that are left out.
+    """
+    begin = np.arange(after, len(evidence))
+    ratio = _Sums(evidence, belief).ratio(begin, begin + 1)
+    return evidence.take(begin).tempered(np.maximum(ratio / AT_MOST, 1.0))
 
 
 def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:

@@ -17,7 +17,8 @@ from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.evidence import Evidence
 from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.monitor import statistic
+from twin.shadow.learned import scatter
+from twin.shadow.monitor import bounded, statistic
 from twin.shadow.plate import plate_evidence
 from twin.shadow.screen import noise_evidence
 
@@ -116,8 +117,9 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     other = Evidence.join(found)
     calm = None if ball is None else ball.tempered(ball.dispersion)
     every = other if calm is None else Evidence.join([calm, other])
-    soft = every.softened(belief.changing)
-    findings = Findings(soft, statistic(soft, belief), ball, windows, other)
+    factors = scatter(every, belief)
+    soft = bounded(every.softened(belief.changing, factors), belief)
+    findings = Findings(soft, factors, statistic(soft, belief), ball, windows, other)
     alarms = [findings.alarm(crossing, belief) for crossing in crossings(findings.ratio)]
     return Shadow(
         usable,

@@ -21,7 +21,7 @@ from twin.view.recording import new_stream, send
 from twin.view.shared_ring_buffer import SharedRingBuffer
 from twin.view.signals import explained
 from twin.view.streams import TIMELINE, Batch, RunStream
-from twin.view.twin_stream import TWIN_WORDS
+from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS
 from twin.view.viewer import environment
 
 EVERY = 0.08
@@ -155,8 +155,12 @@ def _begin(
     plots = [each.plots(block) for each in runs]
     groups = {group: explained([plot[group] for plot in plots], names) for group in plots[0]}
     groups |= TWIN_WORDS if twin else {}
-    plan = blueprint([each.root for each in runs], groups, TIMELINE, layout, live=True)
+    ranges = TWIN_RANGES if twin else {}
+    roots = [each.root for each in runs]
+    plan = blueprint(roots, groups, TIMELINE, layout, live=True, ranges=ranges)
     stream.connect_grpc(url, default_blueprint=plan)
+    if twin:  # whose process may have come first, and the viewer made a plan of its own
+        stream.send_blueprint(plan, make_active=True, make_default=True)
     for each in runs:
         for entity, shape in (*each.fixed(), *each.styles(block)):
             stream.log(entity, shape, static=True)

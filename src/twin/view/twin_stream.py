@@ -26,6 +26,9 @@ TWIN_WORDS = {
 }
 """Group of the plots of the twin, and which line has which colour."""
 
+TWIN_RANGES = {"twin_score": (-0.4, 12.0), "twin_error_mm": (-0.4, 12.0)}
+"""What their axes show: where a ball may or may not stop, its band is as wide as the plate."""
+
 
 class Scores(NamedTuple):
     """What is drawn of replays.

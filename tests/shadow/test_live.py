@@ -1,0 +1,170 @@
+"""The twin beside a run in progress: says what it says afterwards, and never disturbs the run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from twin.cli.scenarios import run as run_command
+from twin.cli.shadow import shadow as shadow_command
+from twin.run.execute import run
+from twin.run.replay import open_run
+from twin.scenario import load
+from twin.shadow.alarms import Alarm
+from twin.shadow.causes import Cause
+from twin.shadow.drawn import scores
+from twin.shadow.follow import Follower, Said
+from twin.shadow.horizon import BAND, Replays
+from twin.shadow.live import Commentary, beside
+from twin.view.twin_stream import TwinStream
+
+SETTINGS = (
+    "plant.kind=lagrange",
+    "duration=26",
+    "seed=5",
+    'change=[{at=9.0, set={"plant.friction.rolling_mm"=0.234}}]',
+)
+"""A run whose friction rises."""
+
+
+def replays(error, time):
+    """Replays with errors in m, the predicted spread being 1 mm along both axes."""
+    count = len(error)
+    spread = np.broadcast_to(1e-6 * np.eye(2), (count, 2, 2))
+    told = np.ones(count, bool)
+    path = np.zeros((count, 51, 2)) + np.arange(51)[:, None] / 1000
+    return Replays(np.asarray(time), 1.0, np.asarray(error), spread, told, path)
+
+
+class Scripted:
+    """In the place of a follower: has an alarm at the second time it is asked."""
+
+    period = 0.002
+
+    def __init__(self):
+        self.said = Said()
+        self.asked = 0
+
+    def take(self, rows):
+        return True
+
+    def ask(self, *, whole=False):
+        self.asked += 1
+        count = 10 * self.asked
+        self.said.replays = replays(np.full((count, 2), 1e-3), np.arange(count))
+        if self.asked == 2:
+            self.said.alarms.append(Alarm(17.0, 17.0, 20.0, ()))
+        if not whole:
+            return []
+        cause = Cause("level", 1.0, "phi +0.100 deg")
+        self.said.alarms[0] = Alarm(17.0, 15.5, 20.0, (cause,))
+        return self.said.alarms
+
+
+def test_an_alarm_is_one_line_and_its_causes_are_one_when_they_are_settled():
+    lines, drawn = [], []
+    commentary = Commentary(Scripted(), lines.append)
+    tell = lambda found, events: drawn.append((len(found.time), events))  # noqa: E731
+    for _ in range(2):
+        commentary.take({"time": np.zeros(1)}, tell)
+    commentary.end(tell, 0)
+    alarms = [line for line in lines if "alarm" in line]
+    assert alarms == [
+        "twin: alarm at 17.0 s: reality has left the model; causes at 33 s",
+        "twin: alarm at 17.0 s, since about 15.5 s: level (phi +0.100 deg)",
+    ]
+    assert any("score 1.20 (1: as predicted), 100 % of 10 replays" in line for line in lines)
+    assert [count for count, _ in drawn] == [10, 10, 10]  # every replay is drawn once
+    assert [time for time, _ in drawn[1][1]] == [17.0]
+
+
+def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
+    run = replays([[1e-3, 0.0], [2.4e-3, 0.0], [2.5e-3, 0.0]], [0.0, 1.0, 2.0])
+    drawn = scores(run)
+    assert drawn.time.tolist() == [1, 2, 3]
+    assert ((drawn.distance <= drawn.band) == (run.square <= BAND)).all()
+    assert drawn.band == pytest.approx(np.sqrt(BAND))  # of 1 mm, in every direction
+    assert drawn.ball_time[[0, 50, 51]] == pytest.approx([0.0, 1.0, 1.0])
+    entities = {each.entity for each in TwinStream("a", load("circle")).batches(drawn, [])}
+    assert "/a/twin_error_mm/band" in entities
+    assert "/a/mechanism/cardan/plate/twin_ball" in entities
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a run that its twin was beside, and what was printed."""
+    path = tmp_path_factory.mktemp("run") / "drifted"
+    changes = [part for text in SETTINGS for part in ("--set", text)]
+    done = CliRunner().invoke(
+        run_command, ["excite", *changes, "--shadow", "--json", "--out", str(path)]
+    )
+    assert done.exit_code == 0, done.output
+    return path, done
+
+
+@pytest.mark.long
+def test_a_run_beside_its_twin_leaves_what_the_twin_says_of_it_afterwards(folder, tmp_path):
+    path, done = folder
+    said = json.loads(done.stdout)["shadow"]
+    assert said["alarms"][0]["causes"][0]["name"] == "rolling friction"
+    again = CliRunner().invoke(shadow_command, [str(path), "--json", "--out", str(tmp_path)])
+    afterwards = json.loads(again.stdout[again.stdout.index("{") :])
+    differing = {name for name in said if said[name] != afterwards[name]}
+    assert differing <= {"proposal", "log"}  # the proposal names its file
+    first, second = (pq.read_table(where / "shadow.parquet") for where in (path, tmp_path))
+    assert first.equals(second)
+    assert (path / "shadow.html").is_file()
+
+
+@pytest.mark.long
+def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(folder):
+    path, _ = folder
+    (recorded,) = open_run(path)
+    follower = Follower(recorded.scenario, "the run")
+    rows = recorded.rows
+    told = []
+    for first in range(0, len(rows["time"]), 170):
+        if follower.take({name: values[first : first + 170] for name, values in rows.items()}):
+            told += follower.ask()
+    told += follower.ask(whole=True)
+    scored = pq.read_table(path / "shadow.parquet").to_pydict()
+    afterwards = json.loads((path / "shadow.json").read_text(encoding="utf-8"))
+    live = follower.said.replays
+    assert live.time + 1.0 == pytest.approx(np.array(scored["time"]))
+    counted = live.counted
+    assert counted.tolist() == [each > 0.5 for each in scored["told"]]
+    # beyond what only the whole log tells, the numbers are the same
+    off = live.score[counted] / np.array(scored["score"])[counted]
+    assert np.median(np.abs(off - 1)) < 0.01
+    assert np.abs(off - 1).max() < 0.1
+    assert [alarm.time for alarm in told] == [alarm["time"] for alarm in afterwards["alarms"]]
+    names = [alarm["causes"][0]["name"] for alarm in afterwards["alarms"]]
+    assert [alarm.causes[0].name for alarm in told] == names
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_twin_that_hangs_or_dies_changes_nothing_in_the_record(blow):
+    chosen = load("circle", ("plant.kind=lagrange", "duration=2"))
+    alone = run(chosen)
+    twin = beside(chosen)
+    try:
+        end = time.monotonic() + 120
+        while not twin._ring.opened:
+            assert time.monotonic() < end, "the twin's process never began"
+            time.sleep(0.01)
+        os.kill(twin._process.pid, blow)
+        watched = run(chosen, watch=twin.watch)
+        assert not twin.finish(wait=0.2)
+    finally:
+        twin.close()
+    assert all(
+        np.array_equal(watched.record[name], alone.record[name]) for name in alone.record.data
+    )
