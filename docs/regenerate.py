@@ -49,6 +49,10 @@ PAGES = {
         ("-m", "benchmarks.gym_learning", "--doc", "docs/learning.md"),
     ),
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
+    "shadow": Page(
+        ("shadow.md",),
+        ("shadow", "--matrix", "--each", "10", "--hours", "4", "--doc", "docs/shadow.md"),
+    ),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),

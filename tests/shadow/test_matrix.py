@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from twin.shadow.injections import HEALTHY, KINDS, rig
 from twin.shadow.matrix import CALIBRATED, INJECTED, JUDGED, Trial
-from twin.shadow.matrix_page import page
+from twin.shadow.matrix_page import goals, page
 
 
 def trial(seed, kind, alarm=None, causes=(), largest=1.0):
@@ -46,3 +47,35 @@ def test_every_kind_is_a_rig_that_can_be_simulated_jump_or_ramp():
             assert not belief.change
             assert len(truth.change) == 1
             assert (truth.change[0].over > 0) == (kind.ramps and seed == 3)
+
+
+def test_a_goal_is_met_or_missed_only_where_the_interval_says_so():
+    healthy = [trial(JUDGED + k, HEALTHY) for k in range(60)]
+    few = [trial(INJECTED + 2 * k, KINDS[0], 25.0, ("rolling friction",)) for k in range(4)]
+    many = [trial(INJECTED + 2 * k, KINDS[0], 25.0, ("rolling friction",)) for k in range(100)]
+    late = [trial(INJECTED + 2 * k, KINDS[0], 45.0, ("rolling friction",)) for k in range(100)]
+    for some, word in ((few, "too few rigs to tell"), (many, "met"), (late, "**not met**")):
+        row = next(
+            line
+            for line in goals(some, healthy)
+            if "in time for 95 %: rolling friction +30 %" in line
+        )
+        assert row.endswith(f"| {word} |")
+    # no alarm in one hour is no proof of less than one a day
+    (hours,) = [line for line in goals(many, healthy) if "24 h" in line]
+    assert "too few hours to tell" in hours
+
+
+def test_a_rig_of_a_family_is_what_was_drawn_and_believed_but_for_the_errors_of_a_fit():
+    drawn = {
+        "plant.friction.rolling_mm": 0.2, "plant.friction.breakaway_ratio": 1.5,
+        "sensors.touch.dead_time": 0.04, "plant.level_deg.0": 0.1, "plant.level_deg.1": -0.2,
+        "plant.servo.backlash_deg": 0.2, "rig.cam_error_percent.0": 1.0,
+        "rig.cam_error_percent.1": -2.0,
+    }  # fmt: skip
+    belief, truth = rig(4, "circle", HEALTHY, drawn)
+    assert belief.plant.level_deg == (0.1, -0.2)
+    assert belief.plant.servo.backlash_deg == 0.2
+    assert truth.plant.level_deg != belief.plant.level_deg
+    assert truth.plant.level_deg == pytest.approx(belief.plant.level_deg, abs=0.01)
+    assert truth.plant.friction.rolling_mm == pytest.approx(0.2, rel=0.03)

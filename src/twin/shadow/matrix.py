@@ -180,13 +180,19 @@ def hours_between_alarms(largest: Sequence[float], threshold: float, seconds: fl
     return seconds / 3600 / max(exceeded, 1e-300)
 
 
-def interval(hits: int, count: int) -> str:
-    """A share with its 95 % interval (Clopper and Pearson), in percent."""
-    if count == 0:
-        return "-"
+def bounds(hits: int, count: int) -> tuple[float, float]:
+    """The 95 % interval of a share (Clopper and Pearson), in percent."""
     low = stats.beta.ppf(0.025, hits, count - hits + 1) if hits else 0.0
     high = stats.beta.ppf(0.975, hits + 1, count - hits) if hits < count else 1.0
-    return f"{100 * hits / count:.0f} ({100 * low:.0f} to {100 * high:.0f})"
+    return 100 * float(low), 100 * float(high)
+
+
+def interval(hits: int, count: int) -> str:
+    """A share with its 95 % interval, in percent."""
+    if count == 0:
+        return "-"
+    low, high = bounds(hits, count)
+    return f"{100 * hits / count:.0f} ({low:.0f} to {high:.0f})"
 
 
 def inside(found: Sequence[Trial]) -> float:
