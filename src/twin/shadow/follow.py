@@ -1,9 +1,8 @@
 """The twin beside a run in progress: what is said of a log, said while it is written.
 
 Every few seconds the rows of late are looked at as a whole log would be, and what lies far enough
-from their end is kept. Scores differ from those of the whole log by what only the whole log tells:
-the screen's noise and how strongly the plate's encoders are smoothed are estimated from the last
-minute, and a smoothed angle near the end does not know what comes after it.
+from their end is kept. Scores differ from those of the whole log by what only that tells: the
+noise of the screen, estimated from the rows so far, at most those of the last minute.
 """
 
 from __future__ import annotations
