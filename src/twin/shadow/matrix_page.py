@@ -45,7 +45,9 @@ def page(found: Sequence[Trial], command: str) -> str:
         "(friction, uneven screens, level, drives, play, cams, screen clocks); those that "
         "something happens to are like the one the project describes, friction, breakaway, dead "
         "time and level drawn. The twin of each knows it but for the errors of an "
-        "identification. Shares in percent with their 95 % interval (Clopper and Pearson).",
+        "identification. Shares in percent with their 95 % interval (Clopper and Pearson). The "
+        "alarm's threshold was chosen on other rigs of the family and on the first two of each "
+        "kind.",
         "",
         "## Against the goals",
         "",
