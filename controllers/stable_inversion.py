@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import scipy
 
+from controllers.about_motion import AboutMotion, check
 from controllers.arrays import Array
-from controllers.ballplate import SIGN, BallPlate
-from controllers.interfaces import Feedback, Law, Reference
+from controllers.interfaces import Feedback, Reference
+from controllers.motion import inverse
 from controllers.preview import Preview
-from controllers.two_sided import Tilts, TwoSided
+from controllers.two_sided import Tilts
 
 
 @dataclass(frozen=True, kw_only=True)
-class StableInversion(Law):
+class StableInversion(AboutMotion):
     """Follows a motion of ball and plate that makes the ball itself follow the reference.
 
     With the slopes a = (phi, -theta), either axis is x'' = (1 + kappa) k1 a - c2 a'' + d - F h
@@ -50,13 +50,6 @@ class StableInversion(Law):
         "tilt_gain_y",
     )
 
-    Q: tuple[float, float, float, float] = (20000.0, 2000.0, 100.0, 10.0)
-    """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
-    preview: float = 1.4
-    """How far the reference is asked ahead, s; 0 for not at all."""
-    spread: float = 1.3
-    """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
-    jumps as they are."""
     smooth: float = 0.012
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: float = 0.015
@@ -70,23 +63,12 @@ class StableInversion(Law):
     dither_speed: float = 0.03
     """Wished speed in m/s at which half of the dither is left."""
 
-    K: Array = field(init=False, repr=False, compare=False)
-    """Gain from eta, its rate, slope and its rate to the slope's acceleration, shape (4,)."""
-
     def __post_init__(self) -> None:
         """Check the settings and compute the gain once."""
-        if len(self.Q) != 4 or not all(math.isfinite(w) and w >= 0 for w in self.Q):
-            raise ValueError(f"Q must be 4 finite numbers, none negative, got {list(self.Q)}")
-        if not self.Q[0] > 0:
-            raise ValueError(f"Q must have a positive weight of eta, got {list(self.Q)}")
+        super().__post_init__()
         for name in ("smooth", "dither_frequency", "dither_speed"):
-            _check(name, getattr(self, name), least=1e-6)
-        for name in ("preview", "spread", "dither_deg"):
-            _check(name, getattr(self, name), least=0.0)
-        A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
-        A[1, 2] = self.model.k1
-        P = scipy.linalg.solve_continuous_are(A, B, np.diag(self.Q), np.eye(1))
-        object.__setattr__(self, "K", P[3])
+            check(name, getattr(self, name), least=1e-6)
+        check("dither_deg", self.dither_deg, least=0.0)
 
     @property
     def dither_effort(self) -> float:
@@ -123,7 +105,7 @@ class StableInversion(Law):
         )
         if self.dither_deg:
             slope = self._shaken(slope, now.time, wanted.velocity)
-        return self._about(now.x, wanted.position, wanted.velocity, slope)
+        return self.about(now.x, wanted.position, wanted.velocity, slope)
 
     def _dragged(self, wanted: Wanted, x: Array) -> Tilts:
         """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
@@ -136,22 +118,6 @@ class StableInversion(Law):
         own = (1 - planned) * v / (length * self.model.k1)
         angle, rate, acceleration = wanted.drag
         return Tilts(planned * angle + own, planned * rate, planned * acceleration)
-
-    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """The same without a plan, for a plant without friction: the flat model's slope."""
-        r = reference(t)
-        k1 = self.model.k1
-        return self._about(x, r[0], r[1], Tilts(r[2] / k1, r[3] / k1, r[4] / k1))
-
-    def _about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
-        """Feedback about a motion."""
-        c2, K = self.model.c2, self.K
-        slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
-        eta = x[..., 0::4] - position + c2 * slope
-        eta_rate = x[..., 1::4] - velocity + c2 * rate
-        u = wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
-        out: Array = SIGN * u
-        return out
 
     def _shaken(self, slope: Tilts, t: float, velocity: Array) -> Tilts:
         """Slopes with the dither on them."""
@@ -193,7 +159,7 @@ class InversePlan:
     def __init__(self, law: StableInversion, x: Array, reference: Reference, period: float) -> None:
         self._law, self._period = law, period
         self._preview = Preview(reference, x[..., 0::4], period, law.preview, law.spread)
-        self._free, self._drag = (_inverse(law.model, self._preview, period) for _ in range(2))
+        self._free, self._drag = (inverse(law.model, self._preview, period) for _ in range(2))
         self._first = -self._preview.count
         self._lay()
 
@@ -222,12 +188,3 @@ class InversePlan:
             self._drag.lay(velocity / (k1 * speed)),
         )
         self._first += count
-
-
-def _inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:
-    return TwoSided(math.sqrt(model.k1 / model.c2), period, preview.count, preview.length)
-
-
-def _check(name: str, value: float, *, least: float) -> None:
-    if not (math.isfinite(value) and value >= least):
-        raise ValueError(f"{name} must be a number, {least:g} or more, got {value}")

@@ -1,5 +1,6 @@
-"""State estimators of chapter 7, discrete at the control period, one of friction, the ideal one."""
+"""State estimators of chapter 7, two of what it leaves out, and the ideal one."""
 
+from controllers.observers.disturbance_observer import DisturbanceObserver
 from controllers.observers.ekf import ExtendedKalman
 from controllers.observers.friction_kalman import FrictionKalman
 from controllers.observers.ideal import Ideal
@@ -8,6 +9,7 @@ from controllers.observers.luenberger import Luenberger
 from controllers.observers.nonlinear_luenberger import NonlinearLuenberger
 
 __all__ = [
+    "DisturbanceObserver",
     "ExtendedKalman",
     "FrictionKalman",
     "Ideal",

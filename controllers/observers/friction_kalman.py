@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, every, some
-from controllers.ballplate import SIGN
-from controllers.interfaces import DelayedObserver, Measurement, Quantity
+from controllers.arrays import Array, Mask, every, some
+from controllers.interfaces import Measurement, Quantity
 from controllers.observers.kalman import NOISE, check_positive
-from controllers.observers.rolling_ball import RollingBall, Tilt, components, together
-from controllers.observers.sampling import check_period
-from controllers.observers.slow_plate import SlowPlate
+from controllers.observers.late_ball import LateBall
+from controllers.observers.rolling_ball import Tilt, components, together
 
 KNOWN = (
     Quantity("friction", "m/s^2"),
@@ -36,7 +33,7 @@ LARGEST_GAIN = 0.2
 
 
 @dataclass(kw_only=True)
-class FrictionKalman(DelayedObserver):
+class FrictionKalman(LateBall):
     """Extended Kalman filter of a ball with rolling friction, driven by the measured plate angle.
 
     The plate's acceleration drops out of the motion of the flat output eta = (x + c2 phi,
@@ -80,8 +77,6 @@ class FrictionKalman(DelayedObserver):
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[float, float] = (NOISE[0], NOISE[2])
     """Variances of a touch sample of x and y in m^2; Table B.1."""
-    plate_pole: float = 10.0
-    """Both poles of the plate's estimate, as a rate in 1/s."""
     most_friction: float = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
 
@@ -92,15 +87,13 @@ class FrictionKalman(DelayedObserver):
 
     def __post_init__(self) -> None:
         """Check the settings."""
-        check_period(self.period)
+        super().__post_init__()
         check_positive("walk", self.walk, 4)
         check_positive("spread", self.spread, 3)
         check_positive("R", self.R, 2)
-        numbers = (self.believed_mm, self.smooth, self.learning_speed, self.plate_pole)
-        check_positive("believed_mm, smooth, learning_speed, plate_pole", numbers, 4)
+        numbers = (self.believed_mm, self.smooth, self.learning_speed)
+        check_positive("believed_mm, smooth, learning_speed", numbers, 3)
         check_positive("most_friction", [self.most_friction], 1)
-        if not (math.isfinite(self.delay) and self.delay >= 0):
-            raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
         model, T = self.model, self.period
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
@@ -113,63 +106,15 @@ class FrictionKalman(DelayedObserver):
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
-        super().start(x)
-        self._shape = self.x.shape[:-1]
-        rows = self.x.reshape(-1, 8)
-        self._rigs = len(rows)
-        self._by = NUMBERS if self._rigs == 1 else ARRAYS
-        self._ball = RollingBall(self.model, self.smooth, self.period, self.delay, rows)
-        self._plate = SlowPlate(self.plate_pole, self.period, rows)
-        c2 = self.model.c2
-        s = np.zeros((self._rigs, 9))
-        s[:, 0:2] = rows[:, 0::4] + c2 * SIGN * rows[:, 2::4]
-        s[:, 2:4] = rows[:, 1::4] + c2 * SIGN * rows[:, 3::4]
-        s[:, F] = self._F
-        self._s = components(s)
+        self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
-        self._age = np.full(self._rigs, np.inf)
         self.innovation = np.full((self._rigs, 2), np.nan)
         self.innovation_variance = self.innovation.copy()
-        self._state = components(rows)
-
-    def correct(self, measurement: Measurement) -> Array:
-        """Take in plate angles of now and a ball position of a dead time ago."""
-        y = measurement.y.reshape(-1, 4)
-        angle, rate = self._plate.correct(y[:, 1::2])
-        before = self._state
-        commanded = components(self._plate.commanded)
-        begin, then = self._ball.measured(components(y[:, 1::2]), commanded, before)
-        self._advance(begin, then)
-        self._take(y, measurement, then)
-        ex, ey, vx, vy = self._ball.carry(self._s)
-        (phi, theta), (phi_rate, theta_rate) = components(angle), components(rate)
-        c2 = self.model.c2
-        self._state = (
-            ex - c2 * phi,
-            vx - c2 * phi_rate,
-            phi,
-            phi_rate,
-            ey + c2 * theta,
-            vy + c2 * theta_rate,
-            theta,
-            theta_rate,
-        )
-        self.x = together(self._state, self._rigs).reshape(*self._shape, 8)
-        return self.x
-
-    def predict(self, u: Array) -> None:
-        """Carry the plate one period ahead; the ball follows when the plate is measured."""
-        self._plate.predict(u.reshape(-1, 2))
 
     @property
     def P(self) -> Array:
         """Covariance of eta, eta', d, kappa, F at the touch sample's time, shape (..., 9, 9)."""
         return self._P.reshape(*self._shape, 9, 9)
-
-    @property
-    def s(self) -> Array:
-        """eta, eta', d, kappa, F at the touch sample's time, shape (..., 9)."""
-        return together(self._s, self._rigs).reshape(*self._shape, 9)
 
     @property
     def further(self) -> Array:
@@ -178,14 +123,6 @@ class FrictionKalman(DelayedObserver):
         sqrt, P = self._by.sqrt, components(self._P[:, (F, 6, 7), (F, 6, 7)])
         found = together((friction, dx, dy, kx, ky, *map(sqrt, P)), self._rigs)
         return found.reshape(*self._shape, len(KNOWN))
-
-    @property
-    def equivalent(self) -> Array:
-        """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
-        x, vx, *_, y, vy, _, _ = self._state
-        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._s, self._state)
-        found = (x, vx, phi, phi_rate, y, vy, theta, theta_rate)
-        return together(found, self._rigs).reshape(self.x.shape)
 
     def _advance(self, begin: Tilt, then: Tilt) -> None:
         """One period of the filter, from one touch sample's time to the next."""
@@ -200,15 +137,14 @@ class FrictionKalman(DelayedObserver):
         P[:, self._diagonal, self._diagonal] += self._Q
         self._P = P
 
-    def _take(self, y: Array, measurement: Measurement, then: Tilt) -> None:
-        """Correct by a touch sample, axis by axis, if it is new."""
-        age, touched = measurement.age.reshape(-1), measurement.touched.reshape(-1)
-        new = touched & (age < self._age + self.period / 2)
-        self._age = age
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in plate angles of now and a ball position of a dead time ago."""
         self.innovation = np.full((self._rigs, 2), np.nan)
         self.innovation_variance = np.full((self._rigs, 2), np.nan)
-        if not some(new):
-            return
+        return super().correct(measurement)
+
+    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+        """Correct by a touch sample, axis by axis."""
         aged, whole, P = some(age), every(new), self._P
         vx, vy = self._ball.velocity(self._s, then)
         moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)

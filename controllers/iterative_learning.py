@@ -1,0 +1,161 @@
+"""Lap learning: what went wrong on the last laps is added to what is wished on the next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.about_motion import AboutMotion, check
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from controllers.interfaces import Feedback, Reference
+from controllers.motion import Motion, Wanted
+from controllers.two_sided import Tilts
+
+ALIKE = 1e-3
+"""Distance in m by which a lap of the reference that is learnt from may differ from the last."""
+CHECKED = 64
+"""Instants of a lap at which that is looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IterativeLearning(AboutMotion):
+    """Follows r + c, with a correction c over the phase of the lap that is learnt lap by lap.
+
+    Arimoto, Kawamura and Miyazaki (1984, "Bettering operation of robots by learning"); as a table
+    of harmonics, which is their filter of learning made a low-pass of zero phase (Bristow, Tharayil
+    and Alleyne 2006, "A survey of iterative learning control"):
+
+        c(t) = C0 + sum over h of  Re(Ch exp(j h w t)),    Ch <- Ch + gain Eh,
+
+    where Eh are the harmonics of the error r - x over the lap that has ended. The plate's motion
+    for c is the stable inverse of each harmonic, a = (c'' / k1) / (1 + (h w / Z)^2), and the
+    feedback is about both. A loop that follows r + c with the transfer T leaves |1 - gain T| of a
+    lap's repeating error. What has been learnt comes in over ``fade`` on a lap that is not learnt
+    from, nor is one whose reference did not repeat the lap before: the start, a jump and a path
+    without laps teach nothing.
+
+    Good at whatever repeats, friction and uneven surface too, without a model of it; bad at what
+    does not: it needs minutes of laps, knows one path, and learns the noise of the last laps.
+
+    Raises:
+        ValueError: If a setting is not finite or out of range.
+    """
+
+    name: ClassVar[str] = "iterative_learning"
+
+    omega: float = 0.75
+    """Frequency w of the lap in rad/s: a lap takes 2 pi / w."""
+    harmonics: int = 8
+    """Highest harmonic of the lap that is learnt."""
+    gain: float = 0.7
+    """Part of the error of a lap that is taken away on the next, above 0 and below 2."""
+
+    fade: float = 1.0
+    """Time in s over which what a lap taught comes in."""
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        super().__post_init__()
+        check("fade", self.fade, least=1e-3)
+        check("omega", self.omega, least=1e-3)
+        check("harmonics", self.harmonics, least=1)
+        if not 0 < self.gain < 2:
+            raise ValueError(f"gain must lie above 0 and below 2, got {self.gain}")
+
+    def start(self, x: Array, reference: Reference, period: float) -> Laps:
+        """The motion, and a table with nothing learnt."""
+        motion = Motion(self.model, x, reference, period, self.preview, self.spread)
+        return Laps(self, motion, x, reference)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2), and what there is to learn."""
+        return self.about(now.equivalent, *now.plan.at(now.time, now.x))
+
+
+class Laps:
+    """What has been learnt in one run, and the sums of the lap that is under way.
+
+    Args:
+        law: Who learns.
+        motion: Of ball and plate without what is learnt.
+        x: State at the start, shape (..., 8).
+        reference: Path of the ball.
+    """
+
+    def __init__(
+        self, law: IterativeLearning, motion: Motion, x: Array, reference: Reference
+    ) -> None:
+        self._law, self._motion, self._reference = law, motion, reference
+        order = np.arange(law.harmonics + 1)
+        self._pulse = order * law.omega
+        self._inverse = Inverse(law.model, self._pulse)
+        self.table = np.zeros((len(order), *x.shape[:-1], 2), complex)
+        """C0 to CH of x and y, m, shape (harmonics + 1, ..., 2)."""
+        self._before = self._sum = np.zeros_like(self.table)
+        self._since = 0.0
+        self._count = self._lap = 0
+
+    def at(self, t: float, x: Array) -> Wanted:
+        """What is wanted at a time in s, and take in the error of then."""
+        wanted = self._motion.at(t)
+        lap = math.floor(t * self._law.omega / (2 * math.pi) + 1e-9)
+        if lap > self._lap:
+            self._learn(lap, t)
+        turn = np.exp(1j * self._pulse * t)
+        share = np.tensordot(self._inverse(turn), self._present(t), axes=1).real
+        error = self._reference(t)[0] - x[..., 0::4]
+        self._sum = self._sum + np.multiply.outer(turn.conj(), error)
+        self._count += 1
+        slope = wanted.slope
+        return Wanted(
+            wanted.position + share[0],
+            wanted.velocity + share[1],
+            Tilts(slope.angle + share[2], slope.rate + share[3], slope.acceleration + share[4]),
+        )
+
+    def _present(self, t: float) -> Array:
+        """The table as far as it has come in."""
+        part = min((t - self._since) / self._law.fade, 1.0)
+        share = part**3 * (10 - 15 * part + 6 * part * part)
+        out: Array = self._before + share * (self.table - self._before)
+        return out
+
+    def _learn(self, lap: int, t: float) -> None:
+        """Take the lap that has ended into the table, every second one, and begin the next."""
+        if self._lap % 2:
+            found = self._sum / max(self._count, 1)
+            found[1:] *= 2  # of a real signal the harmonics but the mean come twice
+            self._before, self._since = self._present(t), t
+            self.table = self.table + self._law.gain * self._repeated() * found
+        self._sum, self._count, self._lap = np.zeros_like(self._sum), 0, lap
+
+    def _repeated(self) -> Array:
+        """1 for rigs whose reference repeated the lap before, shape (..., 1)."""
+        length = 2 * math.pi / self._law.omega
+        times = np.linspace(0, length, CHECKED, endpoint=False) + self._lap * length
+        change = np.abs(self._reference(times)[0] - self._reference(times - length)[0]).max(axis=0)
+        alike: Array = (change.max(axis=-1, keepdims=True) < ALIKE).astype(float)
+        return alike
+
+
+class Inverse:
+    """Position and velocity of a harmonic of the ball, and the plate's slopes that give it.
+
+    Args:
+        model: Ball and plate.
+        pulse: Frequencies of the harmonics in rad/s, shape (H + 1,).
+    """
+
+    def __init__(self, model: BallPlate, pulse: Array) -> None:
+        s = 1j * pulse
+        a = s * s / (model.k1 - model.c2 * s * s)
+        self._factors = np.array([np.ones_like(s), s, a, s * a, s * s * a])
+
+    def __call__(self, turn: Array) -> Array:
+        """For exp(j h w t): position, velocity, slope, its rate and acceleration, (5, H + 1)."""
+        out: Array = self._factors * turn
+        return out

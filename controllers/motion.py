@@ -1,0 +1,73 @@
+"""A motion of ball and plate that makes the ball follow a reference, laid ahead in slices."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from controllers.interfaces import Reference
+from controllers.preview import Preview
+from controllers.two_sided import Tilts, TwoSided
+
+
+class Wanted(NamedTuple):
+    """What ball and plate are to do at one tick."""
+
+    position: Array
+    """Of the ball, m, shape (..., 2)."""
+    velocity: Array
+    """Of the ball, m/s, shape (..., 2)."""
+    slope: Tilts
+    """Of the plate, (phi, -theta), rad."""
+
+
+class Motion:
+    """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
+
+    Args:
+        model: Ball and plate.
+        x: State at the start, shape (..., 8).
+        reference: Path of the ball.
+        period: Control period in s.
+        preview: How far the reference is asked ahead, s.
+        spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
+    """
+
+    def __init__(
+        self,
+        model: BallPlate,
+        x: Array,
+        reference: Reference,
+        period: float,
+        preview: float,
+        spread: float,
+    ) -> None:
+        self._k1, self._period = model.k1, period
+        self._preview = Preview(reference, x[..., 0::4], period, preview, spread)
+        self._inverse = inverse(model, self._preview, period)
+        self._first = -self._preview.count
+        self._lay()
+
+    def at(self, t: float) -> Wanted:
+        """What is wanted at a time in s that does not lie before the one asked for last."""
+        tick = round(t / self._period) - self._first
+        while tick >= self._preview.count:
+            self._lay()
+            tick -= self._preview.count
+        position, velocity, slope = self._laid
+        return Wanted(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
+
+    def _lay(self) -> None:
+        """The next slice."""
+        count = self._preview.count
+        position, velocity, acceleration = self._preview.advance()
+        slope = self._inverse.lay(acceleration / self._k1)
+        self._laid = Wanted(position[:count], velocity[:count], slope)
+        self._first += count
+
+
+def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:
+    """The inverse of a plant for the windows of a preview."""
+    return TwoSided(math.sqrt(model.k1 / model.c2), period, preview.count, preview.length)

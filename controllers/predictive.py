@@ -1,0 +1,215 @@
+"""Linear model predictive control: the regulator that keeps to what plate and drives can do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy
+
+from controllers.about_motion import AboutMotion, check, flat_axis
+from controllers.arrays import Array
+from controllers.ballplate import SIGN
+from controllers.interfaces import Feedback, Reference
+from controllers.motion import Motion
+
+SOFT = 8
+"""How the solver is told that a constraint may be broken where nothing keeps it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predictive(AboutMotion):
+    """Least cost over the horizon ahead, of all inputs that break no limit; the first is applied.
+
+    About the motion x* that makes the ball follow the reference, either axis has the deviation
+    z = (eta - eta*, eta' - eta*', a - a*, a' - a*') and, with the input held for ``step``,
+
+        z(k+1) = A z(k) + B v(k),    a''(k) = a*''(k) + v(k)
+        least  sum z'Q z + v^2 over k < N,  plus z(N)'P z(N)
+        with |a''| <= acceleration, and |a'| <= rate, |a| <= angle as soft limits,
+
+    P of the discrete Riccati equation, so that without limits the answer is the linear-quadratic
+    regulator's, v = -K z, whatever N (Rawlings and Mayne 2009, "Model predictive control", chapters
+    1 and 2). That answer is worked out first: where it breaks no limit it is the best, and no
+    quadratic program is solved. The others are solved by the dual active set of DAQP (Arnstrom,
+    Bemporad and Axehill 2022), axis by axis. Its own period is ``step``; between, v is held.
+
+    Good at raw jumps and references beyond the limits, which it answers as fast as the drives
+    allow; bad at nothing but cost: away from limits it is LQR with preview, sampled slowly.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign, or the library is missing.
+    """
+
+    name: ClassVar[str] = "mpc"
+
+    spread: float = 0.0
+    """Time in s over which a jump of 0.15 m is spread; by default it is left to the limits."""
+    step: float = 0.02
+    """Period of the law in s, a multiple of the control period or rounded to it."""
+    horizon: float = 0.8
+    """How far it looks ahead, s."""
+    angle_deg: float = 9.0
+    """Limit of the plate's angle, deg."""
+    rate_deg: float = 30.0
+    """Limit of its rate, deg/s."""
+    acceleration: float = 6.0
+    """Limit of its acceleration, rad/s^2."""
+
+    A: Array = field(init=False, repr=False, compare=False)
+    """Of a step of an axis, shape (4, 4)."""
+    B: Array = field(init=False, repr=False, compare=False)
+    """Of a held input, shape (4,)."""
+    P: Array = field(init=False, repr=False, compare=False)
+    """Weight at the end of the horizon, shape (4, 4)."""
+
+    def _gain(self) -> Array:
+        """K of the deviation, shape (4,)."""
+        for name in ("step", "horizon", "angle_deg", "rate_deg", "acceleration"):
+            check(name, getattr(self, name), least=1e-3)
+        try:
+            import daqp  # noqa: F401, PLC0415  an extra
+        except ImportError:
+            needs = "law 'mpc' needs the library daqp: pip install 'ballplate[mpc]'"
+            raise ValueError(needs) from None
+        A, B = flat_axis(self.model)
+        both = scipy.linalg.expm(self.step * np.block([[A, B], [np.zeros((1, 5))]]))
+        A, B = both[:4, :4], both[:4, 4:]
+        P = scipy.linalg.solve_discrete_are(A, B, np.diag(self.Q), np.eye(1))
+        for name, value in (("A", A), ("B", B[:, 0]), ("P", P)):
+            object.__setattr__(self, name, value)
+        gain: Array = (B.T @ P @ A)[0] / (1 + B[:, 0] @ P @ B[:, 0])
+        return gain
+
+    @property
+    def steps(self) -> int:
+        """N, the steps of the horizon."""
+        return max(1, round(self.horizon / self.step))
+
+    @property
+    def limits(self) -> Array:
+        """Of acceleration, rate and angle of the plate, in rad and s, shape (3,)."""
+        return np.array(
+            [self.acceleration, math.radians(self.rate_deg), math.radians(self.angle_deg)]
+        )
+
+    def start(self, x: Array, reference: Reference, period: float) -> Horizon:
+        """The motion over the first horizon."""
+        motion = Motion(self.model, x, reference, period, self.preview, self.spread)
+        return Horizon(self, motion, period)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2)."""
+        out: Array = SIGN * now.plan.input(now.time, now.equivalent)
+        return out
+
+
+class Program:
+    """The quadratic program of one axis over the horizon.
+
+    Args:
+        law: Whose weights and limits.
+    """
+
+    def __init__(self, law: Predictive) -> None:
+        self.law, N = law, law.steps
+        A, B = law.A, law.B
+        powers = [np.eye(4)]
+        for _ in range(N):
+            powers.append(A @ powers[-1])
+        # z(1) to z(N) from z(0) and the inputs
+        self._free = np.array(powers[1:])
+        self._forced = np.zeros((N, 4, N))
+        for k in range(N):
+            for i in range(k + 1):
+                self._forced[k, :, i] = powers[k - i] @ B
+        W = np.array([np.diag(law.Q)] * (N - 1) + [law.P])
+        weighted = np.einsum("kai,kab->ikb", self._forced, W)
+        self.H = np.tensordot(weighted, self._forced, axes=2) + np.eye(N)
+        self.H = (self.H + self.H.T) / 2
+        self._linear = np.tensordot(weighted, self._free, axes=2)
+        closed = A - np.outer(B, law.K)
+        z = [np.eye(4)]
+        for _ in range(N):
+            z.append(closed @ z[-1])
+        regulated = np.array(z)
+        # acceleration, rate, angle that the regulator without limits would make of z(0)
+        self.regulator = np.stack((-law.K @ regulated[:N], regulated[1:, 3], regulated[1:, 2]))
+        self._states = np.concatenate((self._forced[:, 3], self._forced[:, 2]))
+        self._sense = np.repeat((0, SOFT), (N, 2 * N)).astype(np.int32)
+
+    def solve(self, z: Array, motion: Array) -> float:
+        """The first input of least cost.
+
+        Args:
+            z: Deviation, shape (4,).
+            motion: a*'' over the horizon, a*' and a* a step later, shape (3, N).
+        """
+        import daqp  # noqa: PLC0415  an extra
+
+        free = np.concatenate((0 * motion[0], *(self._free[:, i] @ z for i in (3, 2))))
+        shift = motion.ravel() + free
+        most = np.repeat(self.law.limits, motion.shape[1])
+        found, _, flag, _ = daqp.solve(
+            self.H, self._linear @ z, self._states, most - shift, -most - shift, self._sense
+        )
+        return float(found[0]) if flag > 0 else math.nan
+
+
+class Horizon:
+    """The motion over the horizon ahead, and the input held since the last step, of one run.
+
+    Args:
+        law: Whose.
+        motion: The motion of ball and plate.
+        period: Control period in s.
+    """
+
+    def __init__(self, law: Predictive, motion: Motion, period: float) -> None:
+        self._law, self._motion, self._period = law, motion, period
+        self._program = Program(law)
+        self._ticks = max(1, round(law.step / period))
+        self._known = 0
+        self._ahead = np.stack([self._knot() for _ in range(law.steps + 1)])
+        self._v: Any = 0.0
+
+    def _knot(self) -> Array:
+        """Ball's position and velocity, slope, rate, acceleration of the next step, (5, ..., 2)."""
+        wanted = self._motion.at(self._known * self._ticks * self._period)
+        self._known += 1
+        return np.stack((wanted.position, wanted.velocity, *wanted.slope))
+
+    def input(self, t: float, x: Array) -> Array:
+        """Acceleration a'' in rad/s^2 at a time in s for a state, shape (..., 2)."""
+        tick = round(t / self._period)
+        if tick % self._ticks == 0:
+            while self._known <= tick // self._ticks + self._law.steps:
+                self._ahead = np.concatenate((self._ahead[1:], self._knot()[None]))
+            self._v = self._best(x)
+        share = (tick % self._ticks) / self._ticks
+        acceleration = self._ahead[0, 4] + share * (self._ahead[1, 4] - self._ahead[0, 4])
+        out: Array = acceleration + self._v
+        return out
+
+    def _best(self, x: Array) -> Array:
+        """The first input v of every rig and axis, rad/s^2, shape (..., 2)."""
+        law, program, now = self._law, self._program, self._ahead[0]
+        slope, rate = SIGN * x[..., 2::4] - now[2], SIGN * x[..., 3::4] - now[3]
+        c2 = law.model.c2
+        eta, eta_rate = x[..., 0::4] - now[0] + c2 * slope, x[..., 1::4] - now[1] + c2 * rate
+        z = np.stack((eta, eta_rate, slope, rate), axis=-1)
+        ahead = self._ahead
+        # a*'' of each step, a*' and a* at its end: (..., 2, 3, N)
+        motion = np.moveaxis(
+            np.stack((ahead[:-1, 4], ahead[1:, 3], ahead[1:, 2])), (0, 1), (-2, -1)
+        )
+        v = -z @ law.K
+        found = np.einsum("lki,...i->...lk", program.regulator, z) + motion
+        broken = (np.abs(found) > law.limits[:, None]).any(axis=(-2, -1))
+        for place in zip(*np.nonzero(broken), strict=True):
+            solved = program.solve(z[place], np.broadcast_to(motion, found.shape)[place])
+            v[place] = solved if math.isfinite(solved) else v[place]
+        out: Array = v
+        return out

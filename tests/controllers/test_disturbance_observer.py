@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from controllers.ballplate import BallPlate
+from controllers.interfaces import Measurement
+from controllers.observers import DisturbanceObserver
+from controllers.observers.disturbance_observer import gains
+
+MODEL = BallPlate()
+T = 0.002
+PUSH = np.array([0.03, -0.02])
+
+
+def followed(observer, ticks, every=1, rigs=1):
+    """Estimates of balls on level plates under a constant force, measured late, in closed form."""
+    found = []
+    observer.start(np.zeros((rigs, 8)))
+    back = round(observer.delay / T)
+    for tick in range(ticks):
+        seen = tick - tick % every
+        t, late = tick * T, max(seen - back, 0) * T
+        y = np.zeros((rigs, 4))
+        y[:, 0::2] = PUSH * late**2 / 2
+        age = np.full(rigs, (tick - seen) * T)
+        x = observer.correct(Measurement(t, y, age, np.ones(rigs, bool)))
+        observer.predict(np.zeros((rigs, 2)))
+        found.append((t, x.copy(), observer.further.copy(), observer.equivalent.copy()))
+    return found
+
+
+@pytest.mark.parametrize(("every", "rigs"), [(1, 1), (1, 3), (9, 1), (9, 3)])
+def test_a_constant_disturbance_is_found_and_the_ball_of_now_with_it(every, rigs):
+    found = followed(DisturbanceObserver(delay=0.042, pole=6.0), 2000, every, rigs)
+    t, x, d, equivalent = found[-1]
+    np.testing.assert_allclose(d, np.tile(PUSH, (rigs, 1)), rtol=1e-4)
+    np.testing.assert_allclose(x[:, 0::4], np.tile(PUSH * t**2 / 2, (rigs, 1)), rtol=1e-4)
+    np.testing.assert_allclose(x[:, 1::4], np.tile(PUSH * t, (rigs, 1)), rtol=1e-4)
+    np.testing.assert_allclose(equivalent[:, 2] * MODEL.k1, PUSH[0], rtol=1e-4)
+    np.testing.assert_allclose(-equivalent[:, 6] * MODEL.k1, PUSH[1], rtol=1e-4)
+
+
+def test_what_is_wrong_dies_out_with_the_pole_that_was_asked_for():
+    pole = 6.0
+    found = followed(DisturbanceObserver(delay=0.0, pole=pole), 900)
+    t = np.array([each[0] for each in found])
+    wrong = np.array([each[2][0, 0] for each in found]) / PUSH[0] - 1
+    # the answer to a step of three equal poles
+    expected = -(1 + pole * t + (pole * t) ** 2 / 2) * np.exp(-pole * t)
+    np.testing.assert_allclose(wrong, expected, atol=0.02)
+
+
+@pytest.mark.parametrize("T", [0.002, 0.017, 0.1])
+def test_the_gains_give_three_equal_poles(T):
+    A = np.array([[1, T, T * T / 2], [0, 1, T], [0, 0, 1]])
+    closed = A @ (np.eye(3) - np.outer(gains(6.0, T), [1, 0, 0]))
+    np.testing.assert_allclose(np.poly(closed), np.poly([np.exp(-6.0 * T)] * 3), atol=1e-12)
+
+
+def test_a_pole_that_cannot_be_is_refused():
+    with pytest.raises(ValueError, match="pole must"):
+        DisturbanceObserver(pole=0.0)
