@@ -36,8 +36,8 @@ class Predictive(AboutMotion):
     quadratic program is solved. The others are solved by the dual active set of DAQP (Arnstrom,
     Bemporad and Axehill 2022), axis by axis. Its own period is ``step``; between, v is held.
 
-    Good at raw jumps and references beyond the limits, which it answers as fast as the drives
-    allow; bad at nothing but cost: away from limits it is LQR with preview, sampled slowly.
+    Good at jumps and references beyond the limits, of which it asks no more than the drives can do;
+    away from limits it is LQR with preview, and its slow period costs margin.
 
     Raises:
         ValueError: If a setting is not finite or has the wrong sign, or the library is missing.
@@ -45,6 +45,9 @@ class Predictive(AboutMotion):
 
     name: ClassVar[str] = "mpc"
 
+    Q: tuple[float, float, float, float] = (5000.0, 1500.0, 100.0, 10.0)
+    """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1.
+    Softer than those of other laws: an input that is held leaves less margin."""
     spread: float = 0.0
     """Time in s over which a jump of 0.15 m is spread; by default it is left to the limits."""
     step: float = 0.02

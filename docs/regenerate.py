@@ -42,6 +42,7 @@ PAGES = {
     ),
     "view": Page(("view-*.png",), ("screenshots.py",)),
     "play": Page(("play.png",), ("play_picture.py",)),
+    "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
     "learning": Page(

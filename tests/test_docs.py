@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import tomllib
 from pathlib import Path
 
 import click
@@ -31,17 +32,49 @@ WRITTEN = {
 } | {
     "bring_up.py",
     "bring-up.template.md",
+    "cure.py",
+    "cure.toml",
 }
 SMOOTH = "plant.friction.rolling_mm=0"
 
 
-@pytest.fixture(scope="module")
-def regenerate():
-    place = ROOT / "docs" / "regenerate.py"
-    spec = importlib.util.spec_from_file_location("regenerate", place)
+def script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def regenerate():
+    return script("regenerate")
+
+
+def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
+    cure = script("cure")
+    plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8"))
+    plan = {**plan, "laws": plan["laws"][:2], "tasks": plan["tasks"][:2], "rigs": 2}
+    first, last = cure.cells(plan, [0.2, 0.3, None, 5.0, 1.5, 0.9])
+    assert first == (0.2, None, 1)
+    assert last == (5.0, 1.5, 0)
+    page = cure.page(plan, {plan["tasks"][0]["name"]: [first, last]})
+    assert "0.20 / - (1 of 2)" in page
+    assert "5.00 / 1.50" in page
+    assert "5.00 (missed)" in page
+    assert "1.50 (missed)" in page
+    assert "Not simulated for this page: circle 0.75 rad/s." in page
+    assert cure.verdict(1.0, 1.0) == "1.00 (reached)"
+    assert cure.verdict(None, 1.0) == "- (missed)"
+
+
+@pytest.mark.parametrize("number", [4, 6])
+def test_every_law_of_the_page_about_the_cure_is_made_for_a_task(number):
+    cure = script("cure")
+    plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8")) | {"rigs": 1}
+    runs = cure.scenarios(plan, plan["tasks"][number])
+    assert len(runs) == 2 * len(plan["laws"])
+    kinds = {run.controller.kind for run in runs}
+    assert {"stable_inversion", "tvlqr", "internal_model", "iterative_learning", "mpc"} < kinds
 
 
 def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate):
