@@ -149,8 +149,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "",
         "![Nominal rig and worst rig of the family, law by law](figures/cure.svg)",
         "",
-        "*Filled: nominal rig; open: worst rig of the family; at the right edge: ball lost, or "
-        "never settled. Lines: goals for both.*",
+        "*Filled: nominal rig; open: worst rig of the family; red cross: ball lost, or never "
+        "settled (small: on the nominal rig). Lines: goals for both.*",
         "",
         "## Goals",
         "",
@@ -220,7 +220,10 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
             values = [getattr(cell, kind) for cell in found]
             x = [high / 1.3 if value is None else max(value, low) for value in values]
             face = "tab:blue" if at == 0 else "none"
-            axis.scatter(x, rows, s=30, facecolors=face, edgecolors="tab:blue", clip_on=False)
+            gone = np.array([value is None for value in values])
+            x, colours = np.array(x), {"facecolors": face, "edgecolors": "tab:blue"}
+            axis.scatter(x[~gone], rows[~gone], s=30, **colours)
+            axis.scatter(x[gone], rows[gone], s=40 if at else 15, marker="x", c="tab:red")
             axis.axvline(task["goals"][at], color="0.6", lw=1, ls="-" if at == 0 else "--")
         axis.set(xscale="log", xlim=(low, high), title=task["name"], xlabel=f"{word}, {unit}")
         axis.grid(axis="y", color="0.9")
