@@ -45,7 +45,7 @@ def test_away_from_limits_the_program_has_the_regulators_answer(horizon):
 
 
 def test_where_limits_act_it_is_the_best_that_keeps_them():
-    law = Predictive(horizon=0.2, rate_deg=5.0)
+    law = Predictive(horizon=0.2, rate_deg=5.0, Q=(20000.0, 2000.0, 100.0, 10.0))
     program, z = Program(law), np.array([0.02, 0.0, 0.0, 0.0])
     limits = law.limits
     found = program.solve(z, np.zeros((3, law.steps)))
