@@ -113,13 +113,19 @@ def fit(
     whole = [Search(table, numbers, seed, f"all {seed}") for seed in range(1, table.restarts + 1)]
     searched(whole, runs, lambda share: advance(0.5 * share))
     ahead = min(whole, key=lambda search: search.chi2)
-    refined = Descent(table, numbers, ahead.best, names, "all")
-    folds = {
-        group: Descent(table, own, _start(own, whole, runs), names, f"without {group}")
+    near = {
+        group: Search(table, own, 1, f"without {group}", _start(own, whole, runs))
         for group in (table.groups if leave_out and len(table.groups) > 1 else ())
         if len(own := [c for c in numbers if c.group != group]) >= len(names)
     }
-    searched([refined, *folds.values()], runs, lambda share: advance(0.5 + 0.4 * share))
+    if near:
+        searched([*near.values()], runs, lambda share: advance(0.5 + 0.3 * share))
+    refined = Descent(table, numbers, ahead.best, names, "all")
+    folds = {
+        group: Descent(table, search.cells, search.best, names, search.name)
+        for group, search in near.items()
+    }
+    searched([refined, *folds.values()], runs, lambda share: advance(0.8 + 0.15 * share))
     best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
     left = {group: search.best for group, search in folds.items()}
     found = runs.indicators(

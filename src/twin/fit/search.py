@@ -18,6 +18,8 @@ from twin.fit.schema import FitTable
 
 SIGMA = 0.25
 """Standard deviation of the first generation, as a share of the ranges."""
+NEAR_SIGMA, NEAR_GENERATIONS = 0.12, 4
+"""The same of a search that begins near a sample, and its generations at most."""
 CLOSE = 0.3
 """Spread of chi-squared within a generation at which a search is at its end."""
 
@@ -29,40 +31,50 @@ class Search:
         table: The parameters.
         numbers: The cells whose misfit is made small.
         seed: Of its random numbers.
+        name: What it is for.
+        near: Sample about which it begins; the whole ranges without one.
 
     Attributes:
         name: What it is for.
         best: The best sample so far.
         chi2: Its sum of squared residuals.
+        rounds: Most times it is asked.
         first: Its first generation, which was drawn before any cell was looked at.
         over: Whether it has ended.
     """
 
-    def __init__(self, table: FitTable, numbers: Sequence[Cell], seed: int, name: str = "") -> None:
+    def __init__(
+        self,
+        table: FitTable,
+        numbers: Sequence[Cell],
+        seed: int,
+        name: str = "",
+        near: Sample | None = None,
+    ) -> None:
         self.name = name
         self.cells = tuple(numbers)
-        self.best: Sample = ()
+        self.best: Sample = near or ()
         self.chi2 = np.inf
+        whole = table.generations
+        self.rounds = whole if near is None else min(whole, NEAR_GENERATIONS)
         self.first: list[Sample] = []
         self.over = False
         self._table = table
         self._size = len(table.parameters)
         # the library needs two dimensions; a second one to a single parameter changes nothing
         space = max(2, self._size)
+        mean = np.full(space, 0.5)
+        if near is not None:
+            mean[: self._size] = shares(near, table)
         self._cma = CMA(
-            mean=np.full(space, 0.5),
-            sigma=SIGMA,
+            mean=mean,
+            sigma=SIGMA if near is None else NEAR_SIGMA,
             bounds=np.array([[0.0, 1.0]] * space),
             seed=seed,
             population_size=table.population or None,
         )
         self._asked: list[tuple[Array, Sample]] = []
         self._generation = 0
-
-    @property
-    def rounds(self) -> int:
-        """Most times it is asked."""
-        return self._table.generations
 
     @property
     def experiments(self) -> tuple[int, ...]:
@@ -87,7 +99,7 @@ class Search:
                 self.chi2, self.best = chi2[-1], sample
         self._cma.tell([(p, c) for (p, _), c in zip(self._asked, chi2, strict=True)])
         self._generation += 1
-        self.over = self._generation >= self._table.generations or max(chi2) - min(chi2) < CLOSE
+        self.over = self._generation >= self.rounds or max(chi2) - min(chi2) < CLOSE
 
 
 class Descent:
@@ -111,8 +123,10 @@ class Descent:
     """Step of the first samples, as a share of the ranges."""
     LENGTHS = (0.5, 1.0)
     """Shares of the way to the model's minimum that are tried."""
-    rounds = 3
-    """Times it is asked."""
+    rounds = 10
+    """Most times it is asked."""
+    LITTLE = 0.02
+    """Fall of chi-squared in a round at which it is at its end."""
 
     def __init__(
         self,
@@ -153,13 +167,14 @@ class Descent:
 
     def tell(self, values: Sequence[Array]) -> None:
         """Take in the computed values of its cells for the samples it asked for."""
+        before = self.chi2
         for sample, value in zip(self._asked, values, strict=True):
             r = residuals(self.cells, value)
             self._seen[sample] = r
             if float(r @ r) < self.chi2:
                 self.chi2, self.best = float(r @ r), sample
         self._round += 1
-        self.over = self._round >= self.rounds or not self._free
+        self.over = self._round >= self.rounds or before - self.chi2 < self.LITTLE or not self._free
 
     def _to_minimum(self, best: Array) -> Array:
         at = np.array([shares(sample, self._table) for sample in self._seen])[:, self._free]

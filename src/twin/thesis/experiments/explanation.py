@@ -80,7 +80,7 @@ def table(
             )
             for seed, each in enumerate(chosen())
         ),
-        **{"population": 12, "generations": 2, "restarts": 2} | search,
+        **{"population": 12, "generations": 8, "restarts": 2} | search,
     )
 
 
