@@ -71,8 +71,16 @@ def test_an_example_runs_with_short_runs(path, capsys):
 
 @pytest.mark.usefixtures("brief")
 def test_what_the_readme_shows_of_python_runs():
-    (code,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
-    run(code, "readme")
+    package, _ = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+    run(package, "readme")
+
+
+@pytest.mark.long
+def test_what_the_readme_shows_of_gymnasium_runs(tmp_path):
+    _, environments = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+    code = f"{environments}\nenv.reset(seed=1), envs.reset(seed=1)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=tmp_path, check=False)
+    assert done.returncode == 0
 
 
 @pytest.mark.long
