@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import twin
 from twin.installation import problem
 
@@ -47,6 +49,7 @@ print(*(path.name for _, path in results(find, [("one", "hold"), ("other", "circ
 """
 
 
+@pytest.mark.long
 def test_packages_of_our_names_in_the_current_folder_are_not_taken(tmp_path):
     hostile(tmp_path)
     done = python(tmp_path, "-c", FROM_HERE)

@@ -44,6 +44,7 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
     assert not [name for name in names if "test" in name or name.startswith("src/")]
 
 
+@pytest.mark.long
 def test_the_wheel_installs_these_names_and_no_others(wheel):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     data = f"{project['name']}-{project['version']}.dist-info"

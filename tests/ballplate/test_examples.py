@@ -69,6 +69,7 @@ def test_an_example_runs_with_short_runs(path, capsys):
     assert capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_what_the_readme_shows_of_python_runs():
     package, _ = re.findall(r"```py\n(.*?)```", README, re.DOTALL)

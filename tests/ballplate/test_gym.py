@@ -19,12 +19,16 @@ RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ballplate.gym.ENVIRONMENTS)
 def test_gymnasiums_own_checker_has_nothing_to_say(name):
     check_env(gymnasium.make(f"ballplate.gym:{name}").unwrapped)
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+@pytest.mark.parametrize(
+    "mode",
+    ["NextStep", *(pytest.param(m, marks=pytest.mark.long) for m in ("SameStep", "Disabled"))],
+)
 def test_a_vector_does_what_gymnasiums_own_does_with_as_many_single_environments(mode):
     about = {"settings": EXACT, "family": "placed", "hold": 20, "preview": (0.3,)}
     name = "ballplate.gym:ballplate/Track-v0"

@@ -132,6 +132,7 @@ def test_a_comparison_is_saved_and_loaded_and_put_beside_other_runs(compared, do
     assert list(ballplate.compare(done, done)) == [done.title, f"{done.title}~2"]
 
 
+@pytest.mark.long
 def test_a_sweep_is_a_run_for_every_combination(done):
     found = ballplate.sweep(
         "circle",

@@ -48,6 +48,7 @@ def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     assert written == {"run.parquet", "metrics.json", "picture.png"}
 
 
+@pytest.mark.long
 def test_run_shows_another_scenario_beside(ballplate):
     code, out, _ = ballplate("run", "circle", *QUICK, "--beside", "cure")
     assert code == 0
@@ -345,6 +346,7 @@ def test_columns_of_several_scenarios_and_variants_name_both(ballplate):
     ]
 
 
+@pytest.mark.long
 def test_the_tracking_error_comes_first_in_a_table(ballplate):
     def rows(*more):
         _, out, _ = ballplate("run", "circle", *QUICK, *more)

@@ -109,6 +109,7 @@ def run(scenarios, ticks=300):
     return record
 
 
+@pytest.mark.long
 def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
     on = ["plant.kind=lagrange", "plant.step=0.002", "duration=0.6", "metrics.start=0"]
     jump = 'reference={kind="step",end=[0.1,0.05],time=0.1}'

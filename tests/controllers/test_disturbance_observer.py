@@ -36,6 +36,7 @@ def followed(observer, ticks, every=1, rigs=1, older=0.0):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("every", "rigs", "older"), [(1, 3, 0.0), (9, 1, 0.0), (9, 1, 0.004), (9, 3, 0.004)]
 )

@@ -230,6 +230,7 @@ def test_errors_are_as_large_as_the_covariance_says(crowd):
     assert within_chance(normalised(error, P), error.size)
 
 
+@pytest.mark.long
 def test_innovations_are_as_large_as_their_covariance_says(crowd):
     _, _, innovation, spread = crowd
     assert within_chance(normalised(innovation, spread), innovation.size)

@@ -127,6 +127,7 @@ def test_errors_are_as_large_as_the_filter_says_where_its_model_holds(consistenc
         assert within(moment, 9)
 
 
+@pytest.mark.long
 def test_innovations_are_as_large_as_the_filter_says(consistency):
     _, _, _, nis, _ = consistency
     assert within(nis[2:, :, 0], 1)

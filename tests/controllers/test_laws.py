@@ -106,6 +106,7 @@ def test_a_ball_to_one_side_tilts_the_plate_to_bring_it_back(law):
     assert u1 < 0 < u2
 
 
+@pytest.mark.long
 @every_law
 def test_the_exact_model_settles_on_a_point_on_both_axes(law):
     goal = Hold(x=0.1, y=-0.08)

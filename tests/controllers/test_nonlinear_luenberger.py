@@ -108,6 +108,7 @@ def test_it_is_the_observer_7_11_with_the_gain_of_7_12_and_7_13():
     assert deviation(2e-5) / deviation(1e-5) == pytest.approx(2, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plate_observer", [False, True])
 def test_flat_model_is_followed_from_a_wrong_start(plate_observer):
     wrong = np.array([0.003, 0.01, 0.01, -0.02, -0.002, 0.02, 0.01, 0.03])

@@ -67,6 +67,7 @@ def start(rigs=2, seed=0):
     return x
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize("delay", DELAYS)
 def test_perfect_model_without_noise_takes_the_dead_time_away_entirely(kind, delay):

@@ -79,6 +79,7 @@ class Withheld(Reference):
         return np.where((t > self.other_from)[..., None], self.there(t), self.here(t))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preview", [0.0, 0.02, 0.5, 1.4])
 def test_the_future_beyond_the_preview_has_no_influence(preview):
     law = StableInversion(preview=preview)

@@ -22,6 +22,7 @@ def counted(angle):
     return np.rint(angle / COUNT) * COUNT
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [0.05, 0.44])
 @pytest.mark.parametrize(("part", "shape"), [(Play, "flat"), (Hysteresis, "round")])
 def test_the_width_put_in_is_found_and_the_shape_is_named(part, shape, width):

@@ -240,6 +240,7 @@ def test_a_record_that_is_full_goes_on_with_twice_the_room(driven, monkeypatch):
     assert np.array_equal(rows(session), rows(calm)[: session.record.length])
 
 
+@pytest.mark.long
 def test_the_clean_model_goes_beside_without_friction(driven):
     pictures = []
     driven(load("circle"), {}, 1500, show=pictures.append)

@@ -49,8 +49,8 @@ def rates(step, count):
     [
         (mixed, nominal, 3, ("plant.friction.breakaway_ratio=1.5", "plant.start.x_rate=0.05")),
         (nominal, nominal, 3, ("plant.kind=lagrange", *EVERYTHING)),
-        (family, family, 3, EVERYTHING),
-        (nominal, family, 16, ()),
+        pytest.param(family, family, 3, EVERYTHING, marks=pytest.mark.long),
+        pytest.param(nominal, family, 16, (), marks=pytest.mark.long),
     ],
 )
 def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(

@@ -77,6 +77,7 @@ def test_the_table_closes_the_geometry_too(table):
         assert np.degrees(np.abs(error)).max() < 0.05
 
 
+@pytest.mark.long
 def test_integrated_rates_bring_both_axes_within_a_twentieth_of_a_degree(table):
     left = static_error(table, lines=6)
     assert left.max_deg < 0.05

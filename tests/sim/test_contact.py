@@ -79,6 +79,7 @@ def tilted(model, phi, theta=0.0, x=0.0):
     return data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("phi", "theta"), [(0.3, 0.0), (0.5, 0.0), (0.0, -0.5), (-0.3, 0.4)])
 def test_a_ball_below_its_breakaway_slope_creeps_less_than_a_micrometre(phi, theta):
     model = mechanism()

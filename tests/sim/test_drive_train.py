@@ -89,6 +89,7 @@ def test_a_motor_is_ahead_of_its_shaft_by_what_the_play_holds_back():
     assert shafts + drives.ahead == pytest.approx(np.zeros((1, 2)), abs=1e-12)
 
 
+@pytest.mark.long
 def test_a_random_vibration_has_the_size_of_the_steady_one_about_its_frequency():
     amplitude, f, wander, count = 0.7, 1.4, 0.5, 60_000
     part = Vibration(0.01, streams(2))

@@ -180,6 +180,7 @@ def test_a_base_that_stands_tilted_is_a_plate_that_does(friction):
     assert plate.state[0, 0] > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rigs", [1, 3])
 def test_a_ball_rolls_down_where_the_surface_slopes(rigs):
     rise = 0.01

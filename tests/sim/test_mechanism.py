@@ -197,6 +197,7 @@ def test_the_torque_stays_within_its_peak():
     assert np.abs(torques).max() == pytest.approx(12.3)
 
 
+@pytest.mark.long
 def test_a_ball_at_rest_on_the_level_plate_drifts_less_than_a_micrometre_in_a_minute():
     plant = Mechanism()
     away = 0.0
@@ -250,6 +251,7 @@ def ride(plate, step):
     return np.array(wheels), np.array(torques), np.array(plates)
 
 
+@pytest.mark.long
 def test_the_wheels_stay_on_their_cams_over_8_degrees_at_7_rad_per_s2_on_both_axes():
     step, amplitude = 0.001, math.radians(8)
     omega = math.sqrt(7 / amplitude)

@@ -71,6 +71,7 @@ def test_on_a_slope_viscous_friction_ends_the_acceleration_at_its_terminal_speed
     assert speed[:, 0] == pytest.approx(approach, abs=0.01 * terminal)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", PLANTS)
 def test_the_ball_sticks_up_to_the_breakaway_slope_and_slips_beyond(kind):
     friction = Friction(rolling=ROLLING, breakaway_ratio=2.0, stribeck_speed=0.002)

@@ -88,6 +88,7 @@ def test_an_undecided_index_is_called_so_and_never_shown_as_a_number(tmp_path) -
     assert any("Undecided" in line and KEYS[2] in line for line in sentences(about, [found]))
 
 
+@pytest.mark.long
 def test_morris_finds_the_slopes_of_a_linear_function_exactly(tmp_path) -> None:
     about = study("morris", 20, 0.0, 1.0)
     found = answered(about, lambda a, b, c: 3 * a - 2 * b + 0 * c, tmp_path, page=True)

@@ -63,6 +63,7 @@ def test_at_low_frequency_the_error_is_k3_over_k1_times_the_friction_acceleratio
     assert errors(tmp_path, 0.2, 45.0, 28.0) == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.long
 def test_at_the_thesis_frequency_the_error_is_the_loops_gain_for_a_turning_disturbance(
     tmp_path,
 ) -> None:

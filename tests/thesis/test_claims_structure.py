@@ -76,6 +76,7 @@ def test_taylor_coefficients_give_the_brackets_of_5_28(brackets):
         assert np.allclose(found, exact(x), rtol=1e-12, atol=1e-11)
 
 
+@pytest.mark.long
 def test_taylor_coefficients_give_the_lie_derivatives_of_5_18(fields):
     f, g1, g2 = fields
     F = f + g1 * U[0] + g2 * U[1]

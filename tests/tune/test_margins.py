@@ -29,6 +29,7 @@ def test_the_least_margin_of_all_cuts_counts_and_the_loop_bears_that_much():
     assert found.delay < at_ball
 
 
+@pytest.mark.long
 def test_an_unstable_loop_has_no_margin():
     found = loop_margins(AFL(gains=HAND), Luenberger(), dead_time=0.5)
     assert (found.disk, found.delay, found.stable) == (0.0, 0.0, False)

@@ -225,6 +225,7 @@ def test_without_a_name_the_shipped_ones_are_listed():
     assert json.loads(result.stdout).keys() == shipped().keys()
 
 
+@pytest.mark.long
 def test_a_plan_runs_nothing(file, folder, monkeypatch):
     monkeypatch.setattr("twin.tune.trials.PILOT_RIGS", 1)
     out = folder / "planned"
@@ -280,6 +281,7 @@ def test_a_mistake_in_a_tune_is_one_line(tmp_path, monkeypatch, old, new, messag
     assert "\n" not in str(result.exception)
 
 
+@pytest.mark.long
 def test_a_task_without_its_indicator_is_refused(tmp_path):
     path = tmp_path / "small.toml"
     text = TUNE.replace('x_rate=0.1"]', 'x_rate=0.1"]\nindicator = "tracking_error_percent"')

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -224,11 +225,12 @@ def code() -> str:
     for path in sources():
         total.update(path.read_bytes())
     for library in LIBRARIES:
-        total.update(f"{library} {version(library)}".encode())
+        with suppress(PackageNotFoundError):  # one that comes with an extra
+            total.update(f"{library} {version(library)}".encode())
     return total.hexdigest()
 
 
-LIBRARIES = ("mujoco", "numpy", "scipy", "control")
+LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
 """Whose version may change what a run gives."""
 
 
@@ -238,11 +240,13 @@ def sources() -> list[Path]:
     found = [path for path in laws.rglob("*.py") if "analysis" not in path.parts]
     found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
     found += [twin / "run" / f"{name}.py" for name in RUN]
-    found += [twin / "scenario" / f"{name}.py" for name in ("schema", "plant", "tables")]
+    found += [twin / "scenario" / f"{name}.py" for name in SCENARIO]
     found += [twin / "settings.py", Path(__file__), model_path(), model_path("cams.json")]
     found += [Path(module.__file__) for module in outside() if module.__file__]
     return sorted(found)
 
 
-RUN = ("assemble", "batch", "control", "loop", "metrics", "plants", "record")
+RUN = ("assemble", "batch", "changes", "control", "loop", "metrics", "plants", "record")
 """What of the room ``run`` a run of a study executes."""
+SCENARIO = ("change", "schema", "plant", "tables")
+"""The same of the room ``scenario``."""
