@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from controllers.arrays import Array
@@ -23,7 +24,37 @@ class Wanted(NamedTuple):
     """Of the plate, (phi, -theta), rad."""
 
 
-class Motion:
+class Slices(ABC):
+    """What is laid ahead slice by slice and asked for tick by tick, for one run.
+
+    Args:
+        preview: Where the path ahead comes from; a slice has as many ticks as it advances.
+        period: Control period in s.
+    """
+
+    def __init__(self, preview: Preview, period: float) -> None:
+        self._preview, self._period = preview, period
+        self._first = -preview.count
+        self._advance()
+
+    def _tick(self, t: float) -> int:
+        """Where in its slice a time in s stands that does not lie before the one asked for last."""
+        tick = round(t / self._period) - self._first
+        while tick >= self._preview.count:
+            self._advance()
+            tick -= self._preview.count
+        return tick
+
+    def _advance(self) -> None:
+        self._lay(*self._preview.advance())
+        self._first += self._preview.count
+
+    @abstractmethod
+    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Lay the next slice from the path of its ticks and of all that are previewed."""
+
+
+class Motion(Slices):
     """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
 
     Args:
@@ -44,28 +75,21 @@ class Motion:
         preview: float,
         spread: float,
     ) -> None:
-        self._k1, self._period = model.k1, period
-        self._preview = Preview(reference, x[..., 0::4], period, preview, spread)
-        self._inverse = inverse(model, self._preview, period)
-        self._first = -self._preview.count
-        self._lay()
+        self._k1 = model.k1
+        ahead = Preview(reference, x[..., 0::4], period, preview, spread)
+        self._inverse = inverse(model, ahead, period)
+        super().__init__(ahead, period)
 
     def at(self, t: float) -> Wanted:
         """What is wanted at a time in s that does not lie before the one asked for last."""
-        tick = round(t / self._period) - self._first
-        while tick >= self._preview.count:
-            self._lay()
-            tick -= self._preview.count
+        tick = self._tick(t)
         position, velocity, slope = self._laid
         return Wanted(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
 
-    def _lay(self) -> None:
-        """The next slice."""
+    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         count = self._preview.count
-        position, velocity, acceleration = self._preview.advance()
         slope = self._inverse.lay(acceleration / self._k1)
         self._laid = Wanted(position[:count], velocity[:count], slope)
-        self._first += count
 
 
 def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:

@@ -11,7 +11,7 @@ import numpy as np
 from controllers.about_motion import AboutMotion, check
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Reference
-from controllers.motion import inverse
+from controllers.motion import Slices, inverse
 from controllers.preview import Preview
 from controllers.two_sided import Tilts
 
@@ -146,7 +146,7 @@ class Wanted(NamedTuple):
     """Slopes that a friction of 1 m/s^2 takes besides, rad per m/s^2."""
 
 
-class InversePlan:
+class InversePlan(Slices):
     """The motion for one run, laid slice by slice.
 
     Args:
@@ -157,26 +157,20 @@ class InversePlan:
     """
 
     def __init__(self, law: StableInversion, x: Array, reference: Reference, period: float) -> None:
-        self._law, self._period = law, period
-        self._preview = Preview(reference, x[..., 0::4], period, law.preview, law.spread)
-        self._free, self._drag = (inverse(law.model, self._preview, period) for _ in range(2))
-        self._first = -self._preview.count
-        self._lay()
+        self._law = law
+        preview = Preview(reference, x[..., 0::4], period, law.preview, law.spread)
+        self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
+        super().__init__(preview, period)
 
     def at(self, t: float) -> Wanted:
         """What is wanted at a time in s that does not lie before the one asked for last."""
-        tick = round(t / self._period) - self._first
-        while tick >= self._preview.count:
-            self._lay()
-            tick -= self._preview.count
+        tick = self._tick(t)
         laid = self._laid
         free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
         return Wanted(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
 
-    def _lay(self) -> None:
-        """The next slice."""
+    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         k1, count = self._law.model.k1, self._preview.count
-        position, velocity, acceleration = self._preview.advance()
         square = (velocity**2).sum(axis=-1, keepdims=True)
         pace = square + (acceleration**2).sum(axis=-1, keepdims=True)
         speed = np.sqrt(square + self._law.smooth**2)
@@ -187,4 +181,3 @@ class InversePlan:
             self._free.lay(acceleration / k1),
             self._drag.lay(velocity / (k1 * speed)),
         )
-        self._first += count

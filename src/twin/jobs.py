@@ -11,6 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from runpy import run_path
 from threading import Thread
@@ -178,6 +179,22 @@ def _pool(processes: int) -> Iterator[_Pool]:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+
+
+def let_go(process: BaseProcess, patience: float = 1.0) -> None:
+    """End a process, whatever it does, and let go of it.
+
+    Args:
+        process: May have ended before.
+        patience: Seconds from asking it to end to killing it.
+    """
+    if process.is_alive():
+        process.terminate()
+        process.join(patience)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    process.close()
 
 
 def settle() -> None:

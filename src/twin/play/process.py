@@ -13,7 +13,7 @@ from time import monotonic
 from controllers import catalog
 from controllers.arrays import Array
 from twin.errors import TwinError
-from twin.jobs import SecondProcess, settle
+from twin.jobs import SecondProcess, let_go, settle
 from twin.play.events import End, Event, Told
 from twin.play.saving import Part, save_driven
 from twin.play.session import Session
@@ -102,13 +102,7 @@ class Simulation:
         if self._process.is_alive() and self.failure is None:
             self.send(End())
             self._process.join(LAST)
-        if self._process.is_alive():
-            self._process.terminate()
-            self._process.join(1.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._process.close()
+        let_go(self._process)
         self._pipe.close()
         self._ring.close()
 

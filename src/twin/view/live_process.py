@@ -11,6 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from twin.jobs import let_go
 from twin.run.record import Recorder
 from twin.view.shared_ring_buffer import SharedRingBuffer
 
@@ -116,11 +117,5 @@ class LiveProcess:
 
     def close(self) -> None:
         """End the process, whatever it does, and free the memory."""
-        if self._process.is_alive():
-            self._process.terminate()
-            self._process.join(1.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._process.close()
+        let_go(self._process)
         self._ring.close()
