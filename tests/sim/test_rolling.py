@@ -143,9 +143,9 @@ def test_spin_about_the_vertical_is_braked_by_its_own_arm():
     # J w' = -arm m g
     plant = Mechanism(rigs=1, step=STEP, friction=Friction(), parts=Parts(spinning=1e-4))
     plant.start(np.zeros((1, 4)), spin=4.0)
-    begin = plant._qvel[0, plant._ball_rate][5]
+    begin = plant._qvel[0, plant._at.ball_rate][5]
     run(plant, 0.5)
-    lost = begin - plant._qvel[0, plant._ball_rate][5]
+    lost = begin - plant._qvel[0, plant._at.ball_rate][5]
     expected = 1e-4 * BALL.mass * GRAVITY / BALL.inertia * 0.5
     assert lost == pytest.approx(min(expected, 4.0), rel=0.02)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
+from twin.sim.plant.level import from_plate
 
 
 def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array) -> Array:
@@ -39,3 +40,29 @@ def ball_in_plate(plate: Array, plate_rate: Array, ball: Array, ball_rate: Array
         out[first + 1] = cos_theta * along_y + sin_theta * along_z
         out[first + 2] = sin_phi * along_x + cos_phi * down
     return out
+
+
+def rolling_ball(
+    plate: Array, plate_rate: Array, ball: Array, height: Array, radius: Array
+) -> tuple[Array, Array, Array]:
+    """Position, velocity and angular velocity in world axes of balls that roll on the plate.
+
+    Args:
+        plate: Plate angles (phi, theta) in rad, shape (2, N).
+        plate_rate: Their rates in rad/s, shape (2, N).
+        ball: (x, x', y, y') in plate axes, m and m/s, shape (4, N).
+        height: Of their centres over the cardan joint, m, shape (N,).
+        radius: Of the balls, m, shape (N,).
+
+    Returns:
+        Three arrays (N, 3), in m, m/s and rad/s.
+    """
+    (phi, theta), (phi_rate, theta_rate) = plate, plate_rate
+    x, vx, y, vy = ball
+    zero = np.zeros_like(height)
+    centre = from_plate(np.stack((x, y, height), axis=-1), phi, theta)
+    # the plate's own angular velocity
+    turn = np.stack((theta_rate, phi_rate * np.cos(theta), phi_rate * np.sin(theta)), axis=-1)
+    along = from_plate(np.stack((vx, vy, zero), axis=-1), phi, theta)
+    roll = from_plate(np.stack((-vy / radius, vx / radius, zero), axis=-1), phi, theta)
+    return centre, along + np.cross(turn, centre), turn + roll

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +13,13 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number
 from twin.errors import ModelError
+from twin.sim.plant.addresses import TELEMETRY, Addresses
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.kinematics import ball_in_plate
-from twin.sim.plant.level import from_plate, tilted_gravity
-from twin.sim.plant.model import NAMES, cam_ratio, differing, load_model, value_of
+from twin.sim.plant.kinematics import ball_in_plate, rolling_ball
+from twin.sim.plant.model import cam_ratio
 from twin.sim.plant.parts import Parts
-
-__all__ = ["Mechanism", "load_model"]
-
-_TELEMETRY = {
-    "wheel_phi_N": "wheel_phi_force",
-    "wheel_theta_N": "wheel_theta_force",
-    "ball_N": "ball_force",
-    "torque_phi_Nm": "torque_phi",
-    "torque_theta_Nm": "torque_theta",
-    "spring_m": "spring_length",
-    "motor_phi_rad": "motor_phi",
-    "motor_theta_rad": "motor_theta",
-}
-"""Name in the record, and the sensor whose first number it is."""
+from twin.sim.plant.rig_models import RigModels
 
 _MANY = 16
 """From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""
@@ -62,7 +48,7 @@ class Mechanism:
         ModelError: If the model cannot be used, or a number is out of range.
     """
 
-    channels = tuple(_TELEMETRY)
+    channels = tuple(TELEMETRY)
 
     def __init__(
         self,
@@ -83,27 +69,24 @@ class Mechanism:
         if len(each) != rigs:
             raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
         self.rigs = rigs
-        self._path, self._parts = path, each
-        self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
-        models = {part: self._load(part, step) for part in dict.fromkeys(each)}
-        model = models[each[0]]
-        self._models = [models[part] for part in each]
-        """The mechanism of each rig as it was built."""
-        self._now = self._models
-        """The same with what has been exchanged since."""
+        self._sensing = rigs < _MANY
+        self._models = RigModels(path, each, step, _UNUSED | (0 if self._sensing else _ISLANDS))
+        model = self._models.first
         self.step = float(model.opt.timestep)
         self.ratio = cam_ratio(model)
-        self._sensing = rigs < _MANY
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
         self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
-        fields = differing(self._models)
-        for name, values in fields.items():
-            self._batch.expand(name)[:] = values
-        self._own = set(fields)
-        """Names of the model fields in which the rigs differ, or once did."""
-        self._resolve(model)
-        height = model.joint("ball").qposadr[0] + 2
-        self._height = np.array([each.key("level").qpos[height] for each in self._models])
+        self._models.give(self._batch)
+        self._at = Addresses.of(model)
+        self._live: Array = self._batch.bind("sensordata")
+        self._sensed: Array = self._live
+        self._ctrl: Array = self._batch.bind("ctrl")
+        self._qpos: Array = self._batch.bind("qpos")
+        self._qvel: Array = self._batch.bind("qvel")
+        screen = model.geom("plate")
+        self._surface = float(screen.pos[2] + screen.size[2])
+        self._half = screen.size[:2, None]
+        self._height = self._models.heights()
         self._radius = self._height - self._surface
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
@@ -111,26 +94,13 @@ class Mechanism:
         self._varying = self._contact is not None and self._contact.varying
         self.start(np.zeros((rigs, 4)))
 
-    def _load(
-        self, parts: Parts, step: float | None, stands: mujoco.MjModel | None = None
-    ) -> mujoco.MjModel:
-        model = load_model(self._path, parts, drawn=False, stands=stands)
-        model.opt.disableflags |= _UNUSED | (0 if self.rigs < _MANY else _ISLANDS)
-        if step is not None:
-            model.opt.timestep = step
-        return model
-
     def foresee(self, parts: Sequence[Parts]) -> None:
         """Make ready for a ``change`` to other parts, one a rig, so that it takes no time.
 
         Raises:
             ModelError: If a number is out of range.
         """
-        for own, stands, other in zip(self._parts, self._models, parts, strict=True):
-            wanted = _at_level_of(own, other)
-            if (own, wanted) not in self._exchanged:
-                as_it_was = stands if wanted == own else self._load(wanted, self.step, stands)
-                self._exchanged[own, wanted] = as_it_was
+        self._models.foresee(parts)
 
     def change(self, friction: Friction, parts: Sequence[Parts]) -> None:
         """Go on with other friction and parts, one a rig; nothing is levelled again.
@@ -138,101 +108,10 @@ class Mechanism:
         Raises:
             ModelError: If a number is out of range.
         """
-        self.foresee(parts)
-        models = [
-            self._exchanged[own, _at_level_of(own, other)]
-            for own, other in zip(self._parts, parts, strict=True)
-        ]
-        fields = differing([*self._models, *self._now, *models])
-        fields.pop("opt.gravity", None)
-        for name, values in fields.items():
-            self._batch.expand(name)[:] = values[-self.rigs :]
-        self._now = models
-        levels = [part.level or (0.0, 0.0) for part in parts]
-        gravity = float(np.linalg.norm(models[0].opt.gravity))
-        self._batch.expand("opt.gravity")[:] = tilted_gravity(levels, gravity)
-        before, self._contact = self._contact, BallContact(self._batch, friction)
-        if before is not None:
-            self._contact.go_on(before, self.state)
-        self._varying = self._contact.varying
+        self._models.exchange(self._batch, parts)
+        self._exchange_friction(friction)
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
-
-    def _resolve(self, model: mujoco.MjModel) -> None:
-        """Find, once, where everything of interest stands in the batch's arrays."""
-        ball = model.joint("ball")
-        self._level = model.key("level").id
-        self._ball_pose = slice(ball.qposadr[0], ball.qposadr[0] + 3)
-        self._ball_rate = slice(ball.dofadr[0], ball.dofadr[0] + 6)
-        plate = [model.joint(axis) for axis in ("phi", "theta")]
-        at_pose, at_rate = ball.qposadr[0], ball.dofadr[0]
-        self._poses = np.array(
-            [*(joint.qposadr[0] for joint in plate), *range(at_pose, at_pose + 3)]
-        )
-        self._rates = np.array(
-            [*(joint.dofadr[0] for joint in plate), *range(at_rate, at_rate + 3)]
-        )
-        screen = model.geom("plate")
-        self._surface = float(screen.pos[2] + screen.size[2])
-        self._half = screen.size[:2, None]
-        at = {name: int(model.sensor(name).adr[0]) for name in NAMES["sensor"]}
-        position, velocity = at["ball_position"], at["ball_velocity"]
-        self._over = at["ball_on_plate"]
-        self._state = np.array(
-            [
-                position,
-                velocity,
-                at["phi"],
-                at["phi_rate"],
-                position + 1,
-                velocity + 1,
-                at["theta"],
-                at["theta_rate"],
-            ]
-        )
-        self._told = np.array([at[sensor] for sensor in _TELEMETRY.values()])
-        self._servo = _columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")])
-        self._shaft = _columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")])
-        self._live: Array = self._batch.bind("sensordata")
-        self._sensed: Array = self._live
-        self._ctrl: Array = self._batch.bind("ctrl")
-        self._qpos: Array = self._batch.bind("qpos")
-        self._qvel: Array = self._batch.bind("qvel")
-
-    def start(self, ball: Array, spin: Number = 0.0) -> None:
-        """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
-
-        Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the
-        vertical in rad/s.
-        """
-        batch = self._batch
-        batch.reset(keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._roll(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
-        batch.forward()
-        self._sensed = self._live
-        self._look()
-        if self._contact is not None:
-            self._contact.start(self.state)
-
-    def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
-        """Put some rigs to the start as ``start`` does, the others as they are."""
-        batch = self._batch
-        batch.reset(rigs, keyframe=self._level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._roll(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
-        batch.warning[rigs] = 0
-        batch.forward(rigs)
-        self._sensed = self._live
-        self._look()
-        if self._contact is not None:
-            self._contact.begin(rigs, self.state)
-
-    def _roll(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number) -> None:
-        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4)."""
-        x, vx, y, vy = ball.T
-        zero, radius = np.zeros(len(ball)), self._radius[rigs]
-        self._qpos[rigs, self._ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
-        turn = (-vy / radius, vx / radius, zero + spin)
-        self._qvel[rigs, self._ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
 
     def rebuild(
         self, rigs: NDArray[np.integer], parts: Sequence[Parts], friction: Friction
@@ -247,45 +126,71 @@ class Mechanism:
         Raises:
             ModelError: If a number is out of range.
         """
-        made = {part: self._load(part, self.step) for part in dict.fromkeys(parts)}
-        models = [made[part] for part in parts]
-        self._own |= set(differing([self._models[0], *models]))
-        for name in self._own:
-            self._batch.expand(name)[rigs] = [value_of(model, name) for model in models]
-        for rig, part, model in zip(rigs.tolist(), parts, models, strict=True):
-            self._parts[rig], self._models[rig] = part, model
-            self._height[rig] = model.key("level").qpos[self._poses[-1]]
+        self._models.rebuild(self._batch, rigs, parts)
+        self._height[rigs] = self._models.heights(rigs)
         self._radius = self._height - self._surface
+        self._exchange_friction(friction)
+
+    def _exchange_friction(self, friction: Friction) -> None:
+        """Let the balls roll on with other friction."""
         before, self._contact = self._contact, BallContact(self._batch, friction)
         if before is not None:
             self._contact.go_on(before, self.state)
         self._varying = self._contact.varying
 
+    def start(self, ball: Array, spin: Number = 0.0) -> None:
+        """Put every plate level and at rest with its ball rolling at (x, x', y, y'), shape (N, 4).
+
+        Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the
+        vertical in rad/s.
+        """
+        batch = self._batch
+        batch.reset(keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._roll(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
+        batch.forward()
+        self._sensed = self._live
+        self._look()
+        if self._contact is not None:
+            self._contact.start(self.state)
+
+    def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
+        """Put some rigs to the start as ``start`` does, the others as they are."""
+        batch = self._batch
+        batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._roll(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
+        batch.warning[rigs] = 0
+        batch.forward(rigs)
+        self._sensed = self._live
+        self._look()
+        if self._contact is not None:
+            self._contact.begin(rigs, self.state)
+
+    def _roll(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number) -> None:
+        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4)."""
+        x, vx, y, vy = ball.T
+        zero, radius = np.zeros(len(ball)), self._radius[rigs]
+        self._qpos[rigs, self._at.ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
+        turn = (-vy / radius, vx / radius, zero + spin)
+        self._qvel[rigs, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
+
     def place(self, ball: Array) -> None:
         """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""
-        x, vx, y, vy = np.broadcast_to(ball, (self.rigs, 4)).T
-        phi, theta = self._qpos.T[self._poses[:2]]
-        phi_rate, theta_rate = self._qvel.T[self._rates[:2]]
-        zero = np.zeros(self.rigs)
-        centre = from_plate(np.stack((x, y, self._height), axis=-1), phi, theta)
-        # the plate's own angular velocity, in rig axes as everything here
-        plate = np.stack((theta_rate, phi_rate * np.cos(theta), phi_rate * np.sin(theta)), axis=-1)
-        along = from_plate(np.stack((vx, vy, zero), axis=-1), phi, theta)
-        turn = np.stack((-vy / self._radius, vx / self._radius, zero), axis=-1)
-        pose = self._ball_pose.start
-        self._qpos[:, self._ball_pose] = centre
+        angles, rates = self._qpos.T[self._at.poses[:2]], self._qvel.T[self._at.rates[:2]]
+        each = np.broadcast_to(ball, (self.rigs, 4)).T
+        centre, velocity, turning = rolling_ball(angles, rates, each, self._height, self._radius)
+        pose, rate = self._at.ball_pose.start, self._at.ball_rate.start
+        self._qpos[:, pose : pose + 3] = centre
         # upright, so that its own axes are those of the rig
         self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
-        rate = self._ball_rate.start
-        self._qvel[:, rate : rate + 3] = along + np.cross(plate, centre)
-        self._qvel[:, rate + 3 : rate + 6] = plate + from_plate(turn, phi, theta)
+        self._qvel[:, rate : rate + 3] = velocity
+        self._qvel[:, rate + 3 : rate + 6] = turning
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()
 
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Hold the motor speeds (rad/s, shape (N, 2), order phi, theta) for physics steps."""
-        self._ctrl[:, self._servo] = motor_rate
+        self._ctrl[:, self._at.servo] = motor_rate
         if not self._varying:
             self._step(steps)
             return
@@ -307,7 +212,7 @@ class Mechanism:
 
     def _look(self) -> None:
         """Work out state and whereabouts of all balls from joint positions and speeds."""
-        pose, rate = self._qpos.T[self._poses], self._qvel.T[self._rates]
+        pose, rate = self._qpos.T[self._at.poses], self._qvel.T[self._at.rates]
         seen = ball_in_plate(pose[:2], rate[:2], pose[2:], rate[2:])
         self._seen = np.empty((8, self.rigs)).T
         self._seen.T[:] = seen[0], seen[3], pose[0], rate[0], seen[1], seen[4], pose[1], rate[1]
@@ -335,17 +240,17 @@ class Mechanism:
     @property
     def state(self) -> Array:
         """True state in the order of (5.5), shape (N, 8), at the present instant."""
-        return self._sensed.take(self._state, axis=1) if self._sensing else self._seen
+        return self._sensed.take(self._at.state, axis=1) if self._sensing else self._seen
 
     @property
     def motor(self) -> Array:
         """Motor shaft angles in rad, shape (N, 2), in the order phi, theta."""
-        return self._qpos[:, self._shaft].copy()
+        return self._qpos[:, self._at.shaft].copy()
 
     @property
     def on_plate(self) -> Mask:
         """Whether the ball's centre is over the screen and not below its surface, shape (N,)."""
-        return self._sensed[:, self._over] > 0 if self._sensing else self._inside
+        return self._sensed[:, self._at.over] > 0 if self._sensing else self._inside
 
     @property
     def warnings(self) -> NDArray[np.integer]:
@@ -363,7 +268,7 @@ class Mechanism:
 
         Shape (N, channels). Forces and torques are those of the last physics step.
         """
-        return self._sensed.take(self._told, axis=1)
+        return self._sensed.take(self._at.told, axis=1)
 
 
 def _keep_quiet() -> None:
@@ -371,16 +276,3 @@ def _keep_quiet() -> None:
     config = mujoco.MjLogConfig.get()
     config.logto_console = config.logto_file = False
     config.set()
-
-
-def _at_level_of(own: Parts, other: Parts) -> Parts:
-    """Other parts on a rig's own base, which may tilt without anything being exchanged."""
-    return replace(other, level=own.level)
-
-
-def _columns(ids: Sequence[int]) -> slice | list[int]:
-    """Two columns as a slice where their order allows it: slices are cheap to read and write."""
-    first, second = (int(i) for i in ids)
-    if second > first:
-        return slice(first, second + 1, second - first)
-    return [first, second]

@@ -1,0 +1,124 @@
+"""The compiled mechanism of every rig of a batch, and how parts are exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from controllers.arrays import Array
+from twin.sim.plant.level import tilted_gravity
+from twin.sim.plant.model import differing, load_model, value_of
+from twin.sim.plant.parts import Parts
+
+
+class RigModels:
+    """A model for each rig: as it was built, and with what has been exchanged since.
+
+    A batch has one model and, of the fields in which its rigs differ, a value for each.
+
+    Args:
+        path: The MJCF file; None for the packaged model.
+        parts: What differs from it, one a rig.
+        step: Physics step in s; None for the model's own.
+        disabled: The engine's ``mjtDisableBit`` flags to set.
+
+    Raises:
+        ModelError: If the model cannot be used, or a number is out of range.
+    """
+
+    def __init__(
+        self, path: Path | None, parts: Sequence[Parts], step: float | None, disabled: int
+    ) -> None:
+        self._path, self._step, self._disabled = path, step, disabled
+        self._parts = list(parts)
+        self._built = self._compiled(parts)
+        self._now = self._built
+        self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
+        self._own: set[str] = set()
+        """Names of the model fields in which the rigs differ, or once did."""
+
+    @property
+    def first(self) -> mujoco.MjModel:
+        """That of the first rig as it was built."""
+        return self._built[0]
+
+    def heights(self, rigs: NDArray[np.integer] | None = None) -> Array:
+        """Height of the ball's centre on the level plate in m, of all rigs or of some."""
+        models = self._built if rigs is None else [self._built[rig] for rig in rigs.tolist()]
+        height = self.first.joint("ball").qposadr[0] + 2
+        return np.array([model.key("level").qpos[height] for model in models])
+
+    def give(self, batch: Batch) -> None:
+        """Give a batch that has the first rig's model what the others have of their own."""
+        fields = differing(self._built)
+        for name, values in fields.items():
+            batch.expand(name)[:] = values
+        self._own = set(fields)
+
+    def foresee(self, parts: Sequence[Parts]) -> None:
+        """Compile the models with other parts, one a rig, so that ``exchange`` takes no time.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        for own, stands, other in zip(self._parts, self._built, parts, strict=True):
+            wanted = _at_level_of(own, other)
+            if (own, wanted) not in self._exchanged:
+                as_it_was = stands if wanted == own else self._compile(wanted, stands)
+                self._exchanged[own, wanted] = as_it_was
+
+    def exchange(self, batch: Batch, parts: Sequence[Parts]) -> None:
+        """Give a batch other parts, one a rig; nothing is levelled again.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        self.foresee(parts)
+        models = [
+            self._exchanged[own, _at_level_of(own, other)]
+            for own, other in zip(self._parts, parts, strict=True)
+        ]
+        fields = differing([*self._built, *self._now, *models])
+        fields.pop("opt.gravity", None)
+        for name, values in fields.items():
+            batch.expand(name)[:] = values[-len(models) :]
+        self._now = models
+        levels = [part.level or (0.0, 0.0) for part in parts]
+        gravity = float(np.linalg.norm(models[0].opt.gravity))
+        batch.expand("opt.gravity")[:] = tilted_gravity(levels, gravity)
+
+    def rebuild(self, batch: Batch, rigs: NDArray[np.integer], parts: Sequence[Parts]) -> None:
+        """Build some rigs of a batch anew, with other parts, one each.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        models = self._compiled(parts)
+        self._own |= set(differing([self.first, *models]))
+        for name in self._own:
+            batch.expand(name)[rigs] = [value_of(model, name) for model in models]
+        for rig, part, model in zip(rigs.tolist(), parts, models, strict=True):
+            self._parts[rig], self._built[rig] = part, model
+
+    def _compiled(self, parts: Sequence[Parts]) -> list[mujoco.MjModel]:
+        """One model a rig; rigs of the same parts share theirs."""
+        made = {part: self._compile(part) for part in dict.fromkeys(parts)}
+        return [made[part] for part in parts]
+
+    def _compile(self, parts: Parts, stands: mujoco.MjModel | None = None) -> mujoco.MjModel:
+        model = load_model(self._path, parts, drawn=False, stands=stands)
+        model.opt.disableflags |= self._disabled
+        if self._step is not None:
+            model.opt.timestep = self._step
+        return model
+
+
+def _at_level_of(own: Parts, other: Parts) -> Parts:
+    """Other parts on a rig's own base, which may tilt without anything being exchanged."""
+    return replace(other, level=own.level)
