@@ -46,7 +46,7 @@ class Transition(Reference):
         motion = in_turn((time, time, time + duration), pieces)
         object.__setattr__(self, "start", start)
         object.__setattr__(self, "end", end)
-        object.__setattr__(self, "_motion", WithDerivatives(motion))
+        object.__setattr__(self, "_motion", motion)
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
@@ -129,7 +129,7 @@ def _curve(points: Array, closed: bool) -> WithDerivatives:
     spline = interpolate(share, points, k=5, bc_type=ends)  # type: ignore[arg-type]
     # PPoly.from_spline would do for one axis alone.
     powers = [spline(share[:-1], nu=k) / factorial(k) for k in reversed(range(6))]
-    return WithDerivatives(scipy.interpolate.PPoly(np.array(powers), share))
+    return WithDerivatives(np.array(powers), share)
 
 
 def _schedule(time: float, duration: float, ramp: float, closed: bool) -> WithDerivatives:
@@ -145,4 +145,4 @@ def _schedule(time: float, duration: float, ramp: float, closed: bool) -> WithDe
         full[0] = 1 - covered
         pieces += [join(full, last, ramp), linear(last)]
         origins += [time + duration - ramp, time + duration]
-    return WithDerivatives(in_turn(origins, pieces))
+    return in_turn(origins, pieces)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
+from math import comb, perm
+from typing import Any
 
 import numpy as np
-import scipy
 
 from controllers.arrays import Array
 
@@ -25,11 +27,39 @@ def join(start: Array, end: Array, duration: float) -> Array:
         Coefficients of t^9 ... t^0, shape (10, n).
     """
     # Counted from the start: the rounding of a constant would be in all coefficients.
-    ends = np.array((start, end)) - at_rest(start[0])
-    bernstein = scipy.interpolate.BPoly.from_derivatives(np.array((0.0, duration)), ends)
-    powers = scipy.interpolate.PPoly.from_bernstein_basis(bernstein).c[:, 0]
+    before, after = np.array((start, end)) - at_rest(start[0])
+    powers = _powers(_control_points(before, after, duration), duration)
     powers[-1] += start[0]
     return powers
+
+
+def _control_points(start: Array, end: Array, duration: float) -> Array:
+    """Coefficients in the Bernstein basis of the polynomial of ``join``, shape (10, n).
+
+    Its q-th derivative at an end is 9!/(9 - q)! T^-q times the q-th difference of the control
+    points there, which gives one after another.
+    """
+    n, T = DEGREE + 1, np.float64(duration)
+    c = np.empty((n, start.shape[1]))
+    for q in range(5):
+        c[q] = start[q] / perm(DEGREE, q) * T**q
+        for j in range(q):
+            c[q] -= (-1) ** (j + q) * comb(q, j) * c[j]
+    for q in range(5):
+        c[-q - 1] = end[q] / perm(DEGREE, q) * (-1) ** q * T**q
+        for j in range(q):
+            c[-q - 1] -= (-1) ** (j + 1) * comb(q, j + 1) * c[-q + j]
+    return c
+
+
+def _powers(control: Array, duration: float) -> Array:
+    """Coefficients of t^9 ... t^0 from those in the Bernstein basis, both of shape (10, n)."""
+    T, c = np.array([duration]), np.zeros_like(control)
+    for a, point in enumerate(control):
+        factor = (-1) ** a * comb(DEGREE, a) * point
+        for s in range(a, DEGREE + 1):
+            c[DEGREE - s] += factor * (comb(DEGREE - a, s - a) * (-1) ** s) / T**s
+    return c
 
 
 def linear(start: Array) -> Array:
@@ -50,7 +80,44 @@ def at_rest(place: Sequence[float] | Array) -> Array:
     return out
 
 
-def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> scipy.interpolate.PPoly:
+class WithDerivatives:
+    """A piecewise polynomial evaluated together with its first four derivatives.
+
+    The first piece holds for all time before, the last ever after.
+
+    Args:
+        coefficients: Of each piece from the highest power to the constant, (powers, pieces, n).
+        breaks: Where each piece counts its time from, and where the last ends, (pieces + 1,).
+    """
+
+    def __init__(self, coefficients: Array, breaks: Array) -> None:
+        rising = coefficients[::-1]
+        count, pieces, n = rising.shape
+        self._breaks, self._list = breaks, breaks.tolist()
+        self._last = pieces - 1
+        self._rising = np.zeros((pieces, count, 5, n))
+        """Coefficients of t^0, t^1 ... of value and derivatives."""
+        for k in range(5):
+            for power in range(k, count):
+                self._rising[:, power - k, k] = perm(power, k) * rising[power]
+
+    def __call__(self, t: float | Array) -> Array:
+        """Value and four derivatives at t, shape (5, *shape(t), n)."""
+        time = np.asarray(t, float)
+        piece: Any
+        if time.ndim:
+            found = self._breaks.searchsorted(time, "right") - 1
+            piece = np.minimum(np.maximum(found, 0), self._last)
+        else:  # the same in plain numbers, several times faster
+            piece = min(max(bisect_right(self._list, t) - 1, 0), self._last)
+        powers = np.ones((*time.shape, self._rising.shape[1]))
+        powers[..., 1:] = (time - self._breaks[piece])[..., None]
+        terms = self._rising[piece] * np.multiply.accumulate(powers, axis=-1)[..., None, None]
+        values: Array = np.add.reduce(terms, axis=-3)
+        return np.moveaxis(values, -2, 0) if time.ndim else values
+
+
+def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> WithDerivatives:
     """Polynomials one after another; the first holds for all time before, the last ever after.
 
     Args:
@@ -58,24 +125,5 @@ def in_turn(origins: Sequence[float], pieces: Sequence[Array]) -> scipy.interpol
         pieces: Coefficients of each piece, highest power first, each of shape (10, n).
     """
     # Two that coincide may be in the wrong order by rounding.
-    x = np.maximum.accumulate((*origins, origins[-1]))
-    return scipy.interpolate.PPoly(np.stack(pieces, axis=1), x)
-
-
-class WithDerivatives:
-    """A piecewise polynomial evaluated together with its first four derivatives.
-
-    Args:
-        polynomial: Of values of shape (n,).
-    """
-
-    def __init__(self, polynomial: scipy.interpolate.PPoly) -> None:
-        c = np.zeros((*polynomial.c.shape[:2], 5, polynomial.c.shape[2]))
-        for k in range(5):
-            derived = polynomial.derivative(k).c
-            c[-len(derived) :, :, k] = derived
-        self._all = scipy.interpolate.PPoly(c, polynomial.x)
-
-    def __call__(self, t: float | Array) -> Array:
-        """Value and four derivatives at t, shape (5, *shape(t), n)."""
-        return np.moveaxis(self._all(t), -2, 0)
+    breaks = np.maximum.accumulate((*origins, origins[-1]))
+    return WithDerivatives(np.stack(pieces, axis=1), breaks)

@@ -52,7 +52,7 @@ class _SoftStarted(Reference):
         pieces = (still, join(rest, motion(start), start) if start > 0 else still)
         object.__setattr__(self, "_start", start)
         object.__setattr__(self, "_motion", motion)
-        object.__setattr__(self, "_opening", WithDerivatives(in_turn((0.0, 0.0), pieces)))
+        object.__setattr__(self, "_opening", in_turn((0.0, 0.0), pieces))
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""
