@@ -7,14 +7,30 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from typing import Any
 
+from pydantic_core import to_jsonable_python
+
 from twin.errors import ScenarioError
 from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
-from twin.scenario.schema import KINDS
+from twin.scenario.schema import KINDS, choices, settings_model
 from twin.study.family import Point
 
 _MISSING = object()
+
+
+def _with_defaults(tables: dict[str, Any]) -> dict[str, Any]:
+    """A scenario with what its law, observer and reference have by default."""
+    found = dict(tables)
+    for name in KINDS.keys() & found.keys():
+        model = settings_model(choices(name)[found[name]["kind"]])
+        own = {
+            key: field.get_default(call_default_factory=True)
+            for key, field in model.model_fields.items()
+            if not field.is_required()
+        }
+        found[name] = to_jsonable_python(own) | found[name]
+    return found
 
 
 class Builder:
@@ -85,9 +101,8 @@ class Builder:
         """What the scenario says of a key, by itself or by default."""
         base = tuple(text for text in fixed if not text.startswith("seed="))
         if base not in self._bases:
-            self._bases[base] = json.loads(
-                self._built([*map(self._setting, base)]).model_dump_json()
-            )
+            built = self._built([*map(self._setting, base)])
+            self._bases[base] = _with_defaults(json.loads(built.model_dump_json()))
         table: Any = self._bases[base]
         for name in key.split("."):
             table = table.get(name, _MISSING) if isinstance(table, Mapping) else _MISSING
