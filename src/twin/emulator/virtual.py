@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.emulator.drive import EmulatedDrive
-from twin.hal.interface import Transmission
+from twin.hal.interface import Touch, Transmission
 from twin.run.assemble import build_devices, start_plant
 from twin.run.changes import change_devices, changing_devices
 from twin.run.plants import build_plant
@@ -57,6 +57,9 @@ class EmulatedPlant:
     transmission: Transmission
     """Plate angles to motor angles, as the scenario's rig knows them."""
 
+    _touch: Touch
+    """What the screen is touched by now."""
+
     def attach(self, drives: Sequence[EmulatedDrive]) -> None:
         """Let the drives, phi then theta, move the plant and read its encoders."""
         self._drives = drives[:2]
@@ -94,7 +97,7 @@ class EmulatedPlant:
         """Where the ball touches the screen, m in plate axes; empty if it does not."""
         if not self.present or not self.devices.on_plate[0]:
             return ()
-        x, y = self.devices.read().position[0].tolist()
+        x, y = self._touch.position[0].tolist()
         return ((x, y),)
 
     def edge(self) -> str:
@@ -104,7 +107,9 @@ class EmulatedPlant:
         return "short" if phi > theta else "long"
 
     def _sense(self) -> None:
-        motor, plate = self.devices.motor()[0].tolist(), self.devices.plate()[0].tolist()
-        for drive, shaft, angle in zip(self._drives, motor, plate, strict=True):
+        # sensors are read once a tick, however seldom a screen looks: their noise is drawn by it
+        self._touch, plate = self.devices.read(), self.devices.plate()[0]
+        motor = self.devices.motor()[0].tolist()
+        for drive, shaft, angle in zip(self._drives, motor, plate.tolist(), strict=True):
             drive.sense(shaft, angle)
-        self._dipped = np.maximum(self._dipped, np.abs(self.devices.plate()[0]))
+        self._dipped = np.maximum(self._dipped, np.abs(plate))
