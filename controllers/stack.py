@@ -30,7 +30,9 @@ class Controller:
     """What drives a rig, simulated or real.
 
     Once per period ``command`` turns the measurement into a step; ``applied`` must then be given
-    the rates the rig really commanded, from which the observer predicts.
+    the rates the rig really commanded, from which the observer predicts. Periods that a rig in real
+    time had to leave out are made up for at the next: observer and memory go through them with the
+    plate on a straight line and no touch.
 
     Args:
         law: The state feedback.
@@ -42,6 +44,9 @@ class Controller:
         ValueError: If the law needs what the observer does not estimate.
     """
 
+    MOST_MISSED = 50
+    """Periods that are made up for at most; after longer ones a rig has been levelled."""
+
     def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
         self._needed = needed(law, observer)
         self.law = law
@@ -51,6 +56,7 @@ class Controller:
         self.reference = reference
         self.period = period
         self._period = constant(period)
+        self._time: float | None = None
 
     def start(self, measurement: Measurement) -> None:
         """Begin with the ball and the plate where the measurement sees them, at rest."""
@@ -62,10 +68,14 @@ class Controller:
         self.rate = self.requested = np.zeros((*x.shape[:-1], 2))
         self.memory = np.zeros((*x.shape[:-1], self.law.memory))
         self.plan = self.law.start(x, self.reference, self.period)
+        self._time = None
 
     def command(self, measurement: Measurement) -> ControlStep:
         """The estimate for a measurement, and what is requested of the rig."""
         t, observer = measurement.time, self.observer
+        if self._time is not None and t - self._time > 1.5 * self.period:
+            self._make_up(self._time, measurement)
+        self._time, self._angles, self._age = t, measurement.y[..., 1::2], measurement.age
         x = observer.correct(measurement)
         seen, further = observer.equivalent, observer.further
         now = Feedback(
@@ -80,11 +90,28 @@ class Controller:
             self.plan,
         )
         u = self.law.command(now)
+        self._remember(t, seen)
+        self.requested = self.rate + self._period * u
+        return ControlStep(x, u, self.requested, further)
+
+    def _remember(self, t: float, seen: Array) -> None:
+        """Integrate the law's memory over one period, from an equivalent state."""
         if self.law.memory:
             slope = self.law.memory_rate(t, seen, self.reference, self.memory)
             self.memory = self.memory + self._period * slope
-        self.requested = self.rate + self._period * u
-        return ControlStep(x, u, self.requested, further)
+
+    def _make_up(self, before: float, present: Measurement) -> None:
+        """Go through the periods since a time in s in which nothing was measured."""
+        passed, touched = present.time - before, np.zeros_like(present.touched)
+        periods, still = round(passed / self.period), np.zeros_like(self.rate)
+        for number in range(max(1, periods - self.MOST_MISSED), periods):
+            share = number / periods
+            t, y = before + share * passed, present.y.copy()
+            y[..., 1::2] = (1 - share) * self._angles + share * present.y[..., 1::2]
+            age = self._age + share * passed
+            self.observer.correct(Measurement(t, y, age, touched, present.state))
+            self._remember(t, self.observer.equivalent)
+            self.observer.predict(still)
 
     def applied(self, rate: Array) -> Array:
         """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).

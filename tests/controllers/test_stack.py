@@ -70,6 +70,40 @@ def test_the_true_plate_rate_never_reaches_the_law():
     assert not controller.observer.x[0, 3::4].any()
 
 
+@pytest.mark.parametrize("observer", ["friction_kalman", "luenberger"])
+def test_periods_that_were_left_out_are_made_up_for_with_what_is_known_of_them(observer):
+    # the plate goes on at its rate meanwhile, and nobody looks at the ball
+    keys = ["controller.kind=afl_integral", f"observer.kind={observer}", "predictor.delay=0.042"]
+    measured = np.random.default_rng(4).normal(size=(300, 1, 4)) * 1e-3
+    measured[..., 1] = 2e-3 * np.arange(300)[:, None]
+    left_out = {100, 101, 102, 103, 130, 200, 201}
+
+    def gone_through(skip):
+        controller = build_controller(load("circle", keys))
+        controller.start(measurement(0, measured[0]))
+        for tick in range(300):
+            now = measurement(tick, measured[tick])
+            if tick in left_out:
+                if skip:
+                    continue
+                later = next(each for each in range(tick, 300) if each not in left_out)
+                before = next(each for each in range(tick, 0, -1) if each not in left_out)
+                share = (tick - before) / (later - before)
+                now.y[..., 0::2] = measured[later][..., 0::2]
+                now.y[..., 1::2] = (1 - share) * measured[before][..., 1::2] + (
+                    share * measured[later][..., 1::2]
+                )
+                now = now._replace(touched=np.zeros(1, bool), age=now.age + PERIOD)
+            step = controller.command(now)
+            controller.applied(controller.rate if tick in left_out else step.rate)
+        return controller, step
+
+    (one, last), (other, known) = gone_through(skip=True), gone_through(skip=False)
+    np.testing.assert_allclose(last.estimate, known.estimate, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(one.memory, other.memory, rtol=1e-6)
+    assert np.abs(one.memory).max() > 0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("observer", ["luenberger", "kalman", "ekf", "ideal"])
 def test_no_observer_lets_the_plate_resonance_ring_up(observer):

@@ -82,3 +82,51 @@ def test_over_a_minute_the_wire_costs_less_than_a_point_of_tracking_error():
     assert 10 < simulated < 30
     assert abs(wire - simulated) < 1.0
     assert rig.servos.stale == 0
+
+
+def true_error_percent(chosen, missing=0.0):
+    """e_tt of the true ball over the wire, a share of the periods overslept by up to 6 ms."""
+    rig, controller = in_lockstep(chosen), build_controller(chosen)
+    rng, ball = np.random.default_rng(0), []
+
+    def keep(tick, measurement):
+        ball.append((measurement.time, *rig.plant.devices.state[0]))
+        if rng.random() < missing:
+            rig.hang = 0.006 * rng.random()
+
+    record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
+    (outcome,) = drive(rig, controller, chosen.duration, record, keep=keep)
+    assert outcome.ending is Ending.FINISHED
+    found = np.array(ball)
+    start = chosen.metrics.start
+    missed = rig.account()["ledger"]["missed"]
+    return error_percent(found[:, 0], found[:, 1:], controller.reference, start), missed
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["cure", "cure_afl", "cure_backstepping"])
+def test_over_the_wire_the_cure_is_within_three_tenths_of_a_point(name):
+    chosen = load(name)
+    wire, missed = true_error_percent(chosen)
+    assert not missed
+    assert abs(wire - run(chosen).metrics.tracking_error_percent) < 0.3
+
+
+@pytest.mark.long
+def test_a_computer_that_misses_periods_costs_the_cure_hardly_anything():
+    chosen = load("cure")
+    wire, missed = true_error_percent(chosen, missing=0.05)
+    assert missed > 500
+    assert abs(wire - run(chosen).metrics.tracking_error_percent) < 0.3
+
+
+def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
+    plant = in_lockstep(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
+    found = []
+    for _ in range(400):
+        plant.advance(FRAME)
+        found.append(plant.ball()[0])
+    x, y = np.array(found).T
+    assert np.std(x) == pytest.approx(1e-3, rel=0.15)
+    for each in (x, y):
+        assert abs(np.corrcoef(each[1:], each[:-1])[0, 1]) < 0.2  # four standard deviations

@@ -253,3 +253,17 @@ def test_the_estimate_of_a_row_is_that_of_its_own_time():
     ball = record["estimate"][late, 0, 0::4] - record["state"][late, 0, 0::4]
     assert np.sqrt((ball**2).mean()) < 1e-6
     assert np.abs(record["state"][late, 0, 1::4]).max() * 0.002 > 1e-4  # a tick shows
+
+
+def test_a_law_with_a_period_of_its_own_holds_what_it_asks_for_beside_one_without():
+    slow, fast = load("circle", [*SHORT, "controller.period=0.01"]), load("circle", SHORT)
+    rig, controller = assemble([slow, fast], threads=1)
+    record = Recorder(60, 2, rig.period)
+    drive(rig, controller, 0.12, record)
+    asked = record["requested"].reshape(12, 5, 2, 2)
+    assert (asked[:, :, 0] == asked[:, :1, 0]).all()
+    assert (np.diff(asked[1:, 0, 0], axis=0) != 0).all()
+    assert (np.diff(record["requested"][5:, 1], axis=0) != 0).all()
+    for number, alone in enumerate((slow, fast)):
+        own = run(alone).record["requested"][:, 0]
+        np.testing.assert_allclose(record["requested"][:, number], own, rtol=1e-9, atol=1e-12)

@@ -99,6 +99,7 @@ OBSERVERS = sorted(catalog(Observer))
         ("mujoco", ()),
         ("mujoco", RICH),
         ("mujoco", ("controller.kind=afl_integral",)),
+        ("lagrange", ("controller.kind=afl_integral", "controller.period=0.014")),
     ],
 )
 def test_a_restored_run_goes_on_to_the_bit(plant, keys):
@@ -110,7 +111,11 @@ def test_a_restored_run_goes_on_to_the_bit(plant, keys):
 @pytest.mark.parametrize(("plant", "rigs"), [("lagrange", 3), ("mujoco", 3), ("mujoco", 17)])
 def test_rigs_side_by_side_go_on_to_the_bit(plant, rigs):
     laws = ("controller.kind=lqr", "controller.kind=afl_integral", "seed=3")
-    kinds = ((laws[0],), (laws[1], *RICH), (laws[2], "observer.kind=kalman"))
+    kinds = (
+        (laws[0], "controller.period=0.014"),
+        (laws[1], *RICH),
+        (laws[2], "observer.kind=kalman"),
+    )
     each = [
         (*kinds[number % 3], f"plant.friction.rolling_mm=0.{number + 10}") for number in range(rigs)
     ]

@@ -11,12 +11,13 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from controllers.held import HeldLaw
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
 from controllers.smith import Smith
 from controllers.stack import Controller, needed
 from twin.errors import ScenarioError
-from twin.scenario.schema import Choice, Scenario, checked_settings, choices
+from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 
 Made = TypeVar("Made")
 
@@ -75,14 +76,16 @@ def build_law(scenario: Scenario) -> Law:
         ScenarioError: If it refuses its settings.
     """
     choice = scenario.controller
-    return _designed(choices("controller")[choice.kind], choice.model_dump_json())
+    cls = choices("controller")[choice.kind]
+    return _designed(cls, choice.model_dump_json(), scenario.law_ticks)
 
 
 @lru_cache(maxsize=1024)
-def _designed(cls: type, choice: str) -> Law:
+def _designed(cls: type, choice: str, ticks: int) -> Law:
     """A law has no state: one object serves all runs of this process."""
-    law: Law = _build("controller", Choice.model_validate_json(choice), model=BallPlate())
-    return law
+    chosen = ControllerChoice.model_validate_json(choice)
+    law: Law = _build("controller", chosen, model=BallPlate())
+    return law if ticks == 1 else HeldLaw(law, ticks)
 
 
 def _observed(scenario: Scenario) -> str:

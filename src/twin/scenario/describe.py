@@ -169,6 +169,9 @@ def _kind(table: str, model: type[Choice]) -> Iterator[Key]:
         allowed=", ".join(choices(table)),
         meaning=f"The {table}; its own settings stand beside it.",
     )
+    properties = model.model_json_schema()["properties"]
+    for name in model.model_fields.keys() - {"kind"}:
+        yield _key(f"{table}.{name}", properties[name], _meanings(model)[name])
 
 
 def _settings(table: str, kind: str) -> Iterator[Key]:

@@ -105,6 +105,14 @@ class Choice(BaseModel):
         return dict(self.model_extra or {})
 
 
+class ControllerChoice(Choice):
+    """A law, and how often it is evaluated."""
+
+    period: Positive | None = None
+    """Control period of the law in s, a multiple of rig.period: its command is held between; that
+    of the rig if none is given."""
+
+
 class ObserverChoice(Choice):
     """An observer; the thesis's experiments use the Luenberger observer."""
 
@@ -139,7 +147,7 @@ class Scenario(Section):
     rig: RigTable = RigTable()
     sensors: SensorsTable = SensorsTable()
     disturbance: DisturbanceTable = DisturbanceTable()
-    controller: Choice
+    controller: ControllerChoice
     observer: ObserverChoice = ObserverChoice()
     predictor: Predictor | None = None
     reference: Choice
@@ -154,6 +162,21 @@ class Scenario(Section):
                 f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
             )
         return self
+
+    @model_validator(mode="after")
+    def _whole_ticks(self) -> Scenario:
+        own, period = self.controller.period, float(self.rig.period)
+        if own is not None and abs(self.law_ticks * period - own) > 1e-9 * own:
+            raise ValueError(
+                f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
+            )
+        return self
+
+    @property
+    def law_ticks(self) -> int:
+        """Control periods of the rig in one of the law's."""
+        ticks = round((self.controller.period or 0.0) / float(self.rig.period))
+        return max(1, ticks)
 
     @model_validator(mode="after")
     def _possible_duration(self) -> Scenario:

@@ -1,0 +1,92 @@
+"""A law with a period of its own, against the sampled-data loop that python-control designs."""
+
+from dataclasses import dataclass, field
+
+import control
+import numpy as np
+import pytest
+
+from controllers.ballplate import BallPlate
+from controllers.held import HeldLaw
+from controllers.interfaces import Law, Measurement, Observer
+from controllers.per_rig import PerRigLaw, PerRigReference
+from controllers.references import Hold
+from controllers.stack import Controller
+
+T = 0.002
+A, B, C = BallPlate().linear()
+PLANT = control.ss(A, B, np.eye(8), 0)
+FIRST = np.array([0.05, 0.0, 0.01, 0.0, -0.03, 0.1, 0.0, 0.02])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain(Law):
+    """u = -K x."""
+
+    name = "gain"
+    K: np.ndarray = field(default_factory=lambda: np.zeros((2, 8)))
+
+    def control(self, t, x, reference, q):
+        return -x @ self.K.T
+
+
+class Told(Observer):
+    """What is measured is the state."""
+
+    def correct(self, measurement):
+        self.x = measurement.state
+        return self.x
+
+    def predict(self, u):
+        pass
+
+
+def designed(period):
+    """Closed loop and gain of the discrete regulator at a period."""
+    sampled = control.c2d(PLANT, period, "zoh")
+    K, _, _ = control.dlqr(sampled, np.diag([1e3, 1e2, 1, 1] * 2), np.eye(2))
+    return sampled.A - sampled.B @ K, np.asarray(K)
+
+
+def driven(law, rigs, ticks):
+    """States of a linear plant at every tick."""
+    step = control.c2d(PLANT, T, "zoh")
+    controller = Controller(law, Told(), PerRigReference([Hold()] * rigs, T), T)
+    x, path, inputs = np.tile(FIRST, (rigs, 1)), [], []
+    for tick in range(ticks):
+        now = Measurement(tick * T, x[:, 0::2], np.zeros(rigs), np.ones(rigs, bool), x)
+        if not tick:
+            controller.start(now)
+        u = controller.applied(controller.command(now).rate)
+        path.append(x)
+        inputs.append(u)
+        x = x @ step.A.T + u @ step.B.T
+    return np.array(path), np.array(inputs)
+
+
+@pytest.mark.parametrize("ticks", [2, 5, 20])
+def test_a_law_of_every_kth_tick_is_the_loop_sampled_at_k_t(ticks):
+    closed, K = designed(ticks * T)
+    path, inputs = driven(HeldLaw(Gain(K=K), ticks), 1, 40 * ticks)
+    x = FIRST
+    for number in range(40):
+        np.testing.assert_allclose(path[number * ticks, 0], x, atol=1e-9)
+        held = inputs[number * ticks : (number + 1) * ticks, 0]
+        np.testing.assert_allclose(held, np.broadcast_to(-K @ x, (ticks, 2)), atol=1e-8)
+        x = closed @ x
+
+
+def test_rigs_side_by_side_have_each_their_laws_period():
+    (slow, K), (fast, L) = designed(10 * T), designed(T)
+    both = PerRigLaw([HeldLaw(Gain(K=K), 10), Gain(K=L)])
+    path, _ = driven(both, 2, 301)
+    for rig, closed, count in ((0, slow, 30), (1, fast, 300)):
+        found = np.linalg.matrix_power(closed, count) @ FIRST
+        np.testing.assert_allclose(path[300, rig], found, atol=1e-9)
+
+
+def test_a_tick_that_is_missed_delays_the_law_but_takes_no_period_from_it():
+    law = HeldLaw(Gain(K=designed(0.01)[1]), 5)
+    held = law.start(np.zeros((1, 8)), Hold(), T)
+    ticks = [0, 1, 4, 6, 7, 9, 10, 11, 21, 25]
+    assert [tick for tick in ticks if held.due(tick * T)] == [0, 6, 10, 21, 25]
