@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from functools import cache
+from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,22 +24,22 @@ SAME = object()
 
 
 class Unit(Enum):
-    """Units in which a person writes a number; each knows its way to SI."""
+    """Units in which a person writes numbers; each knows the way of one or an array to SI."""
 
     # in tuples, because a bare function in an Enum is a method
     SI = (lambda value: value,)
     MM = (lambda value: value / 1000,)
     UM = (lambda value: value * 1e-6,)
-    DEG = (math.radians,)
+    DEG = (lambda value: value * (math.pi / 180),)
     PERCENT = (lambda value: value / 100,)
 
     def to_si(self, value: Any) -> Any:
-        """A number, or a tuple of such of any depth, in SI; None stays None."""
+        """A number, an array, or a tuple of such of any depth, in SI; None stays None."""
         if value is None or self is Unit.SI:
             return value
         if isinstance(value, tuple):
             return tuple(map(self.to_si, value))
-        convert: Callable[[float], float] = self.value[0]
+        convert: Callable[[Any], Any] = self.value[0]
         return convert(value)
 
 
@@ -67,9 +70,11 @@ class Setting:
 
 def value_of(scenario: Any, key: str) -> Any:
     """What a scenario says of a dotted key."""
-    for name in key.split("."):
-        scenario = getattr(scenario, name)
-    return scenario
+    return _reader(key)(scenario)
+
+
+_reader = cache(attrgetter)
+"""Reads a dotted key; made once, as N rigs are asked for hundreds of keys each."""
 
 
 def setting(
@@ -98,18 +103,23 @@ def setting(
     return dataclasses.field(default=own, metadata={"setting": about})
 
 
-def settings_of(cls: Any) -> dict[str, Setting]:
+def settings_of(cls: Any) -> Mapping[str, Setting]:
     """The settings of a dataclass by the names of their fields."""
+    return _settings_of(cls)
+
+
+@cache
+def _settings_of(cls: Any) -> Mapping[str, Setting]:
     found = {item.name: item.metadata.get("setting") for item in dataclasses.fields(cls)}
-    return {name: about for name, about in found.items() if about is not None}
+    return MappingProxyType({name: about for name, about in found.items() if about is not None})
 
 
 def per_rig(about: Setting, scenarios: Sequence[Any]) -> Any:
     """A setting in SI: one value if the scenarios agree, else an array with one entry per rig."""
-    values = [about.of(scenario) for scenario in scenarios]
-    if all(value == values[0] for value in values):
+    values = list(map(_reader(about.key), scenarios))
+    if values.count(values[0]) == len(values):
         return about.unit.to_si(values[0])
-    return np.array([about.unit.to_si(value) for value in values])
+    return about.unit.to_si(np.array(values))
 
 
 def filled(cls: type[Model], scenarios: Sequence[Any], **more: Any) -> Model:

@@ -12,7 +12,8 @@ import pytest
 
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
-from twin.sim.plant.model import load_model
+from twin.sim.plant.fitted import fitted, shaped
+from twin.sim.plant.model import differing, fields_of, load_model
 from twin.sim.plant.parts import Parts
 
 KINDS = {
@@ -191,3 +192,56 @@ def test_stiffer_wheels_keep_their_damping_ratio(axis):
     stiffness, damping = stiffer / nominal
     assert stiffness == pytest.approx(2, rel=1e-3)
     assert damping**2 == pytest.approx(stiffness)
+
+
+FITTED = [
+    Parts(sliding=0.3, spinning=2e-5, torque=1.0, speed=3.0, joint_friction=0.1),
+    Parts(stiffness=160e3, damping_ratio=0.2),
+    Parts(preload=60.0, level=(0.003, -0.002)),
+]
+COMPILED = [
+    Parts(mass=0.03, radius=0.019, inertia=5e-6, level=(0.003, -0.002)),
+    Parts(offset=(1e-4, 0.0, 2e-4), plate_centre=(0.001, 0.002)),
+    Parts(oval=2e-4),
+]
+
+
+def bits(model):
+    """A model as it would be written to a file."""
+    found = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, found)
+    return found.tobytes()
+
+
+@pytest.mark.parametrize("parts", FITTED + COMPILED)
+def test_a_mechanism_that_is_kept_is_that_of_a_compile_of_its_own_to_the_last_bit(parts):
+    changed = load_model(parts=parts, drawn=False)
+    load_model(parts=COMPILED[0], drawn=False)
+    spec = mujoco.MjSpec.from_file(str(model_path()))
+    spec.compiler.discardvisual = True
+    before = spec.compile()
+    alone = bits(fitted(shaped(spec, parts), before, parts))
+    assert bits(changed) == alone != bits(before)
+    changed.body_pos[:] += 1.0
+    changed.opt.timestep = 0.002
+    assert bits(load_model(parts=parts, drawn=False)) == alone
+
+
+def test_a_file_that_has_changed_is_read_again(tmp_path):
+    file = tmp_path / "model.xml"
+    text = model_path().read_text(encoding="utf-8")
+    for step in (0.001, 0.0005):
+        file.write_text(text.replace('timestep="0.001"', f'timestep="{step}"'), encoding="utf-8")
+        for parts in (None, Parts(sliding=0.3), Parts(mass=0.03)):
+            assert load_model(file, parts).opt.timestep == step
+
+
+def test_the_fields_in_which_mechanisms_of_one_ball_and_plate_differ_are_known():
+    each = [Parts(), *FITTED]
+    models = [load_model(parts=parts, drawn=False) for parts in each]
+    found = differing(models)
+    assert found.keys() == differing(models, fields_of(each)).keys()
+    assert found.keys() >= {"opt.gravity", "key_qpos", "pair_solref"}
+    mixed = [*each, COMPILED[0]]
+    models = [load_model(parts=parts, drawn=False) for parts in mixed]
+    assert "body_mass" in differing(models, fields_of(mixed))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -84,11 +85,12 @@ def rebuild_plant(
 
 def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
     """Whether scenarios say something else of the settings of some dataclasses."""
+    pairs = [pair for pair in zip(old, new, strict=True) if pair[0] is not pair[1]]
     return any(
         about.of(before) != about.of(after)
         for cls in classes
         for about in settings_of(cls).values()
-        for before, after in zip(old, new, strict=True)
+        for before, after in pairs
     )
 
 
@@ -160,13 +162,17 @@ def _cams(kind: str, ratio: float) -> Transmission:
 
 def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     """The resistance of N balls on their screens; None if all are level and without friction."""
-    models = [filled(SurfaceModel, [scenario]) for scenario in scenarios]
-    surfaces = SurfaceMap.stacked(list(map(_drawn, models)))
+    surfaces = SurfaceMap.stacked([_drawn(_surface(scenario)) for scenario in scenarios])
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
 
 
+_surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values()))
+"""What a scenario says of its surface."""
+
+
 @lru_cache(maxsize=4096)
-def _drawn(surface: SurfaceModel) -> SurfaceMap | None:
+def _drawn(said: tuple[Any, ...]) -> SurfaceMap | None:
     """The map of a surface, drawn once: rigs that go on are asked for theirs again and again."""
-    return surface.map()
+    given = zip(settings_of(SurfaceModel).items(), said, strict=True)
+    return SurfaceModel(**{name: about.unit.to_si(value) for (name, about), value in given}).map()

@@ -36,7 +36,10 @@ class Noise:
         self._rows = np.arange(len(seeds))
         shape = self.BLOCK, len(seeds), np.shape(variance)[-1]
         self._drawn, self._block = np.zeros(shape), np.zeros(shape)
+        self._scale = np.zeros(shape[1:])
         self._tick = 0
+        self.silent = True
+        """Whether every variance is zero."""
         self.change(variance)
 
     def change(self, variance: ArrayLike) -> None:
@@ -45,11 +48,12 @@ class Noise:
         Args:
             variance: One per channel, shape (channels,), or (N, channels).
         """
-        scale = np.sqrt(np.asarray(variance, dtype=float))
-        self._scale = np.broadcast_to(scale, self._block.shape[1:])
-        self._block = self._drawn * self._scale
+        scale = np.broadcast_to(np.sqrt(np.asarray(variance, float)), self._block.shape[1:])
+        if np.array_equal(scale, self._scale):
+            return
+        self._scale = scale
+        self._block = self._drawn * scale
         self.silent = not scale.any()
-        """Whether every variance is zero."""
 
     def draw(self) -> Array:
         """The noise of the next control period, shape (N, channels)."""

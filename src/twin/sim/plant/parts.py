@@ -111,6 +111,18 @@ class Parts:
                 raise ModelError(f"mechanism: {item.name} cannot be {value}")
 
     @property
+    def compiled(self) -> Parts:
+        """Those of ball and plate, with which a mechanism has to be compiled."""
+        return Parts(
+            mass=self.mass,
+            radius=self.radius,
+            inertia=self.inertia,
+            offset=self.offset,
+            oval=self.oval,
+            plate_centre=self.plate_centre,
+        )
+
+    @property
     def balanced(self) -> bool:
         """Whether the mechanism's balance is that of the file."""
         other = replace(

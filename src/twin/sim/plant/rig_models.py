@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.sim.plant.level import tilted_gravity
-from twin.sim.plant.model import differing, load_model, value_of
+from twin.sim.plant.model import differing, fields_of, load_model, value_of
 from twin.sim.plant.parts import Parts
 
 
@@ -56,7 +56,7 @@ class RigModels:
 
     def give(self, batch: Batch) -> None:
         """Give a batch that has the first rig's model what the others have of their own."""
-        fields = differing(self._built)
+        fields = differing(self._built, fields_of(self._parts))
         for name, values in fields.items():
             batch.expand(name)[:] = values
         self._own = set(fields)
@@ -100,7 +100,8 @@ class RigModels:
             ModelError: If a number is out of range.
         """
         models = self._compiled(parts)
-        self._own |= set(differing([self.first, *models]))
+        among = fields_of([self._parts[0], *parts])
+        self._own |= set(differing([self.first, *models], among))
         for name in self._own:
             batch.expand(name)[rigs] = [value_of(model, name) for model in models]
         for rig, part, model in zip(rigs.tolist(), parts, models, strict=True):
