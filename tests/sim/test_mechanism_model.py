@@ -220,7 +220,8 @@ def test_a_mechanism_that_is_kept_is_that_of_a_compile_of_its_own_to_the_last_bi
     spec = mujoco.MjSpec.from_file(str(model_path()))
     spec.compiler.discardvisual = True
     before = spec.compile()
-    alone = bits(fitted(shaped(spec, parts), before, parts))
+    model = shaped(spec, parts)
+    alone = bits(fitted(model, mujoco.MjData(model), before, parts))
     assert bits(changed) == alone != bits(before)
     changed.body_pos[:] += 1.0
     changed.opt.timestep = 0.002

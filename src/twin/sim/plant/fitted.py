@@ -35,6 +35,7 @@ _UNSEEN = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
 def fitted(
     model: mujoco.MjModel,
+    data: mujoco.MjData,
     before: mujoco.MjModel,
     parts: Parts,
     stands: mujoco.MjModel | None = None,
@@ -43,6 +44,7 @@ def fitted(
 
     Args:
         model: Has the parts' ball and plate; is changed and returned.
+        data: For models like it; what it holds does not matter.
         before: The mechanism of the model file.
         parts: What differs of it.
         stands: A mechanism at whose heights the shafts stay; None levels one whose balance the
@@ -51,7 +53,6 @@ def fitted(
     Raises:
         ModelError: If the mechanism does not come to rest level.
     """
-    data = mujoco.MjData(model)
     _couple(model, data, before, parts)
     slide, spin = parts.sliding, parts.spinning
     friction = model.pair("ball_plate").friction

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
+from threading import Lock
 
 import mujoco
 import numpy as np
@@ -45,6 +46,9 @@ NAMES = {
     ),
 }
 """What the plant asks of a model, by kind; the contract of the model file."""
+
+_ONE_AT_A_TIME = Lock()
+"""Mechanisms that are fitted share the room for it."""
 
 _readers = {name: attrgetter(name) for name in MODEL_FIELDS}
 
@@ -93,15 +97,19 @@ def _standing(path: Path, content: bytes, drawn: bool, parts: Parts) -> mujoco.M
 def _fitted(
     path: Path, content: bytes, drawn: bool, parts: Parts, stands: mujoco.MjModel | None
 ) -> mujoco.MjModel:
-    before = _compiled(path, content, drawn)[1]
-    model = copy.copy(_shaped(path, content, drawn, parts.compiled))
-    return fitted(model, before, parts, stands)
+    with _ONE_AT_A_TIME:
+        before = _compiled(path, content, drawn)[1]
+        model, data = _shaped(path, content, drawn, parts.compiled)
+        return fitted(copy.copy(model), data, before, parts, stands)
 
 
 @lru_cache(maxsize=64)
-def _shaped(path: Path, content: bytes, drawn: bool, parts: Parts) -> mujoco.MjModel:
-    """The mechanism with another ball and plate, compiled once. Never changed."""
-    return shaped(_compiled(path, content, drawn)[0], parts)
+def _shaped(
+    path: Path, content: bytes, drawn: bool, parts: Parts
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The mechanism with another ball and plate, compiled once. Never changed; and room for it."""
+    model = shaped(_compiled(path, content, drawn)[0], parts)
+    return model, mujoco.MjData(model)
 
 
 @lru_cache(maxsize=8)
