@@ -1,5 +1,7 @@
 """What every test may use."""
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -44,11 +46,31 @@ settings.register_profile("twin", deadline=None, suppress_health_check=[HealthCh
 settings.load_profile("twin")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is imported and collected stays: the garbage collector need not look at it."""
+    gc.disable()
+    found = yield
+    gc.freeze()
+    gc.enable()
+    return found
+
+
 @pytest.fixture(scope="session")
 def descriptors():
     """Report descriptors by what they are of."""
     texts = {"hid-0006": PANEL_0006, "hid-0007": PANEL_0007, "mouse": MOUSE}
     return {name: bytes.fromhex(text) for name, text in texts.items()}
+
+
+@pytest.fixture(scope="module")
+def quick_pictures():
+    """Arranging the panels is most of a picture's time."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+        yield
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli import main
-from twin.cli.calibrate import calibrate
+from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import request
 from twin.devices.lumio.panels import UDEV_RULES
 from twin.scenario.rig import read_rig
@@ -65,13 +65,14 @@ def test_a_person_is_asked_in_words():
 
 
 @pytest.mark.real_time
-def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path):
+def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.doctor.touch_calibration.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
     points = [
         part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)
     ]
-    arguments = ["touch", "--json", "--out", str(file), *points]
-    done = CliRunner().invoke(calibrate, arguments, standalone_mode=False, catch_exceptions=False)
+    arguments = ["--json", "--out", str(file), *points]
+    done = CliRunner().invoke(touch, arguments, standalone_mode=False, catch_exceptions=False)
     found = json.loads(done.stdout)
     # the virtual screen is square and centred, of 0.7 by 0.395 m and 4096 counts
     assert found["size_m"] == pytest.approx([0.7, 0.395], rel=2 / 4096)

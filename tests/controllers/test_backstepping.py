@@ -1,3 +1,4 @@
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,7 @@ PATH = Sine(amplitude=(0.1, 0.15), omega=(1.1, 0.7), wave=("sin", "cos"))
 NOTHING = np.zeros(0)
 
 
+@cache
 def recursion():
     """The errors of one axis and the input, derived anew: alpha' by the chain rule each time.
 
@@ -42,7 +44,6 @@ def recursion():
     return errors, sp.lambdify(given, law, cse=True), sp.lambdify((*given, u), rate(V), cse=True)
 
 
-ERRORS, LAW, FALL = recursion()
 states = arrays(float, 8, elements=st.floats(-0.8, 0.8))
 gains = st.tuples(*[st.floats(0.05, 6.0)] * 4)
 times = st.floats(0, 20)
@@ -58,7 +59,8 @@ def axes(x, r, c):
 @given(x=states, c=gains, t=times)
 def test_the_law_is_what_the_recursion_gives_for_both_axes(x, c, t):
     u = Backstepping(c=c).control(t, x, PATH, NOTHING)
-    expected = [LAW(*axis) for axis in axes(x, PATH(t), c)]
+    _, law, _ = recursion()
+    expected = [law(*axis) for axis in axes(x, PATH(t), c)]
     np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-9)
 
 
@@ -66,10 +68,11 @@ def test_the_law_is_what_the_recursion_gives_for_both_axes(x, c, t):
 @given(x=states, c=gains, t=times)
 def test_the_lyapunov_function_falls_by_the_squares_of_the_errors(x, c, t):
     u = Backstepping(c=c).control(t, x, PATH, NOTHING)
+    errors, _, fall = recursion()
     for axis, own in zip(axes(x, PATH(t), c), u, strict=True):
-        squares = np.square(ERRORS(*axis))
+        squares = np.square(errors(*axis))
         scale = 1 + np.abs(own) * np.sqrt(squares.sum()) + squares.sum()
-        np.testing.assert_allclose(FALL(*axis, own), -np.dot(c, squares), atol=1e-9 * scale)
+        np.testing.assert_allclose(fall(*axis, own), -np.dot(c, squares), atol=1e-9 * scale)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ from twin.run.replay import Replay, open_run
 from twin.scenario.load import check
 from twin.view.signals import signals
 
+pytestmark = pytest.mark.usefixtures("quick_pictures")
+
 TABLES = {
     "title": "sine <&> test",
     "duration": 20.0,

@@ -95,7 +95,11 @@ OBSERVERS = sorted(catalog(Observer))
             )
             for name, law in sorted(catalog(Law).items())
         ),
-        *(("lagrange", (f"observer.kind={observer}", *RICH)) for observer in OBSERVERS),
+        *(("lagrange", (f"observer.kind={observer}",)) for observer in OBSERVERS),
+        *(
+            pytest.param("lagrange", (f"observer.kind={observer}", *RICH), marks=pytest.mark.long)
+            for observer in OBSERVERS
+        ),
         ("mujoco", ()),
         ("mujoco", RICH),
         ("mujoco", ("controller.kind=afl_integral",)),

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from math import radians
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import savgol_filter
+import scipy
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
@@ -87,7 +86,7 @@ def delay(time: Array, plate: Array, ball: Array) -> tuple[float, float]:
     """
     pull = BallPlate().c1 * 9.81 * np.sin(plate) * [1.0, -1.0]
     window = max(5, round(SMOOTH / float(np.median(np.diff(time)))) | 1)
-    speed = savgol_filter(ball, window, 2, deriv=1, axis=0)
+    speed = scipy.signal.savgol_filter(ball, window, 2, deriv=1, axis=0)
     size = np.linalg.norm(speed, axis=1, keepdims=True)
     against = -speed / np.maximum(size, 1e-12)
     way, friction = (_twice(each, time) for each in (pull, against))
@@ -113,8 +112,8 @@ def _bend(time: Array, values: Array) -> Array:
 
 def _twice(rate: Array, time: Array) -> Array:
     """Integrated twice over time."""
-    once = cumulative_trapezoid(rate, time, axis=0, initial=0)
-    return np.asarray(cumulative_trapezoid(once, time, axis=0, initial=0))
+    once = scipy.integrate.cumulative_trapezoid(rate, time, axis=0, initial=0)
+    return np.asarray(scipy.integrate.cumulative_trapezoid(once, time, axis=0, initial=0))
 
 
 def _rest(basis: Array, goal: Array) -> float:

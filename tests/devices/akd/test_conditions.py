@@ -29,7 +29,7 @@ def turn(_):
 def rig():
     with LockstepDrives() as rig:
         rig.enabled()
-        rig.run(0.2, swing)
+        rig.run(0.1, swing)
         assert rig.servos.enabled
         assert not rig.seen
         yield rig

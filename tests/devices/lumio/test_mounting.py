@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.lumio.calibration import Calibration, CalibrationError, read_calibration
@@ -141,6 +141,7 @@ NUMBERS = st.floats() | st.integers() | JSON
 PAIR = st.tuples(NUMBERS, NUMBERS)
 
 
+@settings(max_examples=40)
 @given(
     data=JSON
     | st.fixed_dictionaries(

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.real_time
 
 
 def emulate(ball, **settings):
-    return EmulatedScreen(ScreenLine(ball, **settings))
+    # a tenth of a screen's dead time: nothing here is about it, and all would wait for it
+    return EmulatedScreen(ScreenLine(ball, **{"dead_time": 0.004, **settings}))
 
 
 PLACE = (0.2, 0.05)
@@ -209,7 +210,7 @@ def test_a_frozen_screen_under_a_rolling_ball_is_told():
 @pytest.mark.parametrize("protocol", [Protocol.MICROTOUCH, Protocol.HID_0006])
 def test_split_and_merged_packets_are_understood(fault, protocol):
     with (
-        emulate(lambda: [PLACE], protocol=protocol) as emulated,
+        emulate(lambda: [PLACE], protocol=protocol, frame=0.009) as emulated,
         LumioScreen(config(emulated, protocol=protocol.value)) as screen,
     ):
         assert sees(screen)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import special
 
 from controllers.arrays import Array
 from twin.devices.lumio.calibration import Calibration, CalibrationError
@@ -107,7 +107,7 @@ def outlier(screen: Array, plate: Array) -> tuple[int, float] | None:
         distances[index] = float(np.hypot(*off))
         ratios[index] = float(off @ off) / 2 / max(scatter * reach, 1e-30)
     worst = int(np.argmax(ratios))
-    chance = count * float(special.fdtrc(2, freedom, ratios[worst]))
+    chance = count * float(scipy.special.fdtrc(2, freedom, ratios[worst]))
     return (worst, float(distances[worst])) if chance < DOUBT else None
 
 
