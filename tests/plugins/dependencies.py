@@ -31,7 +31,7 @@ PROGRAMS = {"subprocess", "multiprocessing"}
 
 
 @cache
-def _graph() -> grimp.ImportGraph:
+def import_graph() -> grimp.ImportGraph:
     return grimp.build_graph(*PACKAGES, cache_dir=None)
 
 
@@ -61,7 +61,7 @@ def _tests(test: Path) -> list[Path]:
 
 def modules(test: Path) -> frozenset[str]:
     """Modules of the project that a test file reaches."""
-    graph = _graph()
+    graph = import_graph()
     named = set().union(*(_imported(path.read_text("utf-8")) for path in _tests(test)))
     own = _imported(test.read_text("utf-8"))
     found: set[str] = set()

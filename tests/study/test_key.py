@@ -1,6 +1,7 @@
 """A finished run is used again if and only if nothing that it executes has changed."""
 
 import pytest
+from dependencies import PACKAGES, import_graph
 
 from twin.study import work
 from twin.study.schema import Study
@@ -73,6 +74,26 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
 )
 def test_what_a_simulated_run_never_sees_is_not(key, parts):
     assert key(changed=source(*parts)) == key()
+
+
+BESIDE = {
+    "data_file",
+    "errors",
+    "paths",
+    "scenario/__init__",
+    "scenario/load",
+    "shipped",
+    "validation",
+}
+"""Modules of ``twin`` that find, read and refuse files before a run begins."""
+
+
+def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():
+    imported = import_graph().find_upstream_modules("twin.run.batch")
+    files = {source(*name.split(".")[1:]) for name in imported if name.startswith("twin.")}
+    files = {path / "__init__" if path.is_dir() else path for path in files}
+    known = {path.with_suffix("") for path in work.sources()}
+    assert files - known == {PACKAGES["twin"] / name for name in BESIDE}
 
 
 def test_a_run_of_other_code_is_another_run(monkeypatch):
