@@ -1,0 +1,138 @@
+"""What can be no log of the rig is refused in one line."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.identify.identify import identify
+from twin.identify.log import COLUMNS, LogError, read
+from twin.identify.parameters import CHOICES, DEFAULT, chosen
+from twin.run.execute import run, save
+from twin.scenario import load
+
+
+@pytest.fixture(scope="module")
+def exact_folder(tmp_path_factory):
+    """A run folder of the exact plant, for what is refused before anything is fitted."""
+    path = tmp_path_factory.mktemp("exact") / "excite"
+    done = run(load("excite", ["duration=14", "plant.kind=lagrange"]))
+    save(done, path, {"run": done.motion})
+    return path
+
+
+@pytest.fixture(scope="module")
+def exact_columns(exact_folder, columns_of):
+    """The columns of its log in SI units by name."""
+    return columns_of(exact_folder)
+
+
+def scaled(factor):
+    return lambda values: values * factor
+
+
+def shifted_back(time):
+    time[5000:] -= 3.0
+    return time
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"measured_x": scaled(1000)}, "measured_x: reaches .* millimetres"),
+        ({"measured_y": scaled(100)}, "measured_y: reaches .* centimetres"),
+        ({"measured_phi": scaled(57.3)}, "measured_phi: reaches .* degrees"),
+        ({"time": scaled(1000)}, "milliseconds"),
+        ({"time": shifted_back}, "the clock must run forwards"),
+        ({"measured_x": scaled(-1)}, "measured_x accelerates against measured_phi"),
+        ({"measured_x": scaled(0.1)}, "measured_x accelerates .* times as much"),
+        ({"applied_phi_acc": scaled(57.3)}, "measured_phi moves .* times as far"),
+        ({"touched": scaled(0)}, "never detected the ball"),
+        ({"measured_x": scaled(0), "measured_y": scaled(0)}, "too quiet"),
+    ],
+)
+def test_a_log_that_cannot_be_so_is_refused_in_one_line(
+    exact_columns, tmp_path, changes, says, write, broken
+):
+    log = read(write(tmp_path / "log.csv", broken(exact_columns, **changes)))
+    with pytest.raises(LogError, match=says) as caught:
+        identify(log, DEFAULT)
+    assert "\n" not in str(caught.value)
+    assert "log.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize("rows", [50, 600, 2000])
+def test_a_log_that_is_too_short_is_refused_in_one_line(exact_columns, tmp_path, rows, write):
+    log = read(write(tmp_path / "log.csv", exact_columns, rows=range(rows)))
+    with pytest.raises(LogError, match=r"too short|too quiet|no stretch") as caught:
+        identify(log, DEFAULT)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_its_columns_names_those_that_are_missing(exact_columns, tmp_path, write):
+    less = {name: values for name, values in exact_columns.items() if name != "measured_theta"}
+    with pytest.raises(LogError, match=r"no column measured_theta \(it has time, measured_x"):
+        read(write(tmp_path / "log.csv", less, rows=range(5)))
+
+
+def test_a_word_among_numbers_is_named_with_its_line(exact_columns, tmp_path, write):
+    texts = {(2, "measured_y"): "n/a"}
+    with pytest.raises(LogError, match=r"line 4: measured_y: 'n/a' is not a number"):
+        read(write(tmp_path / "log.csv", exact_columns, rows=range(5), texts=texts))
+
+
+def test_a_unit_that_is_none_is_refused_with_those_known(exact_columns, tmp_path, write):
+    headers = {"measured_x": "measured_x [furlong]"}
+    with pytest.raises(LogError, match="measured_x: unit 'furlong'; known: m, mm, cm"):
+        read(write(tmp_path / "log.csv", exact_columns, rows=range(5), headers=headers))
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1 no", b"\xff\xfe\x00"])
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path, content, suffix):
+    path = tmp_path / f"log{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(LogError) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        b"[1, 2]",
+        b"{",
+        b"\xff",
+        b"[" * 5000,
+        b'{"scenario": 3}',
+        b'{"scenario": {"plant": []}}',
+        b'{"scenario": {"plant": {"kind": ["mujoco"]}}}',
+        b'{"scenario": {"plant": {"ball": {"mass": "heavy"}}}}',
+        b'{"scenario": {"rig": {"period": null}}}',
+    ],
+)
+def test_metadata_that_are_not_those_of_a_run_are_refused_in_one_line(
+    exact_folder, tmp_path, metadata
+):
+    table = pq.read_table(exact_folder / "run.parquet").replace_schema_metadata(
+        {"ballplate": metadata}
+    )
+    pq.write_table(table, tmp_path / "foreign.parquet")
+    with pytest.raises(LogError, match=r"foreign\.parquet: its metadata") as caught:
+        read(tmp_path / "foreign.parquet")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_parquet_column_that_holds_no_numbers_is_named(tmp_path):
+    names = [name for name, column in COLUMNS.items() if column.required]
+    table = pa.table({name: ["a", "b"] if name == "measured_y" else [0.0, 1.0] for name in names})
+    pq.write_table(table, tmp_path / "log.parquet")
+    with pytest.raises(LogError, match="measured_y: is not one column of numbers"):
+        read(tmp_path / "log.parquet")
+
+
+def test_an_unknown_parameter_is_refused_with_those_known():
+    with pytest.raises(LogError, match="no 'frction'") as caught:
+        chosen("rolling,frction")
+    assert all(name in str(caught.value) for name in CHOICES)
