@@ -34,6 +34,7 @@ OTHER = {
     "plant.friction.stribeck_speed": "0.01",
     "plant.friction.dwell_time": "1.0",
     "plant.friction.viscous_mm": "0.5",
+    "plant.friction.presliding_um": "20",
     "plant.friction.sliding": "0.001",
     "plant.friction.spinning_mm": "0.1",
     "plant.ball.mass": "0.03",

@@ -27,6 +27,7 @@ RICH = (
     "plant.servo.vibration=0.5",
     "plant.friction.breakaway_ratio=1.4",
     "plant.friction.dwell_time=0.3",
+    "plant.friction.presliding_um=20",
     "plant.surface.slope_deg=0.1",
     "plant.start.x=0.05",
     "plant.start.y=0.03",

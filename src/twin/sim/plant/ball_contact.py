@@ -21,7 +21,8 @@ class BallContact:
 
     Friction that is constant is written once and costs nothing; one that changes with the ball's
     speed, rest or place is updated by ``feel``. The engine knows no arm between 0 and 0.01 mm:
-    a rig without any resistance rolls freely, the others have at least that much.
+    a rig without any resistance rolls freely, the others have at least that much. Where a contact
+    bends before it resists in full, the ball rolls freely in the engine and a force resists it.
 
     Args:
         batch: The rigs.
@@ -41,25 +42,34 @@ class BallContact:
         pair = model.pair("ball_plate").id
         self._arm = batch.expand("pair_friction")[:, pair, 3:5]
         self._arm[:] = np.maximum(roll, LEAST)[:, None]
-        batch.expand("pair_dim")[:, pair] = np.where(free, free_dimension(model), 6)
+        self._bends = np.broadcast_to(np.asarray(friction.presliding) > 0, free.shape)
+        rolls = free | self._bends
+        batch.expand("pair_dim")[:, pair] = np.where(rolls, free_dimension(model), 6)
         self.varying = not friction.constant and not (free.all() and friction.map is None)
         """Whether ``feel`` has to be called."""
         self._sloping = friction.map is not None and friction.map.sloping
         ball = model.body("ball").id
         self._force = batch.bind("xfrc_applied")[:, ball, :3]
-        if self._sloping:
+        self._forced = self._sloping or bool(self._bends.any())
+        if self._forced:
             mass = batch.expanded("body_mass")
             masses = model.body_mass if mass is None else mass
             self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
+        sizes = batch.expanded("geom_size")
+        ball_size = (model.geom_size if sizes is None else sizes)[..., model.geom("ball").id, :]
+        self._radius = ball_size[..., 0]
 
     def start(self, x: Array) -> None:
         """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
         self.age = self._settled(x)
         """Age of each contact, shape (N,)."""
+        self.bend: Array = np.zeros((len(x), 2))
+        """How far each contact is bent, m, shape (N, 2); 0 of one that does not."""
 
     def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
         """Begin with some rigs of the state x, (N, 8), anew."""
         self.age = put(self.age, rigs, self._settled(x)[rigs])
+        self.bend = put(self.bend, rigs, np.zeros((len(rigs), 2)))
 
     def _settled(self, x: Array) -> Array:
         """Age of contacts that have long been in the state x, shape (N,)."""
@@ -68,6 +78,7 @@ class BallContact:
     def go_on(self, before: BallContact, x: Array) -> None:
         """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
         self.age = before.age if before.friction.ageing else self._settled(x)
+        self.bend = before.bend
         self._force[:] = 0.0
 
     def feel(self, x: Array, time: float) -> None:
@@ -80,13 +91,18 @@ class BallContact:
         else:
             arm = friction.arm(speed, position)
         self._arm[:] = np.maximum(arm, LEAST)[:, None]
+        if not self._forced:
+            return
+        phi, theta = x[:, 2], x[:, 6]
+        normal = (self._weight * np.cos(phi) * np.cos(theta))[:, None]
+        along = np.zeros((len(x), 3))
         if self._sloping:
             assert friction.map is not None
-            phi, theta = x[:, 2], x[:, 6]
-            normal = self._weight * np.cos(phi) * np.cos(theta)
-            down = np.zeros((len(x), 3))
-            down[:, :2] = -normal[:, None] * friction.map(position)[1]
-            self._force[:] = from_plate(down, phi, theta)
+            along[:, :2] = -normal * friction.map(position)[1]
+        if friction.bending:
+            self.bend = friction.bent(self.bend, x, time)
+            along[:, :2] -= normal * (arm / self._radius)[:, None] * friction.share(self.bend)
+        self._force[:] = from_plate(along, phi, theta)
 
 
 def free_dimension(model: mujoco.MjModel) -> int:

@@ -53,6 +53,8 @@ class ExactPlant:
         self.rigs = rigs
         self.step = step
         self._age: Array | None = None
+        self._bend: Array = np.zeros((rigs, 2))
+        """How far each contact is bent, m; stays 0 of one that does not."""
         self._equip(model or BallPlate(), friction, level)
         self.start(np.zeros((rigs, 4)))
 
@@ -70,6 +72,7 @@ class ExactPlant:
         surface = None if friction is None else friction.map
         self._slope = surface if surface is not None and surface.sloping else None
         self._gravity: Any = tilted_gravity(level, self.model.gravity).T
+        self._bending = friction is not None and friction.bending
         self._grip: Any = None
         """Deceleration by friction over the normal acceleration, where it is constant."""
         if friction is not None and friction.constant:
@@ -101,6 +104,7 @@ class ExactPlant:
         self._age = None
         if self.friction is not None and self.friction.ageing:
             self._age = self._settled()
+        self._bend = np.zeros((self.rigs, 2))
         self._fallen = np.zeros(self.rigs, bool)
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
@@ -116,12 +120,14 @@ class ExactPlant:
         self._x = put(self._x, rigs, fresh)
         if self._age is not None:
             self._age = put(self._age, rigs, self._settled()[rigs])
+        self._bend = put(self._bend, rigs, np.zeros((len(rigs), 2)))
         self._fallen[rigs] = False
 
     def place(self, ball: Array) -> None:
         """Put the balls at (x, x', y, y') on plates that stay as they are, shape (N, 4)."""
         self._x = self._x.copy()
         self._x[:, (0, 1, 4, 5)] = ball
+        self._bend = np.zeros((self.rigs, 2))
         self._fallen = np.zeros(self.rigs, bool)
 
     def resume(self, x: Array, age: Array | None = None) -> None:
@@ -203,6 +209,7 @@ class ExactPlant:
         """One step of RK4, from (x, x', y, y') to the next."""
         h, half = self.step, self.step / 2
         x, vx, y, vy = ball
+        self._bend_on(ball, half)
         ax, ay = self._acceleration(begin, x, vx, y, vy)
         vx2, vy2 = vx + half * ax, vy + half * ay
         ax2, ay2 = self._acceleration(middle, x + half * vx, vx2, y + half * vy, vy2)
@@ -217,6 +224,7 @@ class ExactPlant:
         if self.friction is not None:
             held, where = self._held(ball, begin), self._by.where
             after_vx, after_vy = where(held, 0.0, after_vx), where(held, 0.0, after_vy)
+            self._bend_on((after_x, after_vx, after_y, after_vy), half)
             if self._age is not None:
                 speed = np.hypot(vx + after_vx, vy + after_vy) / 2
                 self._age = self.friction.aged(self._age, speed, h)
@@ -228,7 +236,21 @@ class ExactPlant:
         if self.friction is None:
             return ax, ay
         limit = self._limit(at, x, vx, y, vy)
-        return resisted(limit, (vx, vy), (ax, ay), self._by)
+        stiff = resisted(limit, (vx, vy), (ax, ay), self._by)
+        if not self._bending:
+            return stiff
+        share, bends = self.friction.share(self._bend).T, np.asarray(self.friction.presliding) > 0
+        soft = ax - limit * share[0], ay - limit * share[1]
+        return np.where(bends, soft[0], stiff[0]), np.where(bends, soft[1], stiff[1])
+
+    def _bend_on(self, ball: Any, time: float) -> None:
+        """Bend the contacts for a time in s at the speed of balls (x, x', y, y')."""
+        if self._bending:
+            assert self.friction is not None
+            x, vx, y, vy = ball
+            level = 0.0 * x
+            state = self._state(x, vx, level, level, y, vy, level, level)
+            self._bend = self.friction.bent(self._bend, state, time)
 
     def _free(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
         """Acceleration of the ball without resistance."""
@@ -254,6 +276,9 @@ class ExactPlant:
         x, vx, y, vy = ball
         reach = self._limit(at, x, vx, y, vy) * self.step
         slow = vx * vx + vy * vy <= reach * reach
+        if self._bending:
+            assert self.friction is not None
+            slow = slow & (np.asarray(self.friction.presliding) == 0)
         if not self._by.any(slow):
             return slow
         rest = 0.0 * x

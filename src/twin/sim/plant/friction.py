@@ -13,6 +13,7 @@ from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.settings import Unit, setting
+from twin.sim.plant.presliding import bent
 from twin.sim.plant.surface import SurfaceMap
 
 
@@ -58,6 +59,8 @@ class Friction:
         stribeck_speed: Speed in m/s at which half of the surplus is gone.
         dwell_time: Time constant in s with which the surplus builds up at rest.
         viscous: Further arm per speed, m per m/s.
+        presliding: Way in m over which the contact bends before it resists in full (``bent``); 0
+            for a ball that friction holds at once and entirely.
         map: How friction and level vary over the screen; None for neither.
 
     Raises:
@@ -71,6 +74,7 @@ class Friction:
     stribeck_speed: Number = setting("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
     dwell_time: Number = setting("plant.friction.dwell_time", 0.0, ge=0)
     viscous: Number = setting("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
+    presliding: Number = setting("plant.friction.presliding_um", 0.0, Unit.UM, ge=0, le=1000)
     map: SurfaceMap | None = None
 
     def __post_init__(self) -> None:
@@ -92,8 +96,30 @@ class Friction:
     @cached_property
     def constant(self) -> bool:
         """Whether the arm depends neither on speed nor on rest nor on place."""
-        same = self.map is None and not np.any(self.viscous)
+        same = self.map is None and not (np.any(self.viscous) or self.bending)
         return bool(same and np.all(np.asarray(self.breakaway_ratio) == 1))
+
+    @cached_property
+    def bending(self) -> bool:
+        """Whether the contact of any rig bends before it resists in full."""
+        return bool(np.any(self.presliding))
+
+    def bent(self, bend: Array, x: Array, time: float) -> Array:
+        """How far contacts are bent after a time in s at the speeds of the state x, shape (N, 2).
+
+        Args:
+            bend: How far before, m, shape (N, 2).
+            x: State of (5.5), shape (N, 8).
+            time: In s.
+        """
+        distance = np.broadcast_to(self.presliding, bend.shape[:-1])
+        some = np.where(distance > 0, distance, 1.0)
+        return np.where((distance > 0)[:, None], bent(bend, x[:, 1::4], time, some), 0.0)
+
+    def share(self, bend: Array) -> Array:
+        """What share of the full resistance acts, as a vector against the ball's way, (N, 2)."""
+        distance = np.broadcast_to(self.presliding, bend.shape[:-1])[:, None]
+        return np.asarray(bend / np.where(distance > 0, distance, 1.0))
 
     @cached_property
     def sticking(self) -> bool:

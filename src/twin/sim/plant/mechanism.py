@@ -221,7 +221,8 @@ class Mechanism:
 
     def saved_state(self) -> dict[str, Any]:
         """The engine's integration state and what is read of it, all arrays."""
-        age = {} if self._contact is None else {"age": self._contact.age}
+        contact = self._contact
+        age = {} if contact is None else {"age": contact.age, "bend": contact.bend}
         state = {"rows": self._batch.state, "warning": self._batch.warning, "sensed": self._sensed}
         return {name: np.array(each) for name, each in (state | age).items()}
 
@@ -231,6 +232,8 @@ class Mechanism:
         self._batch.warning[:] = state["warning"]
         if self._contact is not None:
             self._contact.age = state["age"]
+            # of a snapshot from before contacts could bend there is nothing
+            self._contact.bend = state.get("bend", np.zeros((self.rigs, 2)))
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()

@@ -1,0 +1,119 @@
+"""Friction that bends before it slides: Dahl's model against its closed form, on both plants."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from controllers.ballplate import BallPlate
+from twin.sim.plant.exact import ExactPlant
+from twin.sim.plant.friction import Friction
+from twin.sim.plant.mechanism import Mechanism
+from twin.sim.plant.presliding import bent
+
+MODEL = BallPlate()
+ARM, WAY = 2e-4, 1e-4
+FULL = MODEL.c1 * ARM / MODEL.radius * MODEL.gravity
+"""Deceleration of steady rolling, m/s^2."""
+PLANTS = {"exact": ExactPlant, "mechanism": Mechanism}
+parts = st.floats(-1, 1)
+
+
+@given(z=st.tuples(parts, parts), v=st.tuples(parts, parts), time=st.floats(1e-4, 5))
+def test_the_bend_solves_dahls_equation_and_is_never_longer_than_its_way(z, v, time):
+    z, v = 0.7 * WAY * np.array(z), 1e-4 * np.array(v)
+
+    def rate(_, bend):
+        return v - np.hypot(*v) * bend / WAY
+
+    exact = solve_ivp(rate, (0, time), z, method="LSODA", rtol=1e-9, atol=1e-14).y[:, -1]
+    found = bent(z, v, time, np.array(WAY))
+    assert found == pytest.approx(exact, abs=1e-9)
+    assert np.hypot(*found) <= WAY * (1 + 1e-12)
+
+
+def test_there_and_back_it_runs_through_dahls_hysteresis():
+    x = np.linspace(0, 3 * WAY, 301)
+    there, z = [], np.zeros(2)
+    for _ in x:
+        there.append(z[0])
+        z = bent(z, np.array([0.01, 0.0]), 0.01 * WAY / 0.01, np.array(WAY))
+    assert np.array(there) == pytest.approx(WAY * (1 - np.exp(-x / WAY)), abs=1e-12)
+    back = [
+        bent(np.array([there[-1], 0.0]), np.array([-0.01, 0.0]), t, np.array(WAY))[0]
+        for t in x / 0.01
+    ]
+    assert back == pytest.approx((there[-1] + WAY) * np.exp(-x / WAY) - WAY, abs=1e-12)
+
+
+def rolled(kind, ball, ticks, *, step=0.001, way=WAY, tilt=0.0, rigs=1):
+    friction = Friction(rolling=ARM, presliding=way)
+    more = {"level": (tilt, 0.0)} if kind == "exact" else {}
+    plant = PLANTS[kind](rigs=rigs, step=step, friction=friction, **more)
+    plant.start(np.array(ball, float))
+    states = [plant.state]
+    for _ in range(ticks):
+        plant.advance(np.zeros((rigs, 2)), 1)
+        states.append(plant.state)
+    return np.array(states)
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_about_its_place_a_ball_is_held_by_a_spring_of_the_stiffness_at_the_origin(kind):
+    # so slow that the bend stays a hundredth of its way: v = v0 cos(w t), w^2 = F / s
+    w = np.sqrt(FULL / WAY)
+    v0 = 0.01 * WAY * w
+    x = rolled(kind, [[0.0, v0, 0.0, 0.0]], round(2 * np.pi / w / 1e-3))[:, 0]
+    t = 1e-3 * np.arange(len(x))
+    assert x[:, 1] == pytest.approx(v0 * np.cos(w * t), abs=0.06 * v0)
+    assert x[:, 0] == pytest.approx(v0 / w * np.sin(w * t), abs=0.06 * v0 / w)
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_a_ball_that_has_come_far_is_slowed_as_by_steady_rolling(kind):
+    x = rolled(kind, [[0.0, 0.06, 0.0, 0.08]], 500)[:, 0]
+    v = np.hypot(x[:, 1], x[:, 5])
+    late = slice(100, None)
+    t = 1e-3 * np.arange(len(x))
+    slope, _ = np.polyfit(t[late], v[late], 1)
+    assert slope == pytest.approx(-FULL, rel=0.01)
+    assert x[-1, 5] / x[-1, 1] == pytest.approx(4 / 3, rel=1e-3)
+
+
+def test_on_a_small_tilt_the_ball_swings_out_as_far_as_the_spring_gives_way():
+    tilt, w = 0.05 * ARM / MODEL.radius, np.sqrt(FULL / WAY)
+    x = rolled("exact", np.zeros((1, 4)), round(np.pi / w / 1e-3), tilt=tilt)[:, 0, 0]
+    t = 1e-3 * np.arange(len(x))
+    assert x == pytest.approx(0.05 * WAY * (1 - np.cos(w * t)), abs=0.01 * WAY)
+    assert x[-1] > 0.09 * WAY
+
+
+def test_energy_is_never_created():
+    rng = np.random.default_rng(2)
+    ball = np.zeros((20, 4))
+    ball[:, 1::2] = rng.normal(size=(20, 2)) * 0.01
+    friction = Friction(rolling=ARM, presliding=WAY)
+    plant = ExactPlant(rigs=20, step=1e-4, friction=friction)
+    plant.start(ball)
+    energies = []
+    for _ in range(1000):
+        plant.advance(np.zeros((20, 2)), 4)
+        v, bend = plant.state[:, 1::4], plant._bend
+        energies.append((v**2).sum(axis=1) / 2 + FULL / WAY * (bend**2).sum(axis=1) / 2)
+    energies = np.array(energies)
+    growth = np.diff(energies, axis=0).max(axis=0) / energies[0]
+    assert growth.max() < 1e-5
+    assert (energies[-1] < 0.2 * energies[0]).all()
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_rigs_with_and_without_it_run_side_by_side(kind):
+    way = np.array([0.0, WAY])
+    both = rolled(kind, [[0.0, 5e-3, 0.0, 0.0]] * 2, 200, way=way, rigs=2)
+    for rig in range(2):
+        alone = rolled(kind, [[0.0, 5e-3, 0.0, 0.0]], 200, way=way[rig])
+        np.testing.assert_allclose(both[:, rig], alone[:, 0], rtol=1e-6, atol=1e-9)
+    # one stops, the other swings back
+    assert both[-100:, 0, 1].min() > -1e-5
+    assert both[-100:, 1, 1].min() < -1e-4
