@@ -12,10 +12,11 @@ from twin.identify.log import MECHANISM_LAG
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
+from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import PARAMETERS, Belief
 from twin.shadow.evidence import Evidence
 from twin.shadow.learned import MOST, scatter
-from twin.shadow.monitor import AT_MOST, bounded, statistic
+from twin.shadow.monitor import bounded, statistic
 from twin.shadow.plate import plate_evidence
 from twin.sim.drive_train import Play
 
@@ -65,8 +66,8 @@ def test_one_window_is_no_alarm_and_five_are():
         off = np.zeros(40)
         off[20 : 20 + wrong] = 0.3
         soft = windows(off).softened(belief.changing)
-        assert statistic(soft, belief).max() > 100
-        assert bool(statistic(bounded(soft, belief), belief).max() > 2.5 * AT_MOST) == alarms
+        assert statistic(soft, belief).max() > 2 * THRESHOLD
+        assert bool(statistic(bounded(soft, belief), belief).max() > THRESHOLD) == alarms
 
 
 def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
@@ -81,7 +82,7 @@ def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
     log = SimpleNamespace(segments=(segment,), period=period)
 
     def pull(*settings):
-        found = plate_evidence(log, belief_of(*settings))
+        found = plate_evidence(log, belief_of(*settings), np.zeros((0, 2)))
         return np.abs(found.score[:, which]).sum(axis=0)
 
     which = [PARAMETERS.index(name) for name in ("wide_play", "transmission")]
@@ -95,5 +96,5 @@ def test_the_same_evidence_weakened_says_the_same_less_loudly():
     ratio = weak.score[:, ROLLING] / weak.information[:, ROLLING, ROLLING]
     before = soft.score[:, ROLLING] / soft.information[:, ROLLING, ROLLING]
     assert ratio == pytest.approx(before)
-    assert (weak.information[:, ROLLING, ROLLING] < soft.information[:, ROLLING, ROLLING]).all()
+    assert weak.information[0, ROLLING, ROLLING] < soft.information[0, ROLLING, ROLLING] / 5
     assert replace(weak, information=soft.information, score=soft.score).end.tolist() == [1, 2, 3]

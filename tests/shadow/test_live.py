@@ -15,18 +15,22 @@ from click.testing import CliRunner
 
 from twin.cli.scenarios import run as run_command
 from twin.cli.shadow import shadow as shadow_command
+from twin.errors import TwinError
 from twin.identify.log import read
 from twin.identify.prepare import prepare
-from twin.run.execute import run
+from twin.run.execute import run, save
 from twin.run.replay import open_run
 from twin.scenario import load
-from twin.shadow import follow
+from twin.shadow import follow, report
 from twin.shadow.alarms import Alarm
 from twin.shadow.causes import Cause
 from twin.shadow.drawn import scores
+from twin.shadow.examine import examine
 from twin.shadow.follow import Said
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
+from twin.view.recording import encoded
+from twin.view.saved_twin import saved_twin
 from twin.view.twin_stream import TwinStream
 
 SETTINGS = (
@@ -99,6 +103,40 @@ def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
     entities = {each.entity for each in TwinStream("a", load("circle")).batches(drawn, [])}
     assert "/a/twin_error_mm/band" in entities
     assert "/a/mechanism/cardan/plate/twin_ball" in entities
+
+
+def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
+    chosen = load("circle", ("plant.kind=lagrange", "duration=4"))
+    path = tmp_path / "watched"
+    done = run(chosen)
+    save(done, path, {"run": done.motion})
+    (opened,) = open_run(path)
+    assert saved_twin(opened) is None
+    examined = examine(path, path, proposing=False)
+    alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
+    report.write(replace(examined.found, alarms=(alarm,)), None, None, path)
+    said = saved_twin(opened)
+    assert said.events == [(2.0, f"alarm at {alarm.words}")]
+    for drawn_live, read_back in zip(scores(examined.found.replays), said.scores, strict=True):
+        assert read_back == pytest.approx(drawn_live, nan_ok=True)
+    entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
+    assert all(name in encoded([opened]) for name in entities)
+    # another record in the same folder is not what was judged
+    other = run(load("circle", ("plant.kind=lagrange", "duration=4", "seed=3")))
+    save(other, path, {"run": other.motion})
+    (opened,) = open_run(path)
+    assert saved_twin(opened) is None
+    assert entities[0] not in encoded([opened])
+
+
+def test_a_damaged_file_of_a_twin_is_one_line(tmp_path):
+    chosen = load("circle", ("plant.kind=lagrange", "duration=0.1"))
+    done = run(chosen)
+    save(done, tmp_path, {"run": done.motion})
+    (opened,) = open_run(tmp_path)
+    (tmp_path / "shadow.parquet").write_bytes(b"nothing")
+    with pytest.raises(TwinError, match=r"shadow\.parquet: not what `ballplate shadow` writes"):
+        saved_twin(opened)
 
 
 @pytest.fixture(scope="module")

@@ -50,6 +50,7 @@ COLUMNS = {
     "applied_theta_acc": LogColumn("rad/s^2", "commanded plate acceleration from this row on"),
     "applied_phi_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
     "applied_theta_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
+    "lateness": LogColumn("s", "how long after its time the row was taken"),
 }
 """What ``identify`` reads; a log may have more columns."""
 UNITS = {name: column.unit for name, column in COLUMNS.items()}
@@ -78,6 +79,7 @@ class Log:
         own_lag: Lag in s of the twin's own drives without a bandwidth limit.
         grips: Times in s within which friction may stop a ball, see ``replay``; more than one
             where it is not known.
+        late: How long after its time each row was taken, s, shape (K,); None if unknown.
         true: True x and y in m of a simulated run, shape (K, 2); for checks, never for a fit.
         scenario: What a run of this program was started with; empty for any other log.
     """
@@ -92,6 +94,7 @@ class Log:
     model: BallPlate
     own_lag: float
     grips: tuple[float, ...]
+    late: Array | None = None
     true: Array | None = None
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
@@ -105,6 +108,7 @@ class Log:
             age=self.age[chosen],
             touched=self.touched[chosen],
             command=None if self.command is None else self.command[chosen],
+            late=None if self.late is None else self.late[chosen],
             true=None if self.true is None else self.true[chosen],
         )
 
@@ -206,6 +210,7 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
         age=np.nan_to_num(columns.get("age", np.zeros_like(time))),
         touched=np.nan_to_num(touched) > 0.5,
         command=command,
+        late=columns.get("lateness"),
         true=pair("true_x", "true_y"),
         scenario=metadata.get("scenario") or {},
         **rig,

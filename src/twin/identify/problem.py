@@ -17,7 +17,7 @@ START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 TOLERATED = 3.0
 """Mean square misfit, in noise variances, above which a window loses weight (Cauchy)."""
 # A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
-_START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
+START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Linearisation:
             damping: Multiples of the prior, shape (C, W).
         """
         Zt = np.swapaxes(self.by_start, -1, -2)  # noqa: N806
-        normal = Zt @ self.by_start + damping[..., None, None] * _START_PRIOR
+        normal = Zt @ self.by_start + damping[..., None, None] * START_PRIOR
         return np.moveaxis(np.linalg.solve(normal, Zt @ self.r[..., None])[..., 0], -1, 0)
 
     def eliminate_starts(self) -> tuple[Array, Array]:
@@ -62,7 +62,7 @@ class Linearisation:
         Z = self.by_start  # noqa: N806
         both = np.concatenate((self.r[..., None], self.by_parameter), axis=-1)
         Zt = np.swapaxes(Z, -1, -2)  # noqa: N806
-        follow = np.linalg.solve(Zt @ Z + _START_PRIOR, Zt @ both)
+        follow = np.linalg.solve(Zt @ Z + START_PRIOR, Zt @ both)
         return both - Z @ follow, follow
 
 
@@ -83,11 +83,16 @@ class Problem:
     grip: float = 0.0
 
     def values(self, theta: Array) -> dict[str, Array]:
-        """All ball parameters by name, those not fitted at values without effect, shape (C, 1)."""
+        """All ball parameters by name, those not fitted at values without effect, shape (C, 1).
+
+        Args:
+            theta: Parameters, shape (C, P), or (C, W, P) for (C, W) of each.
+        """
         defaults = {name: BALL[name].least if name != "stribeck" else 0.005 for name in BALL}
         defaults |= {"level_phi": 0.0, "level_theta": 0.0, "gain": 1.0}
         values = {name: np.full((len(theta), 1), value) for name, value in defaults.items()}
-        values |= {name: theta[:, k, None] for k, name in enumerate(self.names)}
+        each = theta if theta.ndim > 2 else theta[:, None]
+        values |= {name: each[..., k] for k, name in enumerate(self.names)}
         return values
 
     def initial_starts(self) -> Array:
@@ -106,7 +111,7 @@ class Problem:
         """Positions and velocities of the ball in m and m/s, both shape (N, 2, C, W).
 
         Args:
-            theta: Parameters, shape (C, P).
+            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
             starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
         """
         values = self.values(theta)

@@ -15,13 +15,13 @@ from twin.shadow.diagnosis import Suspicion, weigh
 from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
-THRESHOLD = 16.0
+THRESHOLD = 13.0
 """Log-likelihood ratio at which an alarm is raised."""
 SETTLING = 15.0
 """Seconds after an alarm that are looked at for its cause."""
 STRADDLING = 2.0
 """Seconds after the most likely time of a change in which it may still lie,"""
-ENOUGH = 4
+ENOUGH = 2
 """which are left out where at least so many windows come after."""
 
 
@@ -47,6 +47,7 @@ class Alarm:
             "time": self.time,
             "since": self.since,
             "log_likelihood_ratio": self.ratio,
+            "words": self.words,
             "causes": [each.as_dict() for each in likely(self.causes)],
         }
 

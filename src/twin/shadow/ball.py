@@ -7,34 +7,41 @@ import numpy as np
 from controllers.arrays import Array
 from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.problem import START_PRIOR, Linearisation
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.evidence import Evidence, log_evidence
+from twin.shadow.gaps import clear
+from twin.shadow.unevenness import products, unknown_motion
 
-LONGEST = 1.5
-"""Longest window in s: long enough for a small force to show, short enough to stay near it."""
+LONGEST = 3.0
+"""Longest window in s: long enough for a dead time to show, short enough to be near a straight line
+in what it is expanded by."""
 WIDE = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
-STEPS = 5
+STEPS = 8
 """Gauss-Newton steps that look for the ball's start in a window,"""
 CONVERGED = 1e-4
 """and the decrease of the misfit, in noise variances, below which they are enough."""
 
 
 def ball_windows(
-    log: PreparedLog, belief: Belief, since: float = -np.inf
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
 ) -> tuple[Windows | None, Array]:
     """The windows in which the ball moves, None if there are none, and when each ends, shape (W,).
 
     Args:
         log: What was recorded.
         belief: The twin.
+        gaps: Of the log; a window that holds one is none.
         since: Seconds; what was before has been cut into windows already.
     """
     ends = [np.zeros(0)]
 
     def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
         found = moving_spans(segment, max(begin, since), end, longest)
+        whole = clear(found.begin - LOOKBACK, found.begin + found.length, gaps)
+        found = Spans(found.begin[whole], found.length[whole], found.resting[whole])
         ends.append(found.begin + found.length)
         return found
 
@@ -57,22 +64,32 @@ def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) 
     theta = belief.theta if theta is None else theta
     first = np.repeat(problem.initial_starts(), len(theta), axis=1)
     starts, _ = fit_starts(problem, theta, first, STEPS, CONVERGED)
-    free, _ = problem.linearise(theta, starts).eliminate_starts()
-    r, J = free[..., 0], free[..., 1 : 1 + len(BALL)]  # noqa: N806
+    squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
     spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
     place = (windows.ball * counted).sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
-    information = np.einsum("cwmi,cwmj->cwij", J, J)
-    score = -np.einsum("cwmi,cwm->cwi", J, r)
-    height = -(r**2).sum(axis=-1) / 2
+    height = -squares / 2
     stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
     prior = np.diag(np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE) ** 2
     # twice the log-likelihood that some deviation gains is what it takes off the squares
     gained = 2 * log_evidence(information, score, np.zeros_like(prior) + prior)
     gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
-    left = ((r**2).sum(axis=-1) - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
+    left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
     return [
         Evidence.of(BALL, spans, A, b, place, h, stopping, np.maximum(d, 1.0))
         for A, b, h, d in zip(information, score, height, left, strict=True)
     ]
+
+
+def _without_start(
+    line: Linearisation, windows: Windows, belief: Belief
+) -> tuple[Array, Array, Array]:
+    """Squares (C, W), score (C, W, p) and information (C, W, p, p), the starts fitted along."""
+    parts = (line.r[..., None], line.by_parameter[..., : len(BALL)], line.by_start)
+    unknown = unknown_motion(windows, belief.values["delay"])
+    Q = products(np.concatenate(parts, axis=-1), unknown, belief.rough)  # noqa: N806
+    k = 1 + len(BALL)
+    own = Q[..., k:, k:] + START_PRIOR
+    left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])
+    return left[..., 0, 0], -left[..., 1:, 0], left[..., 1:, 1:]

@@ -42,14 +42,24 @@ CONSTANT = {
 """Standard deviations of what an identified twin may be wrong by: rolling relative, else SI."""
 CHANGING = {
     "rolling": 0.003, "breakaway": 0.03, "delay": 1e-4, "level_phi": 1e-5, "level_theta": 1e-5,
-    "gain": 0.0015, "lag": 2e-4, "narrow_play": 0.3, "wide_play": 0.01, "transmission": 0.04,
+    "gain": 0.0015, "lag": 2e-4, "narrow_play": 0.3, "wide_play": 0.01, "transmission": 0.004,
     "noise": 0.01,
 }  # fmt: skip
 """The same of what differs from one window to the next, for reasons the twin does not know."""
+DRIFT = {
+    "rolling": 0.03, "breakaway": 0.1, "delay": 1e-4, "level_phi": 1e-4, "level_theta": 1e-4,
+    "gain": 0.005, "lag": 1e-3, "narrow_play": 0.5, "wide_play": 0.05, "transmission": 0.01,
+    "noise": 0.03,
+}  # fmt: skip
+"""The same of what a healthy rig changes by in the course of minutes, which is no alarm."""
 STOPPING = {
     **CHANGING, "rolling": 0.03, "breakaway": 0.15, "level_phi": 3e-5, "level_theta": 3e-5,
+    "gain": 0.01,
 }  # fmt: skip
 """The same of windows in which the ball comes to rest or begins there."""
+
+ROUGH = 0.001
+"""Share of the rolling friction that differs from place to place where it is held to be even."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,8 @@ class Belief:
         constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
         changing: The same from window to window, while the ball rolls and where it stops,
             shape (2, P).
+        drift: The same of what changes in the course of minutes on a healthy rig, shape (P,).
+        rough: Standard deviation in m/s^2 of the acceleration that is unknown from place to place.
     """
 
     scenario: Scenario
@@ -86,6 +98,8 @@ class Belief:
     disturbance: Array
     constant: Array
     changing: Array
+    drift: Array
+    rough: float
 
     @classmethod
     def of(cls, scenario: Scenario, log: Log) -> Belief:
@@ -128,10 +142,13 @@ class Belief:
                 for name in PARAMETERS
             ]
         )
+        model = BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia)
+        braking = model.k1 * values["rolling"] / model.radius
+        spread = np.hypot(ROUGH, surface.spread_percent / 100)
         windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
         return cls(
             scenario=scenario,
-            model=BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+            model=model,
             values=values,
             lag=1 / (2 * np.pi * corner) if corner else 0.0,
             own_lag=log.own_lag,
@@ -143,6 +160,8 @@ class Belief:
             disturbance=_pair(drives.disturbance),
             constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
             changing=scale * np.hypot(windows, uneven),
+            drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
+            rough=float(np.hypot(braking * spread, model.k1 * np.radians(surface.slope_deg))),
         )
 
     @property

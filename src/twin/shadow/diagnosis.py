@@ -22,7 +22,7 @@ from twin.shadow.causes import CAUSES, CELLS, PATCH, Cause, changes, one_sided, 
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 from twin.shadow.monitor import Before
 
-ROUNDS = 2
+ROUNDS = 3
 """How often a cause is expanded again."""
 MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
 """Causes that change the ball's motion."""

@@ -22,6 +22,7 @@ from twin.shadow.alarms import SETTLING, Alarm, Findings, crossings
 from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import Evidence
+from twin.shadow.gaps import gaps
 from twin.shadow.horizon import Replays, replays
 from twin.shadow.learned import scatter
 from twin.shadow.monitor import LOOKBACKS, bounded, statistic
@@ -130,8 +131,9 @@ class Follower:
         except LogError:  # too little yet, or the ball is off the screen
             return []
         until = np.inf if whole else now - MARGIN
-        self._replay(usable, self._belief, until)
-        first = self._judge(usable, self._belief, until)
+        holes = gaps(log, self.period)
+        self._replay(usable, self._belief, holes, until)
+        first = self._judge(usable, self._belief, holes, until)
         return self._alarms(self._belief, first, now, whole=whole)
 
     def _late(self, log: Log, now: float) -> PreparedLog:
@@ -145,8 +147,9 @@ class Follower:
             raise LogError(f"{log.source}: nothing usable of late")
         return replace(usable, segments=tuple(parts))
 
-    def _replay(self, log: PreparedLog, belief: Belief, until: float) -> None:
-        found = replays(log, belief, self._horizon, self._horizon, self._since["replays"])
+    def _replay(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> None:
+        ahead = self._horizon
+        found = replays(log, belief, holes, ahead, ahead, self._since["replays"])
         if found is None:
             return
         found = found.take(found.time + self._horizon + BIN <= until)
@@ -156,17 +159,17 @@ class Follower:
         said = self.said
         said.replays = found if said.replays is None else Replays.join([said.replays, found])
 
-    def _judge(self, log: PreparedLog, belief: Belief, until: float) -> int:
+    def _judge(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> int:
         """Add the evidence of new windows; return how many there were before."""
         other = [
-            plate_evidence(log, belief, self._since["plate"]),
-            noise_evidence(log, belief, self._since["screen"]),
+            plate_evidence(log, belief, holes, self._since["plate"]),
+            noise_evidence(log, belief, holes, self._since["screen"]),
         ]
         done = [None if each is None else each.take(each.end <= until) for each in other]
         for name, part in zip(("plate", "screen"), done, strict=True):
             if part is not None and len(part):
                 self._since[name] = float(part.end[-1])
-        calm = self._moving(log, belief, until)
+        calm = self._moving(log, belief, holes, until)
         plain = [each for each in done if each is not None and len(each)]
         if plain:
             self._other = _joined(self._other, Evidence.join(plain))
@@ -184,9 +187,11 @@ class Follower:
             said.ratio = np.concatenate((said.ratio, ratio[count:]))
         return count
 
-    def _moving(self, log: PreparedLog, belief: Belief, until: float) -> Evidence | None:
+    def _moving(
+        self, log: PreparedLog, belief: Belief, holes: Array, until: float
+    ) -> Evidence | None:
         """Evidence of new windows in which the ball moves."""
-        windows, ends = ball_windows(log, belief, self._since["ball"])
+        windows, ends = ball_windows(log, belief, holes, self._since["ball"])
         finished = np.asarray(ends <= until)
         self._since["ball"] = max(
             float(ends[finished].max(initial=self._since["ball"])),

@@ -8,8 +8,8 @@ What the twin does not know, its state at the start and its parameters, is drawn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,16 @@ from controllers.arrays import Array, Mask
 from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.problem import Problem
-from twin.identify.replay import STEP, AccelerationField
-from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, Windows, cut, speed
+from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
+from twin.identify.replay import STEP
+from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, cut, speed
 from twin.shadow.belief import BALL, PARAMETERS, Belief
+from twin.shadow.gaps import clear
+from twin.shadow.unevenness import state_moved, unforeseen, unknown_motion
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead that may be chosen."""
-LEAD = 0.4
+LEAD = 1.2
 """Seconds of samples from which the state at a start is smoothed."""
 MEDIAN, BAND = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
@@ -83,100 +85,157 @@ class Replays:
         return np.asarray(np.sqrt(self.square / MEDIAN))
 
     @property
+    def distance(self) -> Array:
+        """Length of the error, m, shape (W,)."""
+        return np.hypot(self.error[:, 0], self.error[:, 1])
+
+    @property
+    def band(self) -> Array:
+        """How far the 95 % ellipse reaches in the direction of the error, m, shape (W,)."""
+        return np.asarray(self.distance * np.sqrt(BAND / np.maximum(self.square, 1e-12)))
+
+    @property
     def counted(self) -> Mask:
         """Those that tell something, shape (W,)."""
         return np.asarray(self.told & np.isfinite(self.error).all(axis=-1))
 
 
 def replays(
-    log: PreparedLog, belief: Belief, ahead: float, every: float, since: float = -np.inf
+    log: PreparedLog,
+    belief: Belief,
+    gaps: Array,
+    ahead: float,
+    every: float,
+    since: float = -np.inf,
 ) -> Replays | None:
     """Replays of a log from many starts; None if it is too short for any.
 
     Args:
         log: What was recorded.
         belief: The twin.
+        gaps: Of the log; a replay over one tells nothing.
         ahead: Horizon in s.
         every: Seconds between the starts of two replays.
         since: The first start in s, where the log goes back further.
     """
 
-    def spans(segment: Segment, begin: float, end: float, longest: float) -> Spans:
-        del segment
-        begins = np.arange(max(begin, since - LEAD), end - longest, every)
-        return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
+    def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
+        def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
+            del segment, longest
+            begins = np.arange(max(begin, since - LEAD), end - (LEAD + ahead + BIN), every) + later
+            return Spans(begins, np.full(len(begins), length), np.zeros(len(begins), bool))
 
-    windows = cut(log, belief.lag, LEAD + ahead + BIN, spans)
-    if windows is None:
+        return chosen
+
+    before = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
+    windows = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
+    if before is None or windows is None:
         return None
-    known = belief.problem(_lead(windows))
-    points, weights = _sigma_points(known, belief)
+    points, weights = _sigma_points(belief.problem(before), belief)
     whole = belief.problem(windows)
-    places, speeds = whole.replayed(points[0], points[1])
-    delay = whole.values(points[0])["delay"]
-    ball, _ = windows.at_samples(places, speeds, delay)
-    at = windows.time - (LOOKBACK + LEAD + ahead)
-    near = (np.abs(at) <= BIN / 2 + 1e-6) & (windows.weight[..., 0] > 0)
-    rows, sample = np.arange(len(windows)), np.argmax(near, axis=1)
+    places, speeds = whole.replayed(*points)
+    ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
+    at = windows.time - (LOOKBACK + ahead)
+    # a screen of slow frames has not one in every bin; the twin is asked for the sample's own time
+    away = np.where(windows.weight[..., 0] > 0, np.abs(at), np.inf)
+    rows, sample = np.arange(len(windows)), np.argmin(away, axis=1)
+    near = away[rows, sample] <= max(BIN, log.sample_period) / 2 + 1e-6
     drawn = ball[:, rows, sample]
     middle = np.einsum("c,cwi->wi", weights, drawn)
-    away = drawn - middle
+    off = drawn - middle
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
-    spread = np.einsum("c,cwi,cwj->wij", weights, away, away) + noise[..., None] * np.eye(2)
-    error = np.where(near.any(axis=1)[:, None], windows.ball[rows, sample] - middle, np.nan)
-    start = windows.begin + LOOKBACK + LEAD
-    path = np.einsum("c,nicw->wni", weights, places)[:, round((LOOKBACK + LEAD) / STEP) :]
+    spread = np.einsum("c,cwi,cwj->wij", weights, off, off)
+    spread += (noise + (belief.rough * unforeseen(ahead)) ** 2)[..., None] * np.eye(2)
+    error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
+    start = windows.begin + LOOKBACK
+    path = np.einsum("c,nicw->wni", weights, places)[:, round(LOOKBACK / STEP) :]
     path = path[:, : round(ahead / STEP) + 1 : DRAWN]
-    return Replays(start, ahead, error, spread, _moving(log, start, ahead), path)
-
-
-def _lead(windows: Windows) -> Windows:
-    """The samples from which a start is smoothed, and as much of the field as they need."""
-    bins, steps = round(LEAD / BIN) + 1, round((LOOKBACK + LEAD + BIN) / STEP) + 1
-    before = windows.time[:, :bins] < LOOKBACK + LEAD
-    field = {item.name: getattr(windows.field, item.name)[:steps] for item in fields(windows.field)}
-    return replace(
-        windows,
-        field=AccelerationField(**field),
-        time=windows.time[:, :bins],
-        ball=windows.ball[:, :bins],
-        weight=windows.weight[:, :bins] * before[..., None],
-    )
+    told = _moving(log, start, ahead) & clear(start - LEAD - LOOKBACK, start + ahead, gaps)
+    return Replays(start, ahead, error, spread, told, path)
 
 
 def _sigma_points(problem: Problem, belief: Belief) -> tuple[tuple[Array, Array], Array]:
-    """Parameters (C, P) and starts (4, C, W) that stand for all that may be, and weights (C,).
+    """Parameters (C, W, P) and starts (4, C, W) that stand for all that may be, and weights (C,).
 
-    The parameters vary by what is not known of them; with them goes the start that suits the
-    samples then, and that varies by what the samples leave open.
+    Both are what the samples before the start, and what is believed of the parameters, make of
+    them: on a screen that differs from place to place, the friction here is best seen just before.
     """
     theta = belief.theta
+    mean, covariance, start = _smoothed(problem, belief)
+    windows, count = mean.shape
+    side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
+    sides = np.moveaxis(np.stack((side, -side)), 2, 1)
+    offsets = np.concatenate((np.zeros((1, windows, count)), *sides))
+    moved = mean + offsets
+    every = np.broadcast_to(theta[0], (len(moved), windows, theta.shape[1])).copy()
+    for k, name in enumerate(BALL):
+        every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
+    begun = start[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
+    weights = np.full(len(moved), 1 / (2 * (count + KAPPA)))
+    weights[0] = KAPPA / (count + KAPPA)
+    return (every, begun), weights
+
+
+def _smoothed(problem: Problem, belief: Belief) -> tuple[Array, Array, Array]:
+    """What windows of ``LEAD`` say of the parameters and of the ball's state when it is over.
+
+    The forces nobody knows are estimated along (a smoother), so that where the ball is at the end
+    does not rest on how it came there.
+
+    Returns:
+        Mean (W, K) and covariance (W, K, K) of the deviations of ``BALL`` and of the state's four
+        numbers, and the state (4, W) they are deviations from.
+    """
+    theta, windows = belief.theta, problem.windows
     starts, _ = fit_starts(problem, theta, problem.initial_starts(), STEPS, CONVERGED)
     line = problem.linearise(theta, starts)
-    _, follow = line.eliminate_starts()
-    Z = line.by_start[0]  # noqa: N806
-    left = np.linalg.cholesky(np.linalg.inv(np.swapaxes(Z, -1, -2) @ Z + START_PRIOR))
+    unknown = belief.rough * unknown_motion(windows, belief.values["delay"])
+    J = np.concatenate((line.by_parameter[0, ..., : len(BALL)], line.by_start[0], unknown), axis=-1)  # noqa: N806
     watched = [PARAMETERS.index(name) for name in BALL]
     sd = np.hypot(belief.constant, belief.changing[0])[watched]
-    count = len(BALL) + 4
-    reach = np.sqrt(count + KAPPA)
+    count, forces = len(BALL), unknown.shape[-1]
+    prior = np.eye(count + 4 + forces)
+    prior[:count, :count] = np.diag(sd**-2)
+    prior[count : count + 4, count : count + 4] = START_PRIOR
+    Jt = np.swapaxes(J, -1, -2)  # noqa: N806
+    covariance = np.linalg.inv(Jt @ J + prior)
+    mean = -(covariance @ (Jt @ line.r[0][..., None]))[..., 0]
+    end, slopes = _end_state(problem, theta, starts)
+    pushed = belief.rough * state_moved(windows, LEAD)
+    keep = np.broadcast_to(np.eye(count, count + 4 + forces), (len(mean), count, J.shape[-1]))
+    onto = np.concatenate(
+        (keep, np.concatenate((slopes, np.broadcast_to(pushed, (len(mean), 4, forces))), axis=-1)),
+        axis=1,
+    )
+    spread = onto @ covariance @ np.swapaxes(onto, -1, -2)
+    return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2, end
+
+
+def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array]:
+    """The ball's state (4, W) at the end of ``LEAD``, and its slopes (W, 4, K).
+
+    By the parameters of ``BALL`` and the start, by finite differences.
+    """
+    steps = [BOUNDS[name].difference for name in BALL]
     thetas, begun = [theta[0]], [starts[:, 0]]
-    for sign in (1.0, -1.0):
-        for k in range(len(BALL)):
-            moved = theta[0].copy()
-            moved[k] = max(moved[k] + sign * reach * sd[k], BOUNDS[BALL[k]].least)
-            thetas.append(moved)
-            begun.append(starts[:, 0] - (moved[k] - theta[0, k]) * follow[0, :, :, 1 + k].T)
-        for k in range(4):
-            thetas.append(theta[0])
-            begun.append(starts[:, 0] + sign * reach * left[:, :, k].T)
-    weights = np.full(2 * count + 1, 1 / (2 * (count + KAPPA)))
-    weights[0] = KAPPA / (count + KAPPA)
-    return (np.array(thetas), np.stack(begun, axis=1)), weights
+    for k, step in enumerate(steps):
+        moved = theta[0].copy()
+        moved[k] += step
+        thetas.append(moved)
+        begun.append(starts[:, 0])
+    for k, step in enumerate(START_DIFFERENCES):
+        other = starts[:, 0].copy()
+        other[k] += step
+        thetas.append(theta[0])
+        begun.append(other)
+    places, speeds = problem.replayed(np.array(thetas), np.stack(begun, axis=1))
+    at = round(LEAD / STEP)
+    states = np.concatenate((places[at], speeds[at]))
+    size = np.array([*steps, *START_DIFFERENCES])
+    size = np.where(size > 0, size, 1.0)
+    return states[:, 0], np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
 
 
-START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
-"""As weak as that of a fit: positions within 20 mm, velocities within 0.3 m/s."""
 KAPPA = 1.0
 """Weight of the middle point."""
 

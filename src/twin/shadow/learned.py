@@ -16,7 +16,7 @@ LATEST = 8.0
 """Seconds before a window that it learns nothing from, for a change may have begun in them."""
 COUNTED = 4.0
 """What is expected of a rig of which nothing is known yet counts as so many windows:"""
-FIRST = np.array([1.0 if name in ("transmission", "noise") else 3.0 for name in PARAMETERS])
+FIRST = np.array([1.0 if name == "noise" else 1.5 for name in PARAMETERS])
 """a factor of three, but for what hardly differs from window to window on any rig."""
 MOST = 10.0
 """Largest factor: a rig that is far from its twin is not one that scatters."""

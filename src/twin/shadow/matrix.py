@@ -106,7 +106,7 @@ def carry_out(job: Job) -> list[Trial]:
             Trial(
                 each.seed,
                 kind,
-                float(said.ratio.max()),
+                float(said.ratio.max(initial=0.0)),
                 None if first is None else first.time,
                 () if first is None else tuple(cause.name for cause in likely(first.causes)),
                 np.zeros(0) if run is None else run.square[counted],

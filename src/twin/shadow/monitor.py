@@ -22,14 +22,14 @@ LOOKBACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Windows since the change that are tried."""
 LEARNED = 120
 """Windows before the change from which is learned how far the twin was off: some minutes."""
-FORGOTTEN = 0.1
-"""What is learned never gets surer than this share of what was believed at first."""
 BLOCK = 200
 """Windows that are worked on at a time."""
 
 
 AT_MOST = 5.0
 """Log-likelihood ratio that one window may speak for a change: an outlier alone is no alarm."""
+ROUNDS = 8
+"""How often a window is weakened until it says no more than that."""
 
 
 class _Sums:
@@ -49,21 +49,25 @@ class _Sums:
         moved = changes(belief) / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
         self._eye = np.eye(len(unit))
+        self._drift = np.diag((belief.drift / unit) ** 2)
 
-    def ratio(self, begin: NDArray[np.int_], last: NDArray[np.int_]) -> Array:
+    def ratio(
+        self, begin: NDArray[np.int_], last: NDArray[np.int_], weaker: Array | float = 1.0
+    ) -> Array:
         """Log-likelihood ratio of a change before windows ``begin`` up to ``last``, shape (...).
 
         Args:
             begin: First window after the change, shape (...).
             last: One past the last window that is counted, shape (...).
+            weaker: By how much less the windows from the change on count, shape (...).
         """
         first = np.maximum(begin - LEARNED, 0)
         A, b = self._A, self._b  # noqa: N806
         mean, covariance = posterior(A[begin] - A[first], b[begin] - b[first], self._eye)
         logs = log_evidence(
-            (A[last] - A[begin])[..., None, :, :],
-            (b[last] - b[begin])[..., None, :],
-            (covariance + FORGOTTEN**2 * self._eye)[..., None, :, :] + self._alternatives,
+            ((A[last] - A[begin]) / np.expand_dims(weaker, (-2, -1)))[..., None, :, :],
+            ((b[last] - b[begin]) / np.expand_dims(weaker, -1))[..., None, :],
+            (covariance + self._drift)[..., None, :, :] + self._alternatives,
             mean[..., None, :],
         )
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
@@ -78,8 +82,10 @@ def bounded(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
         after: Windows that are left out.
     """
     begin = np.arange(after, len(evidence))
-    ratio = _Sums(evidence, belief).ratio(begin, begin + 1)
-    return evidence.take(begin).tempered(np.maximum(ratio / AT_MOST, 1.0))
+    sums, weaker = _Sums(evidence, belief), np.ones(len(begin))
+    for _ in range(ROUNDS):  # the ratio falls less than in proportion, as a rig may have drifted
+        weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / AT_MOST, 1.0)
+    return evidence.take(begin).tempered(weaker)
 
 
 def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
@@ -137,4 +143,4 @@ def baseline(evidence: Evidence, belief: Belief, change: int) -> Before:
     before = evidence.take(np.arange(max(change - LEARNED, 0), change))
     A, b = before.information.sum(axis=0), before.score.sum(axis=0)  # noqa: N806
     mean, covariance = posterior(A, b, belief.uncertainty)
-    return Before(mean, covariance + FORGOTTEN**2 * belief.uncertainty)
+    return Before(mean, covariance + np.diag(belief.drift**2))

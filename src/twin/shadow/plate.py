@@ -16,6 +16,7 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import DRIVES, Belief
 from twin.shadow.evidence import Evidence
+from twin.shadow.gaps import clear
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -32,17 +33,23 @@ GAPS = (np.radians(0.05), np.radians(0.2))
 """Widths in rad of a narrow and of a wide gap."""
 
 
-def plate_evidence(log: PreparedLog, belief: Belief, since: float = -np.inf) -> Evidence | None:
+def plate_evidence(
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
+) -> Evidence | None:
     """Evidence of ``DRIVES``; None if no part of the log is long enough.
 
     Args:
         log: What was recorded.
         belief: The twin.
+        gaps: Of the log; where one is still felt there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
     parts = [_of_segment(segment, log.period, belief, since) for segment in log.segments]
     found = [part for part in parts if part is not None]
-    return Evidence.join(found) if found else None
+    if not found:
+        return None
+    every = Evidence.join(found)
+    return every.take(clear(every.begin, every.end, gaps, SETTLED))
 
 
 def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -> Evidence | None:

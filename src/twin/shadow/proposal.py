@@ -19,6 +19,7 @@ from twin.identify.report import parameters
 from twin.identify.verdict import IDENTIFIED
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief
+from twin.shadow.gaps import gaps
 from twin.shadow.horizon import replays
 from twin.writing import write_whole
 
@@ -89,7 +90,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     better = Belief.of(check(put(tables, settings), "the proposal"), last)
     errors = []
     for twin in (belief, better):
-        run = replays(held_out, twin, AHEAD, OFTEN)
+        run = replays(held_out, twin, gaps(last, held_out.period), AHEAD, OFTEN)
         if run is None or not run.counted.any():
             return Proposal("", {}, None, None, "No proposal: too little was held out")
         errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from twin.html import inline, render
+from twin.identify.replay import STEP
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.causes import likely
 from twin.shadow.figures import picture
+from twin.shadow.horizon import DRAWN
 from twin.shadow.proposal import Proposal
 from twin.shadow.shadow import Shadow
 from twin.writing import write_json, write_whole
@@ -97,7 +99,7 @@ def write(found: Shadow, proposal: Proposal | None, file: Path | None, folder: P
 
 
 def _scores(found: Shadow, path: Path) -> None:
-    """One row a replay: when, error, predicted spread, score, and the test's statistic then."""
+    """One row a replay: when, error, spread, score, the test's statistic, the twin's way."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
 
@@ -112,11 +114,18 @@ def _scores(found: Shadow, path: Path) -> None:
         "spread_x": ("m", np.sqrt(run.spread[:, 0, 0])),
         "spread_y": ("m", np.sqrt(run.spread[:, 1, 1])),
         "score": ("1", run.score),
+        "distance": ("m", run.distance),
+        "band": ("m", run.band),
         "told": ("1", run.counted.astype(float)),
         "log_likelihood_ratio": ("1", np.where(before >= 0, found.ratio[before], 0.0)),
     }
     fields = [pa.field(name, pa.float64(), metadata={"unit": u}) for name, (u, _) in values.items()]
-    content = json.dumps({"horizon": run.ahead, "threshold": THRESHOLD, "log": found.log.source})
+    paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}
+    listed = pa.list_(pa.float64())
+    fields += [pa.field(name, listed, metadata={"unit": "m"}) for name in paths]
+    about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.log.source}
+    content = json.dumps({**about, "step": DRAWN * STEP, "record": found.record})
     schema = pa.schema(fields, metadata={"ballplate": content})
     columns = [pa.array(column) for _, column in values.values()]
+    columns += [pa.array(path, listed) for path in paths.values()]
     pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)

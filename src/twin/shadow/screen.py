@@ -8,6 +8,7 @@ from controllers.arrays import Array
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import Evidence
+from twin.shadow.gaps import clear
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -30,17 +31,23 @@ def noise_level(ball: Array, variance: Array) -> float:
     return float(np.log(((bend**2).mean(axis=0) / (6 * variance)).mean()) / 2)
 
 
-def noise_evidence(log: PreparedLog, belief: Belief, since: float = -np.inf) -> Evidence | None:
+def noise_evidence(
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
+) -> Evidence | None:
     """Evidence of ``noise``; None if no part of the log is long enough.
 
     Args:
         log: What was recorded.
         belief: The twin.
+        gaps: Of the log; where there is one there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
     parts = [_of_segment(segment, belief, since) for segment in log.segments]
     found = [part for part in parts if part is not None]
-    return Evidence.join(found) if found else None
+    if not found:
+        return None
+    every = Evidence.join(found)
+    return every.take(clear(every.begin, every.end, gaps))
 
 
 def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:

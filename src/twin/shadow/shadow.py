@@ -16,16 +16,16 @@ from twin.shadow.alarms import Alarm, Findings, crossings
 from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.evidence import Evidence
+from twin.shadow.gaps import gaps
 from twin.shadow.horizon import BAND, Replays, replays
 from twin.shadow.learned import scatter
 from twin.shadow.monitor import bounded, statistic
 from twin.shadow.plate import plate_evidence
 from twin.shadow.screen import noise_evidence
+from twin.view.fingerprint import fingerprint
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""
-SAME_AS = 1.5
-"""A gap in the rows longer than this many periods is shown."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class Shadow:
         ratio: The statistic, shape (W,).
         alarms: In the order of time.
         told: Seconds in which the ball moved.
-        gaps: Begin and end in s of what is missing in the log, shape (G, 2).
+        gaps: Begin and end in s of what is missing or late in the log, shape (G, 2).
+        record: Fingerprint of the log.
     """
 
     log: PreparedLog
@@ -53,6 +54,7 @@ class Shadow:
     alarms: tuple[Alarm, ...]
     told: float
     gaps: Array
+    record: int
 
     @property
     def verdict(self) -> str:
@@ -108,9 +110,10 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     check_ranges(log)
     check_commands(log)
     usable = prepare(replace(log, model=belief.model))
-    windows, _ = ball_windows(usable, belief)
+    holes = gaps(log, usable.period)
+    windows = ball_windows(usable, belief, holes)[0]
     ball = None if windows is None else ball_evidence(windows, belief)[0]
-    parts = (plate_evidence(usable, belief), noise_evidence(usable, belief))
+    parts = (plate_evidence(usable, belief, holes), noise_evidence(usable, belief, holes))
     found = [part for part in parts if part is not None]
     if not found:
         raise LogError(f"{log.source}: too short: {usable.length:.1f} s; 3 s in a row are needed")
@@ -124,21 +127,15 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     return Shadow(
         usable,
         belief,
-        at := replays(usable, belief, horizon, horizon),
-        at if horizon == 1.0 else replays(usable, belief, 1.0, horizon),
+        at := replays(usable, belief, holes, horizon, horizon),
+        at if horizon == 1.0 else replays(usable, belief, holes, 1.0, horizon),
         soft.end,
         findings.ratio,
         tuple(alarms),
         0.0 if ball is None else float((ball.end - ball.begin).sum()),
-        _gaps(log, usable.period),
+        holes,
+        fingerprint(*log.ball.T),
     )
-
-
-def _gaps(log: Log, period: float) -> Array:
-    """Begin and end of what is missing, s, shape (G, 2)."""
-    time = log.time[np.isfinite(log.time)]
-    missing = np.flatnonzero(np.diff(time) > SAME_AS * period)
-    return np.stack((time[missing], time[missing + 1]), axis=-1)
 
 
 def _median(found: Replays | None, of: Any) -> float | None:

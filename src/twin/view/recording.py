@@ -13,8 +13,10 @@ from rerun.experimental import ViewerClient
 from twin.errors import ViewError
 from twin.run.replay import Replay
 from twin.view.layout import Layout, blueprint
+from twin.view.saved_twin import saved_twin
 from twin.view.signals import explained, shown_range
 from twin.view.streams import TIMELINE, Batch, RunStream
+from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS, Scores, TwinStream
 from twin.view.viewer import headless
 from twin.writing import write_whole
 
@@ -44,12 +46,29 @@ def send(stream: rr.RecordingStream, batch: Batch) -> None:
     rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
+def begin_twin(stream: rr.RecordingStream, twin: TwinStream) -> None:
+    """Send what does not change of a run's twin."""
+    for entity, shape in twin.fixed():
+        stream.log(entity, shape, static=True)
+
+
+def add_twin(
+    stream: rr.RecordingStream,
+    twin: TwinStream,
+    scores: Scores | None,
+    events: Sequence[tuple[float, str]],
+) -> None:
+    """Send what the twin says: scores, and times in s and texts of what happened."""
+    for batch in twin.batches(scores, events):
+        send(stream, batch)
+
+
 def write(path: Path, runs: Sequence[Replay], layout: Layout = "showing") -> None:
     """Write runs side by side on one time line into an ``.rrd`` file.
 
     Raises:
         RecordError: If the file cannot be written.
-        TwinError: If a run's scenario cannot be assembled.
+        TwinError: If a run's scenario cannot be assembled, or what is saved of its twin is damaged.
     """
     content = encoded(runs, layout)
     write_whole(path, lambda target: target.write_bytes(content))
@@ -94,19 +113,22 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout
     entities = {group for plot in plots for group in plot}
     shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
-    plan = blueprint(
-        [each.root for each in streams],
-        groups,
-        TIMELINE,
-        layout,
-        ranges={group: shown_range(lines) for group, lines in shown.items()},
-    )
+    ranges = {group: shown_range(lines) for group, lines in shown.items()}
+    twins = [saved_twin(run) for run in runs]
+    if any(twins):
+        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
+    plan = blueprint([each.root for each in streams], groups, TIMELINE, layout, ranges=ranges)
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         for entity, shape in (*each.fixed(), *each.styles(run.rows)):
             stream.log(entity, shape, static=True)
         for batch in each.batches(run.rows):
             send(stream, batch)
+    for run, said in zip(runs, twins, strict=True):
+        if said is not None:
+            twin = TwinStream(run.name, run.scenario)
+            begin_twin(stream, twin)
+            add_twin(stream, twin, *said)
 
 
 def screenshot(

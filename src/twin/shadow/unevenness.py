@@ -1,0 +1,76 @@
+"""Small forces on the ball that nobody knows: patches of the screen, its waves, the plate's errors.
+
+Along the ball's way they are taken as white: one acceleration for every ``STRETCH`` of time, each
+axis its own, drawn at random. What they may have moved the ball by is left out of a window's
+likelihood (generalised least squares), so that a window may be long enough to show a dead time
+without showing a rough screen as one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.identify.windows import Windows
+
+STRETCH = 0.3
+"""Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
+
+
+def unknown_motion(windows: Windows, delay: float) -> Array:
+    """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
+
+    Args:
+        windows: W windows of B samples.
+        delay: Dead time of the screen in s.
+
+    Returns:
+        Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
+    """
+    count, samples = windows.time.shape
+    edges = _edges(windows)
+    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
+    twice = since**2 / 2
+    moved = twice[..., :-1] - twice[..., 1:]
+    both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
+    return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
+
+
+def state_moved(windows: Windows, at: float) -> Array:
+    """What the same accelerations add to x, y, x' and y' at a time in s after the begin, (4, 2 S).
+
+    Args:
+        windows: W windows.
+        at: Seconds.
+    """
+    since = np.maximum(at - _edges(windows), 0.0)
+    moved, hurried = -np.diff(since**2) / 2, -np.diff(since)
+    return np.concatenate([np.kron(each, np.eye(2)) for each in (moved, hurried)])
+
+
+def _edges(windows: Windows) -> Array:
+    return np.arange(0.0, float(windows.time.max()) + STRETCH, STRETCH)
+
+
+def products(columns: Array, unknown: Array, size: float) -> Array:
+    """Inner products of columns under noise and the unknown motion, shape (C, W, K, K).
+
+    With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
+
+    Args:
+        columns: U, in standard deviations of the samples, shape (C, W, M, K).
+        unknown: N, shape (W, M, S).
+        size: s, standard deviation of an unknown acceleration in m/s^2.
+    """
+    U, N = columns, unknown  # noqa: N806
+    shared = np.swapaxes(N, -1, -2) @ U
+    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
+    plain = np.swapaxes(U, -1, -2) @ U
+    return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
+
+
+def unforeseen(ahead: float) -> float:
+    """Standard deviation in s^2 of where unknown accelerations of 1 m/s^2 take a ball in a time."""
+    left = np.maximum(ahead - np.arange(0.0, ahead + STRETCH, STRETCH), 0.0)
+    moved = -np.diff(left**2) / 2
+    return float(np.sqrt((moved**2).sum()))
