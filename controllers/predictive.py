@@ -15,6 +15,9 @@ from controllers.ballplate import SIGN
 from controllers.interfaces import Feedback, Reference
 from controllers.motion import Motion
 
+MOST = 100
+"""Iterations of the solver, to bound its time; three times what references far beyond the limits
+were seen to take."""
 SOFT = 8
 """How the solver is told that a constraint may be broken where nothing keeps it."""
 
@@ -34,7 +37,9 @@ class Predictive(AboutMotion):
     regulator's, v = -K z, whatever N (Rawlings and Mayne 2009, "Model predictive control", chapters
     1 and 2). That answer is worked out first: where it breaks no limit it is the best, and no
     quadratic program is solved. The others are solved by the dual active set of DAQP (Arnstrom,
-    Bemporad and Axehill 2022), axis by axis. Its own period is ``step``; between, v is held.
+    Bemporad and Axehill 2022), axis by axis, in ``MOST`` iterations: where they do not do, or there
+    is no answer, the inputs that the last one had for the steps to come are gone on with, within
+    the limit of acceleration. The period of the program is ``step``; between, v is held.
 
     Good at jumps and references beyond the limits, of which it asks no more than the drives can do;
     away from limits it is LQR with preview, and its slow period costs margin.
@@ -143,8 +148,8 @@ class Program:
         self._states = np.concatenate((self._forced[:, 3], self._forced[:, 2]))
         self._sense = np.repeat((0, SOFT), (N, 2 * N)).astype(np.int32)
 
-    def solve(self, z: Array, motion: Array) -> float:
-        """The first input of least cost.
+    def solve(self, z: Array, motion: Array) -> Array | None:
+        """The inputs of least cost, shape (N,); None if they were not found in time.
 
         Args:
             z: Deviation, shape (4,).
@@ -156,9 +161,15 @@ class Program:
         shift = motion.ravel() + free
         most = np.repeat(self.law.limits, motion.shape[1])
         found, _, flag, _ = daqp.solve(
-            self.H, self._linear @ z, self._states, most - shift, -most - shift, self._sense
+            self.H,
+            self._linear @ z,
+            self._states,
+            most - shift,
+            -most - shift,
+            self._sense,
+            iter_limit=MOST,
         )
-        return float(found[0]) if flag > 0 else math.nan
+        return np.array(found) if flag > 0 else None
 
 
 class Horizon:
@@ -177,6 +188,8 @@ class Horizon:
         self._known = 0
         self._ahead = np.stack([self._knot() for _ in range(law.steps + 1)])
         self._v: Any = 0.0
+        self._inputs: Array = np.zeros(law.steps)
+        """Inputs v of the steps from the present one on as last planned, shape (..., 2, N)."""
 
     def _knot(self) -> Array:
         """Ball's position and velocity, slope, rate, acceleration of the next step, (5, ..., 2)."""
@@ -208,11 +221,19 @@ class Horizon:
         motion = np.moveaxis(
             np.stack((ahead[:-1, 4], ahead[1:, 3], ahead[1:, 2])), (0, 1), (-2, -1)
         )
-        v = -z @ law.K
         found = np.einsum("lki,...i->...lk", program.regulator, z) + motion
         broken = (np.abs(found) > law.limits[:, None]).any(axis=(-2, -1))
+        wanted = np.broadcast_to(motion, found.shape)
+        inputs = found[..., 0, :] - wanted[..., 0, :]
+        inputs[..., 0] = -z @ law.K  # to the last bit
+        left = np.broadcast_to(self._inputs, inputs.shape)
         for place in zip(*np.nonzero(broken), strict=True):
-            solved = program.solve(z[place], np.broadcast_to(motion, found.shape)[place])
-            v[place] = solved if math.isfinite(solved) else v[place]
-        out: Array = v
+            solved = program.solve(z[place], wanted[place])
+            if solved is None:
+                given = wanted[place][0]
+                most, gone_on = law.acceleration, np.append(left[place][1:], 0.0)
+                solved = np.clip(given + gone_on, -most, most) - given
+            inputs[place] = solved
+        self._inputs = inputs
+        out: Array = inputs[..., 0].copy()
         return out

@@ -91,7 +91,7 @@ def simulated(runs: list[Any], judged: str) -> list[float | None]:
     )
     with np.errstate(all="ignore"):
         outcomes = drive(rig, controller, duration, record)
-    wished = controller.reference(record.time)[0]
+    wished = controller.reference(record.time)[0].reshape(record.length, -1, 2)
     found: list[float | None] = []
     for number, (scenario, outcome) in enumerate(zip(runs, outcomes, strict=True)):
         motion = Motion.of(record, wished[:, number], number)

@@ -1,5 +1,6 @@
 import math
 
+import daqp
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -8,7 +9,7 @@ from scipy.optimize import minimize
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
 from controllers.motion import Motion
-from controllers.predictive import Predictive, Program
+from controllers.predictive import MOST, Predictive, Program
 from controllers.references import Circle, Hold
 
 MODEL = BallPlate()
@@ -40,7 +41,7 @@ def test_away_from_limits_the_program_has_the_regulators_answer(horizon):
     program = Program(law)
     z = np.array([2e-3, -1e-3, 1e-3, 2e-3])
     none = np.zeros((3, law.steps))
-    assert program.solve(z, none) == pytest.approx(-K @ z, rel=1e-6)
+    assert program.solve(z, none)[0] == pytest.approx(-K @ z, rel=1e-6)
     np.testing.assert_allclose(program.regulator[0, 0], -K, rtol=1e-6)
 
 
@@ -48,7 +49,7 @@ def test_where_limits_act_it_is_the_best_that_keeps_them():
     law = Predictive(horizon=0.2, rate_deg=5.0, Q=(20000.0, 2000.0, 100.0, 10.0))
     program, z = Program(law), np.array([0.02, 0.0, 0.0, 0.0])
     limits = law.limits
-    found = program.solve(z, np.zeros((3, law.steps)))
+    found = program.solve(z, np.zeros((3, law.steps)))[0]
     assert abs(found - -law.K @ z) > 0.05
 
     def ahead(v):
@@ -88,6 +89,33 @@ def test_a_raw_jump_asks_for_no_more_than_the_limits():
     np.testing.assert_array_equal(u[:10], np.broadcast_to(u[0], (10, 2, 2)))
     alone = commands(law, Hold(), x[:1], 11)
     np.testing.assert_allclose(u[:, :1], alone, rtol=1e-9, atol=1e-12)
+
+
+def test_a_program_that_is_not_solved_in_time_leaves_the_last_plan_in_force(monkeypatch):
+    law, x = Predictive(), np.zeros((1, 8))
+    x[0, 0::4] = 0.15, -0.1
+    planned = Program(law).solve(np.array([0.15, 0, 0, 0]), np.zeros((3, law.steps)))
+    count, solve = [], daqp.solve
+
+    def soon_over(*args, iter_limit, **more):
+        count.append(iter_limit)
+        return solve(*args, iter_limit=iter_limit if len(count) <= 2 else 3, **more)
+
+    monkeypatch.setattr(daqp, "solve", soon_over)
+    ticks = round(law.step / T)
+    u = commands(law, Hold(), x, 5 * ticks)[::ticks, 0, 0]
+    assert len(count) == 10
+    assert set(count) == {MOST}
+    np.testing.assert_allclose(u, planned[:5], rtol=1e-6, atol=1e-9)
+    assert np.ptp(planned[:5]) > 1  # so that holding the first would be another thing
+
+
+def test_with_no_plan_and_no_answer_the_limits_are_kept(monkeypatch):
+    law, x = Predictive(), np.full((1, 8), 0.2)
+    solve = daqp.solve
+    monkeypatch.setattr(daqp, "solve", lambda *a, iter_limit, **more: solve(*a, iter_limit=1))
+    u = commands(law, Circle(amplitude=0.15, omega=6.0), x, 200)[:: round(law.step / T)]
+    assert np.abs(u).max() <= law.acceleration * (1 + 1e-9)
 
 
 def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
