@@ -20,6 +20,7 @@ KEPT = HERE.parent / "runs" / "cure"
 def value(scenario: Any, judged: str) -> float | None:
     """What a scenario is judged by, simulated or kept; None if the ball was lost."""
     from cure import simulated  # noqa: PLC0415  the script beside this one
+
     from twin.study.work import code, digest  # noqa: PLC0415
 
     file = KEPT / f"{digest(' '.join((code(), judged, scenario.model_dump_json())))}.json"
@@ -39,10 +40,10 @@ def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:
         "Made by `uv run python docs/regenerate.py cure_attacks`; what it runs is "
         "`docs/cure_attacks.toml`.",
         "",
-        "Law `stable_inversion` behind observer `friction_kalman`, gains as shipped, on the nominal "
-        "rig, one run a cell, judged by the true ball. The observer believes in friction that holds "
-        "a ball at once and entirely; with presliding the contact bends first (Dahl's model), which "
-        "no part of the controller knows. `-`: ball lost.",
+        "Law `stable_inversion` behind observer `friction_kalman`, gains as shipped, on the "
+        "nominal rig, one run a cell, judged by the true ball. Laws and observer know nothing of "
+        "presliding, by which the contact bends before friction resists in full (Dahl's model). "
+        "`-`: ball lost.",
         "",
         f"| changed | {' | '.join(heads)} |",
         "|---" + "|--:" * len(heads) + "|",

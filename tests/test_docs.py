@@ -15,6 +15,7 @@ from controllers.interfaces import Observer, Reference
 from twin.cli import COMMANDS, ballplate
 from twin.cli.new import new
 from twin.run.execute import run
+from twin.scenario import load
 
 ROOT = Path(__file__).parent.parent
 EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -34,6 +35,8 @@ WRITTEN = {
     "bring-up.template.md",
     "cure.py",
     "cure.toml",
+    "cure_attacks.py",
+    "cure_attacks.toml",
 }
 SMOOTH = "plant.friction.rolling_mm=0"
 
@@ -65,6 +68,19 @@ def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
     assert "Not simulated for this page: circle 0.75 rad/s." in page
     assert cure.verdict(1.0, 1.0) == "1.00 (reached)"
     assert cure.verdict(None, 1.0) == "- (missed)"
+
+
+def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_a_scenario():
+    attacks = script("cure_attacks")
+    plan = tomllib.loads((ROOT / "docs" / "cure_attacks.toml").read_text(encoding="utf-8"))
+    page = attacks.page(plan, {"one": [0.123, None]})
+    assert "| one | 0.12 | - |" in page
+    every = {
+        load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]]).model_dump_json()
+        for task in plan["tasks"]
+        for attack in plan["attacks"]
+    }
+    assert len(every) == len(plan["tasks"]) * len(plan["attacks"])
 
 
 @pytest.mark.parametrize("number", [4, 6])
