@@ -120,6 +120,22 @@ def seen(page, name):
     return float(page.locator("svg[data-time]").get_attribute(f"data-{name}"))
 
 
+SIDES = """() => ["x", "y"].map((axis) => {
+    const view = document.querySelector(`[data-testid=side-${axis}]`);
+    const told = [...view.querySelectorAll("text")].find((each) => each.textContent.includes("°"));
+    return [told.textContent, view.querySelector("g[transform^=rotate]").getAttribute("transform")];
+})"""
+
+
+def sides(page):
+    """The time that is shown, and for each side view what it tells and turns by, both in deg."""
+    time.sleep(0.1)
+    found = [
+        [float(re.search(r"-?\d+\.\d+", text)[0]) for text in each] for each in page.evaluate(SIDES)
+    ]
+    return seen(page, "time"), dict(zip("xy", found, strict=True))
+
+
 def until(condition):
     """Wait until something holds."""
     end = time.monotonic() + PATIENCE
@@ -156,6 +172,7 @@ def test_a_person_drives_the_rig(browser, tmp_path):
         drag(page, (-100, -60), (120, 60))
         until(lambda: abs(seen(page, "goal-x") - 0.12) < 0.002)
         assert seen(page, "goal-y") == pytest.approx(0.06, abs=0.002)
+        tilts = [sides(page) for _ in range(15)]
         until(lambda: abs(seen(page, "x") - 0.12) < 0.04)
 
         friction = page.get_by_test_id("plant.friction.rolling_mm")
@@ -193,6 +210,15 @@ def test_a_person_drives_the_rig(browser, tmp_path):
     end = float(run.rows["time"][-1])
     assert end == pytest.approx(stood, abs=0.05)
     assert moment_of(folder, end - 0.1).before_mm == 0.0
+    assert max(np.ptp([tilt[axis][0] for _, tilt in tilts]) for axis in "xy") > 0.5
+    for time_shown, tilt in tilts:  # a picture or two apart
+        near = np.abs(run.rows["time"] - time_shown) < 0.15
+        # positive phi lowers the end at +x, positive theta lifts the one at +y
+        for axis, name, sense in (("x", "phi", 1), ("y", "theta", -1)):
+            told, clockwise = tilt[axis]
+            real = np.degrees(run.rows[f"true_{name}"][near])
+            assert real.min() - 0.06 < told < real.max() + 0.06
+            assert clockwise == pytest.approx(4 * sense * told, abs=0.25)
 
 
 def spent(process):

@@ -6,12 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.errors import ScenarioError
 from twin.play.driven import Driven
-from twin.play.events import Back, End, Goal, Pause, Push, Save, Settings
+from twin.play.events import Back, Goal, Pause, Push, Save, Settings
 from twin.play.kept import Kept, States
-from twin.play.pace import AtOnce
-from twin.play.session import Session
 from twin.play.sight import COLUMNS
 from twin.report.diagnosis import Diagnosis
 from twin.report.summary import summary
@@ -249,9 +246,25 @@ def test_the_clean_model_goes_beside_without_friction(driven):
     assert last["ghost_error"] < 0.1 * last["error"]
 
 
-def test_a_law_that_plans_ahead_is_refused_before_anything_begins():
-    with pytest.raises(ScenarioError, match="'stable_inversion' plans on a path known ahead"):
-        Session(load("cure"), inbox=lambda _: [End()], pace=AtOnce())
+def test_a_law_that_plans_ahead_follows_the_path_that_is_known_and_no_goal(driven):
+    told = []
+    lqr = {"controller.kind": "lqr", "observer.kind": "luenberger"}
+    script = {
+        100: [Goal(0.05, 0.0)],
+        150: [Settings({"controller.preview": 0.5})],
+        300: [Back(0.2)],
+        502: [Settings(lqr), Goal(0.05, 0.0)],
+    }
+    session = driven(load("cure"), script, 512, tell=told.append)
+    alone = run(load("cure", ["duration=0.4", "baseline=false"])).record
+    ours, theirs = session.record["state"][:200, 0], alone["state"][:200, 0]
+    assert np.array_equal(ours, theirs)
+    assert session.driven.goals.points[0][0] >= 0.4
+    wrong = [each.message for each in told if each.wrong]
+    assert len(wrong) == 2
+    assert "plans on a path known ahead, which is no goal's" in wrong[0]
+    assert "which is laid from the start of a scenario that has it" in wrong[1]
+    assert session.driven.goals.points[0][1:] == (0.05, 0.0)
 
 
 def test_nothing_is_saved_of_nothing(driven):

@@ -45,9 +45,8 @@ class Driven:
         """A scenario that nothing was changed of yet.
 
         Raises:
-            ScenarioError: If its law cannot be driven by hand, or it cannot be assembled.
+            ScenarioError: If it cannot be assembled.
         """
-        _drivable(scenario)
         long = scenario.model_copy(update={"duration": LONGEST, "baseline": False})
         build_reference(long)
         return cls(long, None, ((0.0, _control(long)),))
@@ -58,7 +57,12 @@ class Driven:
         return self.goals or build_reference(self.scenario)
 
     def goal(self, time: float, x: float, y: float) -> Driven:
-        """With one more goal from a time in s on, taken into the operating area; m."""
+        """With one more goal from a time in s on, taken into the operating area; m.
+
+        Raises:
+            ScenarioError: If the law has planned on the scenario's own path.
+        """
+        _of_now(self.scenario, "is no goal's: nobody knows the next one")
         area = np.asarray(self.scenario.rig.limits.area, float)
         x, y = np.clip((x, y), -area, area).tolist()
         if self.goals is None:
@@ -89,7 +93,8 @@ class Driven:
         if tables["predictor"] is None:
             del tables["predictor"]
         checked = check(put(tables, values.items()), "play")
-        _drivable(checked)
+        if any(key not in plant for key in values):
+            _of_now(checked, "is laid from the start of a scenario that has it")
         changed = self.scenario.model_copy(
             update={table: getattr(checked, table) for table in TABLES}
         )
@@ -138,13 +143,18 @@ def drivable(law: type[Law]) -> bool:
     return law.start is Law.start
 
 
-def _drivable(scenario: Scenario) -> None:
+def _of_now(scenario: Scenario, why: str) -> None:
+    """Make sure that a scenario's law acts on the goal of now.
+
+    Raises:
+        ScenarioError: If it plans ahead.
+    """
     kind = scenario.controller.kind
     laws = choices("controller")
     if not drivable(laws[kind]):
         known = ", ".join(name for name, law in laws.items() if drivable(law))
         raise ScenarioError(
-            f"controller.kind: '{kind}' plans on a path known ahead, a person's is not; "
+            f"controller.kind: '{kind}' plans on a path known ahead, which {why}; "
             f"choose another (known: {known})"
         )
 

@@ -1,4 +1,4 @@
-"""The two parts of the page that draw: what they show, they are sent as rows of numbers."""
+"""The parts of the page that draw: what they show, they are sent as rows of numbers."""
 
 from __future__ import annotations
 
@@ -41,6 +41,26 @@ STRIPS = (
         "signed": False,
     },
 )
+SIDES = (
+    {
+        "title": "seen from the lower edge",
+        "axis": "x",
+        "angle": "phi",
+        "lowers": 1,
+        "half": 500 * SCREEN[0],
+        "colour": PHI,
+    },
+    {
+        "title": "seen from the right edge",
+        "axis": "y",
+        "angle": "theta",
+        "lowers": -1,
+        "half": 500 * SCREEN[1],
+        "colour": THETA,
+    },
+)
+"""The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
++y; half its length in mm."""
 
 Moved = Callable[[float, float], None]
 
@@ -71,6 +91,19 @@ class Plate(Element, component="plate.js"):
         """Whether who looks may drag."""
         self.props["drives"] = drives
         self.update()
+
+
+class Sides(Element, component="tilt.js"):
+    """The plate from two sides, so that its tilt is seen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.props["columns"] = list(COLUMNS)
+        self.props["sides"] = list(SIDES)
+
+    def show(self, rows: Sequence[Sequence[float]]) -> None:
+        """Show the last of rows of numbers."""
+        self.run_method("show", rows[-1:])
 
 
 class Strips(Element, component="strips.js"):

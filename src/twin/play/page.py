@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from twin.play.driven import drivable
-from twin.play.elements import CLEAN, RIG, Plate, Strips
+from twin.play.elements import CLEAN, RIG, Plate, Sides, Strips
 from twin.play.events import Back, Event, Goal, Pause, Push, Settings
 from twin.play.sight import COLUMNS, Status
 from twin.play.sliders import Slider, gains, moved, multiplied, shown_by, sliders, value_in
@@ -62,7 +62,9 @@ class Page:
         with ui.row().classes("no-wrap").style("width:100%").style("gap:1rem;align-items:stretch"):
             with ui.column().style("flex:1 1 0;min-width:0;gap:.5rem"):
                 with ui.card().style("width:100%").style("padding:.6rem"):
-                    self.plate = Plate(area, self._goal, self._push)
+                    with ui.row().classes("no-wrap items-center").style("width:100%;gap:.8rem"):
+                        self.plate = Plate(area, self._goal, self._push).style("flex:1;min-width:0")
+                        self.sides = Sides().style("flex:none;width:16rem")
                     self._legend()
                 self._buttons()
                 with ui.card().style("width:100%").style("padding:.6rem;height:19rem"):
@@ -103,7 +105,9 @@ class Page:
         return button.style("padding:.1rem .6rem")
 
     def _choices(self) -> None:
-        laws = [name for name, law in choices("controller").items() if drivable(law)]
+        present = value_in(self._status.tables, "controller.kind")
+        known = choices("controller").items()
+        laws = [name for name, law in known if drivable(law) or name == present]
         ui.label("Rig").style("font-weight:600")
         for slider in sliders(self._status.tables):
             self._slider(slider)
@@ -188,6 +192,7 @@ class Page:
     def show(self, rows: list[list[float]]) -> None:
         """Show pictures, oldest first."""
         self.plate.show(rows)
+        self.sides.show(rows)
         self.strips.show(rows)
         now = dict(zip(COLUMNS, rows[-1], strict=True))
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"

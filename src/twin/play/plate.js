@@ -137,10 +137,7 @@ export default {
         const gy = Math.max(-this.area[1], Math.min(this.area[1], y));
         this.$refs.goal.setAttribute("transform", `translate(${gx} ${-gy})`);
         this.later = [gx / 1000, gy / 1000];
-        if (!this.waiting) {
-          this.waiting = true;
-          setTimeout(() => this.send(), 30);
-        }
+        if (!this.waiting) this.send();
         return;
       }
       const bx = 1000 * this.now[a.x], by = 1000 * this.now[a.y];
@@ -158,11 +155,17 @@ export default {
       text.setAttribute("y", -y);
       text.setAttribute("visibility", "visible");
     },
+    // the first place at once, then the newest one every so often
     send() {
-      this.waiting = false;
       const [x, y] = this.later;
+      this.later = null;
       this.sent = { x, y, when: performance.now() };
       this.$emit("goal", { x, y });
+      this.waiting = true;
+      setTimeout(() => {
+        this.waiting = false;
+        if (this.later) this.send();
+      }, 30);
     },
     up() {
       if (this.held === "ball" && this.kick && Math.hypot(...this.kick) > 5) {

@@ -9,27 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from controllers.interfaces import Measurement
-from controllers.stack import Controller, SampledReference
 from twin.errors import TwinError
 from twin.play.driven import LONGEST, Driven
+from twin.play.driven_rig import DrivenRig
 from twin.play.events import Back, End, Event, Goal, Inbox, Pause, Push, Save, Settings, Told
-from twin.play.ghost import Ghost, push
-from twin.play.kept import Kept, States
+from twin.play.kept import States
 from twin.play.pace import Pace
 from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
-from twin.play.sight import Show, Status, Tell, picture
-from twin.run.assemble import assemble
-from twin.run.changes import Changes
+from twin.play.sight import Said, Show, Tell
 from twin.run.control import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
-from twin.run.snapshot import Snapshot
 from twin.scenario.change import at_time
 from twin.scenario.schema import Scenario
-from twin.whatif.moment import take_over
 
 ROOM = 300.0
 """Simulated seconds for which a record has room at first; it is doubled when they are over."""
@@ -78,17 +71,16 @@ class Session:
         self.driven = Driven.begun(scenario)
         self.outcome: Outcome | None = None
         self._states = States()
-        self._inbox, self._show, self._tell, self._write = inbox, show, tell, write
+        self._inbox, self._show, self._write = inbox, show, write
         self._pace = pace or Pace()
         self._events: deque[Event] = deque()
         self._over = self._again = False
         self._paused = paused
-        self._status = Status({})
-        self._told: Status | None = None
+        self._said = Said(tell)
         self._every = max(1, round(PICTURES / scenario.rig.period))
-        self._assemble()
-        ticks = round(ROOM / self._rig.period)
-        self.record = Recorder(ticks, 1, self._rig.period, self._rig.channels)
+        self._both = DrivenRig(self.driven)
+        rig = self._both.rig
+        self.record = Recorder(round(ROOM / rig.period), 1, rig.period, rig.channels)
 
     def run(self) -> None:
         """Simulate until the person ends it."""
@@ -97,43 +89,21 @@ class Session:
         self._pace.begin(0.0)
         while not self._over:
             try:
+                rig, controller = self._both.rig, self._both.controller
                 (self.outcome,) = drive(
-                    self._rig, self._controller, LONGEST, self.record, begin=begin, keep=self._turn
+                    rig, controller, LONGEST, self.record, begin=begin, keep=self._turn
                 )
                 self._stand()
             except _Again:
                 begin = self._begin
 
-    def _assemble(self) -> None:
-        """Rig, controller and clean model of what was driven, as at the beginning of a run."""
-        self._controlled = self.driven.scenario
-        self._rig, self._controller = assemble(self._controlled, changeable=True)
-        self._rig.LEVELLING_TIME = 0.0
-        self._ghost = Ghost(self._controlled, self.driven.reference)
-        self._before: tuple[Controller, Scenario] | None = None
-        self._follow()
-
     def _begin(self, _: Measurement) -> Measurement:
         """Put the rig into the last state kept, with the controller that was chosen."""
-        state = self._states.all[-1]
-        if self._before is None:
-            measurement = state.rig.restore(self._rig, self._controller)
-            self._ghost.restore(state.ghost)
-        else:
-            measurement = state.rig.restore(self._rig)
-            take_over(self._controller, *self._before, self._controlled)
-        acted = self._before is not None
-        self._before = None
+        measurement, acted = self._both.go_on(self._states.all[-1])
         self._keep(measurement, acted=acted)
         self._show(self._picture(measurement.time))
         self._say(measurement.time)
         return measurement
-
-    def _follow(self) -> None:
-        """Let rig and clean model follow the path of now."""
-        reference = self.driven.reference
-        self._controller.reference = SampledReference(reference, self._rig.period)
-        self._ghost.follow(reference)
 
     def _turn(self, tick: int, measurement: Measurement) -> None:
         """Between two periods: wait for the clock, take events in, step the clean model."""
@@ -149,7 +119,7 @@ class Session:
             self._pace.begin(time)
         if tick % self._every == 0:
             self._show(self._picture(time))
-        self._ghost.step()
+        self._both.ghost.step()
 
     def _take(self, events: Sequence[Event], do: Callable[[Event], None], time: float) -> None:
         """Do what the person wants; leaves the loop if that needs it to be entered again."""
@@ -160,7 +130,7 @@ class Session:
             try:
                 do(self._events.popleft())
             except TwinError as error:
-                self._note(str(error), wrong=True)
+                self._said.note(str(error), wrong=True)
         self._say(time)
         if self._again:
             self._again = False
@@ -171,13 +141,12 @@ class Session:
         match event:
             case Goal(x, y):
                 self.driven = self.driven.goal(time, x, y)
-                self._follow()
+                self._both.follow(self.driven.reference)
             case Push(x_rate, y_rate):
                 self.driven = self.driven.push(time, x_rate, y_rate)
-                push(self._rig, x_rate, y_rate)
-                self._ghost.push(x_rate, y_rate)
+                self._both.push(x_rate, y_rate)
                 self._keep(measurement, acted=True)
-                self._note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
+                self._said.note(f"pushed by {1000 * math.hypot(x_rate, y_rate):.0f} mm/s")
             case Settings(values):
                 self._change(time, values, measurement)
             case _:
@@ -188,13 +157,13 @@ class Session:
         match event:
             case Pause(paused):
                 self._paused = paused
-                self._note("")
+                self._said.note("")
             case Back(seconds):
                 self._go_back(time - seconds)
             case Save(folder):
                 self._save(folder)
             case Told(message, wrong):
-                self._note(message, wrong=wrong)
+                self._said.note(message, wrong=wrong)
             case End():
                 self._over = self._again = True
                 self.outcome = self.outcome or Outcome(Ending.FINISHED, time)
@@ -216,40 +185,36 @@ class Session:
         controller = None
         if driven.controllers is not self.driven.controllers:
             controller = build_controller(driven.scenario)
-            self._ghost.control(driven.scenario)
+            self._both.ghost.control(driven.scenario)
         self.driven = driven
-        assert isinstance(self._rig.changes, Changes)
-        self._rig.changes.follow([driven.scenario], time)
-        self._note("")
+        self._both.change(driven.scenario, time)
+        self._said.note("")
         if controller is not None:
             self._keep(measurement)
-            self._before = self._controller, self._controlled
-            self._controller, self._controlled = controller, driven.scenario
+            self._both.control(controller, driven.scenario)
             self._again = True
 
     def _go_back(self, time: float) -> None:
         """Go on from the last state kept before a time in s."""
         state = self._states.back_to(time)
         self.driven, self.record.length, self.outcome = state.driven, state.row, None
-        self._assemble()
+        self._both = DrivenRig(self.driven)
         self._pace.begin(state.time)
-        self._note(f"back at {state.time:g} s")
+        self._said.note(f"back at {state.time:g} s")
         self._again = True
 
     def _make_room(self, measurement: Measurement) -> None:
         """Go on with a record of twice the room."""
         self._keep(measurement)
-        known, record = self.record, self._rig
-        self.record = Recorder(2 * known.ticks, 1, record.period, record.channels)
+        known, rig = self.record, self._both.rig
+        self.record = Recorder(2 * known.ticks, 1, rig.period, rig.channels)
         self.record.begin_with(rows_of(known))
         raise _Again
 
     def _keep(self, measurement: Measurement, *, acted: bool = False) -> None:
-        """Keep the state of this moment; it must not hold what the path ahead was taken to be."""
-        self._follow()
-        rig = Snapshot.take(self._rig, self._controller, measurement)
-        row, ghost = self.record.length, self._ghost.taken()
-        self._states.keep(Kept(measurement.time, row, self.driven, rig, ghost, acted))
+        """Keep the state of this moment."""
+        row = self.record.length
+        self._states.keep(self._both.kept(measurement, row, self.driven, acted=acted))
 
     def _save(self, folder: Path) -> None:
         """Have what was driven so far written."""
@@ -261,47 +226,24 @@ class Session:
                 driven=self.driven,
                 outcome=self.outcome or Outcome(Ending.FINISHED, end),
                 rows=rows_of(self.record),
-                plant=self._rig.channels,
+                plant=self._both.rig.channels,
                 snapshots=worth_keeping(self._states.all),
-                journal=tuple(self._rig.journal),
+                journal=tuple(self._both.rig.journal),
                 factor=self._pace.factor,
             ),
             folder,
         )
-        self._note(f"saving to {folder}/")
+        self._said.note(f"saving to {folder}/")
 
     def _picture(self, time: float) -> tuple[float, ...]:
         """The numbers of a picture."""
-        desired = self._controller.reference(time)[0].ravel()
-        goals, ghost = self.driven.goals, self._ghost
         last = self.record["applied"][-self._every :] if self.record.length else None
-        return picture(
-            time,
-            self._rig.devices.state[0],
-            goal=desired if goals is None else np.array(goals.points[-1][1:]),
-            desired=desired,
-            ghost=ghost.state if ghost.on_plate else None,
-            applied=last,
-            factor=self._pace.factor,
-        )
-
-    def _note(self, message: str, *, wrong: bool = False) -> None:
-        self._status = self._status._replace(message=message, wrong=wrong)
-        if wrong:
-            self._told = None  # told again, as the page may show what was refused
+        return self._both.picture(time, self.driven, last, self._pace.factor)
 
     def _say(self, time: float) -> None:
         """Tell how things are, if they have changed."""
-        tables = at_time(self.driven.scenario, time).model_dump(
-            mode="json", exclude={"change", "reference"}
-        )
+        now = at_time(self.driven.scenario, time)
+        tables = now.model_dump(mode="json", exclude={"change", "reference"})
         ended = self.outcome
-        now = self._status._replace(
-            tables=tables,
-            paused=self._paused,
-            ended="" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": "),
-        )
-        self._status = now
-        if now != self._told:
-            self._told = now
-            self._tell(now)
+        why = "" if ended is None else f"{ended.ending}: {ended.reason}".rstrip(": ")
+        self._said.say(tables, paused=self._paused, ended=why)

@@ -80,3 +80,29 @@ class Status(NamedTuple):
 Show = Callable[[tuple[float, ...]], None]
 """Is given the numbers of a picture, in the order of ``COLUMNS``."""
 Tell = Callable[[Status], None]
+
+
+class Said:
+    """What was said last, told only when it changes.
+
+    Args:
+        tell: Is told.
+    """
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._status = Status({})
+        self._told: Status | None = None
+
+    def note(self, message: str, *, wrong: bool = False) -> None:
+        """Have a message to be told next."""
+        self._status = self._status._replace(message=message, wrong=wrong)
+        if wrong:
+            self._told = None  # told again, as the page may show what was refused
+
+    def say(self, tables: Mapping[str, Any], *, paused: bool, ended: str) -> None:
+        """Tell how things are, with the last message, if anything has changed."""
+        self._status = now = self._status._replace(tables=tables, paused=paused, ended=ended)
+        if now != self._told:
+            self._told = now
+            self._tell(now)
