@@ -2,6 +2,7 @@
 
 import gc
 
+import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -48,12 +49,21 @@ settings.load_profile("twin")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """What is imported and collected stays: the garbage collector need not look at it."""
+    """Nothing is thrown away while tests are collected: there is nothing to look for."""
     gc.disable()
     found = yield
-    gc.freeze()
     gc.enable()
     return found
+
+
+@pytest.fixture(autouse=True, scope="module")
+def long_lived():
+    """What has been imported stays, and the garbage collector need not look at it again.
+
+    Once for each file: code that runs in real time ends with ``gc.unfreeze``.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ HEARTBEAT = 0x700
 NODE_MASK = 0x7F
 """Mask of the node in an identifier; the rest is the service."""
 
-START, STOP, PRE_OPERATIONAL, RESET_NODE = 1, 2, 128, 129
+START, STOP, PRE_OPERATIONAL = 1, 2, 128
 """NMT commands."""
 
 OPERATIONAL = 5
