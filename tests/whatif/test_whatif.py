@@ -2,6 +2,8 @@
 
 import json
 import re
+from base64 import b64encode
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from twin.run.export import export
 from twin.run.replay import open_run, open_runs
 from twin.scenario.load import load
 from twin.whatif.futures import branches_of, futures, moment_of
+from twin.whatif.page import POOR, page
 
 AT = 1.2
 LATE = 2.2
@@ -177,12 +180,44 @@ def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_
     assert told["branches"][1]["max_difference_m"] > 0
     assert told["branches"][0]["outcome"] == "finished"
     assert (out / "picture.png").stat().st_size > 10_000
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "twin and record are 0 mm apart" in text
+    assert b64encode((out / "picture.png").read_bytes()).decode() in text
+    assert level in text
     shown = {each.name: each for each in open_runs((out,))}
     assert set(shown) == {"branch-1", "branch-2", "recorded"}
     assert shown["branch-2"].rows["time"][0] == pytest.approx(AT)
     assert shown["recorded"].rows["time"][-1] >= AT + 0.5
     again = invoke(out / "branch-1", "--at", AT + 0.1)
     assert again.exit_code != 0
+
+
+def test_a_page_says_when_a_future_is_not_to_be_trusted(run):
+    moment = moment_of(run, AT)
+    found = [one(moment, lasting=0.1)]
+    for before, says in ((0.3, 'class="verdict"'), (9.0, "does not fit"), (None, "nothing says")):
+        text = page(replace(moment, before_mm=before), found, b"")
+        assert says in text
+        assert ('class="verdict bad"' in text) == (before != 0.3)
+
+
+@pytest.mark.long
+def test_a_record_of_the_emulated_rig_is_gone_on_with_from_its_estimated_state(tmp_path):
+    out, record = tmp_path / "out", tmp_path / "emulated"
+    keys = ("--set", "duration=4", "--rig", "emulated", "--out", record)
+    done = CliRunner().invoke(ballplate, ["run", "circle", *map(str, keys)])
+    assert done.exception is None, done.output
+    result = invoke(record, "--at", 3.0, "--for", 0.8, "--out", out, "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["exact"] is False
+    (branch,) = told["branches"]
+    assert 0 < branch["max_difference_m"] < 0.1
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "the state estimated from the log" in text
+    if told["before_mm"] is not None:  # no gap in the second before
+        assert f"{told['before_mm']:.2g} mm apart" in text
+        assert ("does not fit" in text) == (told["before_mm"] > POOR)
 
 
 WRONG = {

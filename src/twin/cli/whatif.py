@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, print_metrics, warn
 from twin.writing import check_writable
-
-if TYPE_CHECKING:
-    from twin.whatif.moment import Moment
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
 
@@ -52,6 +48,7 @@ def whatif(
     from twin.jobs import SecondProcess, cores
     from twin.run.execute import load_drawing
     from twin.whatif.futures import branches_of, futures, moment_of, summary, write
+    from twin.whatif.page import agreement
 
     folder = out or Path("runs") / f"whatif-{run.stem if run.suffix else run.name}"
     with SecondProcess(wanted=cores() > 1) as beside:
@@ -65,25 +62,14 @@ def whatif(
     if as_json:
         print_json(summary(moment, found))
         return 0
-    console.print(_begins(moment), markup=False)
+    console.print(agreement(moment), markup=False)
     print_metrics({each.label: each.run.metrics.as_dict() for each in found})
     for each in found:
         if each.max_difference is not None:
             apart = f"{1000 * each.max_difference:.3g} mm from the record at most"
             console.print(f"{each.label}: {apart}", markup=False)
     console.print(
-        f"written to {folder}/: picture.png and a run folder per branch for "
+        f"written to {folder}/: picture.png, report.html and a run folder per branch for "
         f"`ballplate view {folder}` and `ballplate report {folder}`"
     )
     return 0
-
-
-def _begins(moment: Moment) -> str:
-    """How well the twin knows where it begins, in words."""
-    state = "the run's own state" if moment.exact else "the state estimated from the log"
-    if moment.before_mm is None:
-        return f"{moment.name} from {moment.at:g} s on, {state}"
-    return (
-        f"{moment.name} from {moment.at:g} s on, {state}; in the second before, twin and record "
-        f"are {moment.before_mm:.2g} mm apart at most"
-    )

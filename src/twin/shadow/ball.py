@@ -14,9 +14,8 @@ from twin.shadow.evidence import Evidence, log_evidence
 from twin.shadow.gaps import clear
 from twin.shadow.unevenness import products, unknown_motion
 
-LONGEST = 3.0
-"""Longest window in s: long enough for a dead time to show, short enough to be near a straight line
-in what it is expanded by."""
+LONGEST = 2.0
+"""Longest window in s: long enough for a small force to show, short enough to stay near it."""
 WIDE = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
 STEPS = 8

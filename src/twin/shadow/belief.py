@@ -48,7 +48,7 @@ CHANGING = {
 """The same of what differs from one window to the next, for reasons the twin does not know."""
 DRIFT = {
     "rolling": 0.03, "breakaway": 0.1, "delay": 1e-4, "level_phi": 1e-4, "level_theta": 1e-4,
-    "gain": 0.005, "lag": 1e-3, "narrow_play": 0.5, "wide_play": 0.05, "transmission": 0.01,
+    "gain": 0.005, "lag": 1e-3, "narrow_play": 0.3, "wide_play": 0.03, "transmission": 0.01,
     "noise": 0.03,
 }  # fmt: skip
 """The same of what a healthy rig changes by in the course of minutes, which is no alarm."""

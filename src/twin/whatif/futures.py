@@ -21,6 +21,7 @@ from twin.whatif.branch import branch
 from twin.whatif.exact import exact
 from twin.whatif.future import Future, future, save
 from twin.whatif.moment import Moment
+from twin.whatif.page import page
 from twin.whatif.recorded import save_recorded
 from twin.writing import write_json, write_whole
 
@@ -125,7 +126,7 @@ def futures(moment: Moment, lasting: float, branches: Sequence[tuple[str, ...]])
 
 
 def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondProcess) -> None:
-    """Write a folder of run folders, of record and futures, with a picture of all.
+    """Write a folder of run folders, of record and futures, with a picture and a page of all.
 
     Args:
         moment: Where they begin.
@@ -146,7 +147,10 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     end = max(each.run.record.end for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
     write_json(folder / "whatif.json", summary(moment, found))
-    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+    drawing = picture()
+    write_whole(folder / "picture.png", lambda path: path.write_bytes(drawing))
+    text = page(moment, found, drawing)
+    write_whole(folder / "report.html", lambda path: path.write_text(text, encoding="utf-8"))
 
 
 def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
