@@ -46,8 +46,8 @@ def page(found: Sequence[Trial], command: str) -> str:
         "something happens to are like the one the project describes, friction, breakaway, dead "
         "time and level drawn. The twin of each knows it but for the errors of an "
         "identification. Shares in percent with their 95 % interval (Clopper and Pearson). The "
-        "alarm's threshold was chosen on other rigs of the family and on the first two of each "
-        "kind.",
+        "alarm's threshold, and by how much a healthy rig may scatter and drift, were chosen on "
+        "other rigs of the family and on the first four of each kind.",
         "",
         "## Against the goals",
         "",
