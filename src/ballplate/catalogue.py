@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, paragraphs, table
-from twin.data_file import DataError, read_toml
-from twin.shipped import shipped
+from twin.shipped import shipped, titles
 
 if TYPE_CHECKING:
     from twin.scenario.describe import Key
@@ -58,10 +57,4 @@ def describe(name: str = "") -> Keys:
 
 def scenarios() -> dict[str, str]:
     """The shipped scenarios: name to title."""
-    found = {}
-    for name, path in shipped().items():
-        try:
-            found[name] = str(read_toml(path).get("title", ""))
-        except DataError as error:
-            found[name] = f"(unreadable: {error})"
-    return found
+    return titles(shipped())

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import controllers
-from twin.data_file import is_file
+from twin.data_file import DataError, is_file, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
 OTHERS = {"studies", "fits", "families", "tunes"}
@@ -34,6 +34,17 @@ def shipped_in(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted((folder() / kind).glob("*.toml"))}
 
 
+def titles(files: Mapping[str, Path]) -> dict[str, str]:
+    """The titles of files by name; of one that is no TOML file why."""
+    found = {}
+    for name, path in files.items():
+        try:
+            found[name] = str(read_toml(path).get("title", ""))
+        except DataError as error:
+            found[name] = f"(unreadable: {error})"
+    return found
+
+
 def find(name: str) -> Path:
     """The file of a scenario: a shipped one by its name, or any TOML file by its path.
 
@@ -56,12 +67,19 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
     """
     path = known.get(name) or Path(name)
     if not is_file(path):
+        if what == "scenario" and (name == "last" or is_file(path / "run.parquet")):
+            raise ScenarioError(
+                f"'{shortened(name)}' is a run, not a scenario; to look at it: "
+                f"ballplate report {shortened(name)}, or view, compare, export"
+            )
         raise ScenarioError(f"{what} '{shortened(name)}': not found{_hint(what, name, known)}")
     return path
 
 
 def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     """The nearest names, else the short ones; and the command that lists all."""
+    if Path(name).is_dir():
+        return f"; that is a folder, a {what} is a TOML file"
     close = get_close_matches(name, known, n=3, cutoff=0.6)
     every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""
     if close:

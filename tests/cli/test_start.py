@@ -61,6 +61,32 @@ def test_help_lists_and_mistakes_need_no_numerical_library(tmp_path, arguments, 
     assert not imported & HEAVY
 
 
+NOTHING_SO_CALLED = """
+from importlib import import_module
+from twin.cli import COMMANDS, main
+for place in COMMANDS.values():
+    import_module(place.partition(":")[0])
+for line in sys.argv[1:]:
+    try:
+        main(line.split())
+    except SystemExit as ended:
+        code = max(code, ended.code)
+"""
+
+
+def test_neither_the_help_of_any_command_nor_a_name_that_is_none_needs_a_numerical_library(
+    tmp_path,
+):
+    scenarios = ("explain cirle", "analyse cirle", "emulate cirle", "doctor --scenario cirle")
+    files = ("study no", "tune no", "fit no", "sweep no duration=1:2:2", "play no")
+    logs = ("identify no", "shadow no", "whatif no --at 1", "calibrate level no")
+    lists = ("study", "tune --json", "fit")
+    ended, imported = modules(tmp_path, NOTHING_SO_CALLED, *scenarios, *files, *logs, *lists)
+    assert ended == 2
+    assert not imported & HEAVY
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("run", "unused"),

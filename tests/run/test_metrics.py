@@ -94,6 +94,15 @@ def test_a_ball_that_never_settles_has_no_settling_time():
     assert found.steady_error == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize(("way", "expected"), [(0.0009, None), (0.0011, 200.0)])
+def test_a_ball_that_begins_at_its_goal_but_for_noise_has_no_overshoot_in_percent(way, expected):
+    ball = np.zeros((101, 2))
+    ball[50, 0] = 3 * way
+    found = measure(motion(ball, np.tile([way, 0.0], (101, 1))), DONE)
+    assert found.overshoot_percent == (expected and pytest.approx(expected))
+    assert found.steady_error == pytest.approx(way)
+
+
 def test_a_moving_reference_has_no_overshoot():
     time = np.linspace(0, 10, 200)
     path = np.stack((np.sin(time), np.cos(time)), axis=-1)

@@ -158,8 +158,10 @@ class Row:
 
 def commanded(monkeypatch, *arguments, good=True, mutations=()):
     """Output and exit code of the command whose rows and mutations are given."""
-    monkeypatch.setattr("twin.cli.safety.run_all", lambda processes, progress: [Row(good=good)])
-    monkeypatch.setattr("twin.cli.safety.run_mutations", lambda processes, progress: mutations)
+    monkeypatch.setattr("twin.safety.matrix.run_all", lambda processes, progress: [Row(good=good)])
+    monkeypatch.setattr(
+        "twin.safety.mutations.run_mutations", lambda processes, progress: mutations
+    )
     monkeypatch.setattr("twin.cli.safety._table", lambda rows: "")
     done = CliRunner(catch_exceptions=False).invoke(safety, arguments, standalone_mode=False)
     return done.stdout, done.return_value

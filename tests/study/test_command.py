@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
-from importlib import import_module
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -15,7 +14,6 @@ from twin.cli import main
 from twin.study.schema import read, shipped
 from twin.study.work import Work
 
-command = import_module("twin.cli.study")  # the package's name is that of its click command
 STUDY = """
 title = "Short study"
 scenario = "hold"
@@ -69,14 +67,14 @@ def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
     assert code == 0
     assert "4 runs, 0 of them finished" in out
     assert "MB on disk" in out
-    assert not list((tmp_path / "runs" / "study-short" / "chunks").iterdir())
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> None:
     class Seven(ThreadPoolExecutor):
         workers = 7
 
-    monkeypatch.setattr(command, "Cluster", lambda address: Seven(1))
+    monkeypatch.setattr("twin.study.cluster.Cluster", lambda address: Seven(1))
     code, out, _ = study("short.toml", "--plan", "--scheduler", "tcp://there:8786")
     assert code == 0
     assert "on 7 processors" in " ".join(out.split())

@@ -13,7 +13,7 @@ from twin.cli import completion as tab
 from twin.cli.options import load_scenario
 from twin.cli.terminal import Terminal
 from twin.errors import RecordError
-from twin.shipped import shipped
+from twin.run.sources import check_no_scenario
 
 if TYPE_CHECKING:
     from twin.run.replay import Replay
@@ -47,13 +47,8 @@ def opened(
     paths = paths or [Path(LAST)]
     logs = [path for path in paths if path.suffix == ".csv"]
     others = tuple(path for path in paths if path.suffix != ".csv")
-    known = shipped()
     for path in others:
-        if str(path) in known and not path.exists():
-            raise RecordError(
-                f"{path} is a scenario, not a run; first: ballplate run {path}, then open "
-                f"runs/{path.name}"
-            )
+        check_no_scenario(path)
     if logs and against is None:
         raise RecordError(
             f"{logs[0]}: a log has no reference; name the scenario it was recorded with: "

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
-from controllers.analysis import designs
-from controllers.analysis.plain import DEAD_TIME, design_rows, loop_row
-from controllers.ballplate import BallPlate
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.run.control import build_controller
-from twin.run.execute import run as run_scenario
-from twin.scenario import Scenario, load
-from twin.scenario.clean import clean
-from twin.scenario.title import titled
-from twin.thesis.claims import check_claims, neglected_rows
+from twin.shipped import find
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from controllers.ballplate import BallPlate
+    from twin.scenario import Scenario
+
 
 Numbers = dict[str, Any]
 """A part of what ``--json`` prints."""
@@ -44,6 +42,14 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
     analyse.
     """
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from controllers.analysis import designs
+    from controllers.analysis.plain import design_rows
+    from controllers.ballplate import BallPlate
+    from twin.scenario import load
+    from twin.scenario.title import titled
+    from twin.thesis.claims import check_claims
+
     chosen = titled(load(scenario, overrides), overrides)
     model = BallPlate()
     with progress("analysis", len(designs(model)) + 1) as advance:
@@ -65,6 +71,10 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
+    from twin.run.execute import run as run_scenario
+    from twin.scenario.clean import clean
+    from twin.thesis.claims import neglected_rows
+
     record = run_scenario(clean(scenario)).record
     x, u = record["state"][:, 0], record["applied"][:, 0]
     steady = record.time >= scenario.metrics.start - 1e-9
@@ -77,6 +87,9 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
 
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
+    from controllers.analysis.plain import loop_row
+    from twin.run.control import build_controller
+
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
     return {
@@ -98,6 +111,8 @@ def _print_structure(rows: Sequence[Numbers]) -> None:
 
 
 def _print_poles(rows: Sequence[Numbers]) -> None:
+    from controllers.analysis.plain import DEAD_TIME
+
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
     columns = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
     table = _table("Closed-loop poles in 1/s about the level plate, full state", *columns)
@@ -168,6 +183,8 @@ def _margins(row: Numbers | None) -> list[str]:
 
 
 def _table(title: str, *columns: str) -> Table:
+    from rich.table import Table
+
     return Table(*columns, title=title, title_justify="left", header_style="bold")
 
 

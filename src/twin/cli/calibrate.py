@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
 from twin.cli.calibrate_lost_motion import lost_motion
 from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
-from twin.devices.akd.servos import AkdServos
-from twin.devices.scheduling import real_time
-from twin.doctor.cams import measure
-from twin.hal.cams import CamTable
-from twin.identify.identify import identify
-from twin.identify.log import read
-from twin.identify.report import interval
-from twin.identify.verdict import IDENTIFIED, ParameterVerdict
 from twin.paths import model_path
-from twin.scenario import load
-from twin.sim.calibration import StaticError, static_error, sweep_cams, tap_test
 from twin.writing import write_whole
+
+if TYPE_CHECKING:
+    from twin.identify.verdict import ParameterVerdict
+    from twin.sim.calibration import StaticError
+
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
@@ -63,6 +58,9 @@ def cams(
     out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
 ) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
+    from twin.hal.cams import CamTable
+    from twin.sim.calibration import static_error, sweep_cams, tap_test
+
     if rig is not None:
         _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
         return
@@ -107,6 +105,13 @@ def level(log: Path, *, as_json: bool) -> int:
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
+    from twin.run.sources import log_file
+
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    from twin.identify.identify import identify
+    from twin.identify.log import read
+    from twin.identify.verdict import IDENTIFIED
+
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
         found = identify(recorded, ("level",), 1.0, advance)
@@ -125,6 +130,9 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
         found: The tilt about the axis in deg.
         foot: Its entry of ``FEET``.
     """
+    from twin.identify.report import interval
+    from twin.identify.verdict import IDENTIFIED
+
     if found.value is None or found.low is None or found.high is None:
         return found.why
     known = f"{found.value:+.4f} deg ({interval(found)}, 95 %)"
@@ -140,6 +148,12 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
     """Measure the cams of a rig."""
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.scheduling import real_time
+    from twin.doctor.cams import measure
+    from twin.hal.cams import CamTable
+    from twin.scenario import load
+
     with (
         rig_file(rig, load("circle")) as (file, _),
         real_time(),
@@ -165,6 +179,8 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
 
 
 def _show(found: dict[str, StaticError]) -> None:
+    from rich.table import Table
+
     table = Table(
         "static plate-angle error", r"max \[deg]", r"RMS \[deg]", "poses", header_style="bold"
     )

@@ -11,13 +11,7 @@ from twin.cli.doctor import rig_file
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, print_json, progress
 from twin.cli.rigs import EMPTY_RIG
-from twin.devices.akd.servos import AkdServos
-from twin.devices.scheduling import real_time
-from twin.doctor.lost_motion import measure
-from twin.hal.cams import CamTable
-from twin.identify.lost_motion import KEYS
 from twin.paths import model_path
-from twin.scenario import load
 
 
 @click.command("lost-motion")
@@ -45,6 +39,13 @@ def lost_motion(
 
     Settings are those of the virtual rig.
     """
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.scheduling import real_time
+    from twin.doctor.lost_motion import measure
+    from twin.hal.cams import CamTable
+    from twin.identify.lost_motion import KEYS
+    from twin.scenario import load
+
     with (
         rig_file(rig, load("circle", overrides)) as (file, _),
         real_time(),

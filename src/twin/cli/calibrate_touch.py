@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
-from rich.table import Table
 
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
 from twin.cli.rigs import EMPTY_RIG, EMULATED
-from twin.doctor.touch_calibration import MeasuredTouch, measure, place, usual_points
 from twin.errors import ScenarioError
-from twin.scenario import load
 from twin.writing import write_whole
+
+if TYPE_CHECKING:
+    from twin.doctor.touch_calibration import MeasuredTouch
 
 
 @click.command()
@@ -40,6 +40,9 @@ def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> Non
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
     """
+    from twin.doctor.touch_calibration import measure, usual_points
+    from twin.scenario import load
+
     points = [_point(text) for text in places] or usual_points()
     with rig_file(rig, load("circle")) as (file, ask):
         shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
@@ -76,6 +79,11 @@ def _point(text: str) -> tuple[float, float]:
 
 
 def _print(found: MeasuredTouch) -> None:
+    import numpy as np
+    from rich.table import Table
+
+    from twin.doctor.touch_calibration import place
+
     table = Table("point", "off x / mm", "off y / mm", header_style="bold")
     for point, off in zip(found.points, found.fit.left, strict=True):
         table.add_row(place(point), *(f"{1e3 * each:+.2f}" for each in off))

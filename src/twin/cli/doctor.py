@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twin.cli.options import JSON, SETTING
 from twin.cli.output import console, errors, print_json
 from twin.cli.rigs import EMULATED
-from twin.devices.lumio.panels import UDEV_RULES
-from twin.doctor.check import Ask, CheckResult, CheckStatus
-from twin.doctor.examine import examine
-from twin.doctor.swapped import EDGES
-from twin.doctor.verdict import next_step
-from twin.emulator.serve import emulated
-from twin.scenario import Scenario, load
-from twin.scenario.rig import RigFile, check_rig, read_rig
+from twin.doctor.check import CheckStatus
+from twin.shipped import find
+
+if TYPE_CHECKING:
+    from twin.doctor.check import Ask, CheckResult
+    from twin.scenario import Scenario
+    from twin.scenario.rig import RigFile
+
 
 COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
 
@@ -48,8 +49,15 @@ def doctor(
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
+        from twin.devices.lumio.panels import UDEV_RULES
+
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.doctor.examine import examine
+    from twin.doctor.verdict import next_step
+    from twin.scenario import load
+
     chosen = load(scenario, overrides)
     found: list[CheckResult] = []
     with rig_file(rig, chosen) as (file, ask):
@@ -76,6 +84,9 @@ def _print(result: CheckResult) -> None:
 @contextmanager
 def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
     """The rig file, and who puts and lifts the ball."""
+    from twin.emulator.serve import emulated
+    from twin.scenario.rig import check_rig, read_rig
+
     if name != EMULATED:
         yield read_rig(Path(name)), _ask
         return
@@ -85,6 +96,8 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> str:
+    from twin.doctor.swapped import EDGES
+
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
         answer: str = click.prompt(question, type=click.Choice(list(EDGES)), err=True)

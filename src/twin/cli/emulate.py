@@ -6,7 +6,7 @@ import json
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,9 +14,11 @@ from twin.cli import completion as tab
 from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.serve import VirtualRig, come_forward
-from twin.scenario import load
+from twin.shipped import find
 from twin.writing import write_whole
+
+if TYPE_CHECKING:
+    from twin.emulator.serve import VirtualRig
 
 
 @click.command()
@@ -42,6 +44,10 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
     far it is behind the clock; Ctrl-C ends it.
     """
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.emulator.serve import VirtualRig, come_forward
+    from twin.scenario import load
+
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
         text = toml(rig.tables())
         write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))

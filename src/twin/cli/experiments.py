@@ -6,26 +6,29 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
-
-from rich.table import Table
+from typing import TYPE_CHECKING
 
 from twin.cli.output import console, print_json, progress
-from twin.report.numbers import shown
-from twin.thesis.experiments import fit as fitting
-from twin.thesis.experiments.hypotheses import evaluated
-from twin.thesis.experiments.judge import UNITS
-from twin.thesis.experiments.predict import Prediction, goals, rows
-from twin.thesis.experiments.report import write_doc
+
+if TYPE_CHECKING:
+    from twin.thesis.experiments.predict import Prediction
 
 
 def predict(tables: Sequence[str]) -> list[Prediction]:
     """Predict the tables of these numbers."""
+    from twin.thesis.experiments.predict import rows
+
     with progress("predicting", 1.0) as advance:
         return rows(tables, advance)
 
 
 def document(path: Path) -> int:
     """Fit, predict, try all hypotheses and write the document with its figure."""
+    from twin.thesis.experiments import fit as fitting
+    from twin.thesis.experiments.hypotheses import evaluated
+    from twin.thesis.experiments.predict import rows
+    from twin.thesis.experiments.report import write_doc
+
     with progress("fitting, predicting, trying hypotheses", 3.0) as advance:
         found = fitting.fits(advance)
         predicted = rows((), lambda share: advance(1 + share))
@@ -37,6 +40,8 @@ def document(path: Path) -> int:
 
 def fit(*, keep: bool, as_json: bool) -> int:
     """Choose the reading, fit the friction to Table 9.3 and print the result."""
+    from twin.thesis.experiments import fit as fitting
+
     with progress("fitting", 1.0) as advance:
         result = fitting.fit(advance)
     if keep:
@@ -56,6 +61,12 @@ def fit(*, keep: bool, as_json: bool) -> int:
 
 def show(predicted: list[Prediction], *, whole: bool) -> None:
     """Print the cells, thesis beside twin, and for the whole chapter the goals."""
+    from rich.table import Table
+
+    from twin.report.numbers import shown
+    from twin.thesis.experiments.judge import UNITS
+    from twin.thesis.experiments.predict import goals
+
     out = Table("table", "row", "quantity", "thesis", "predicted", "frictionless", "")
     for row in predicted:
         values = (shown(row[key], "") for key in ("thesis", "predicted", "frictionless"))

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SETTING
 from twin.cli.output import console, print_json, progress
-from twin.explain.attribution import EffectCase, Explanation, plan, summary
-from twin.explain.attribution import explain as explain_scenario
-from twin.explain.effects import EFFECTS, present, with_typical
-from twin.explain.plot import draw
-from twin.scenario import load
-from twin.scenario.title import titled
+from twin.shipped import find
 from twin.writing import check_writable, write_json
+
+if TYPE_CHECKING:
+    from twin.explain.attribution import EffectCase, Explanation
 
 
 @click.command()
@@ -42,6 +40,14 @@ def explain(
     as_json: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.explain.attribution import explain as explain_scenario
+    from twin.explain.attribution import plan, summary
+    from twin.explain.effects import with_typical
+    from twin.explain.plot import draw
+    from twin.scenario import load
+    from twin.scenario.title import titled
+
     chosen = titled(load(scenario, overrides), overrides)
     if typical:
         chosen = with_typical(chosen)
@@ -62,6 +68,10 @@ def explain(
 
 
 def _show(found: Explanation) -> None:
+    from rich.table import Table
+
+    from twin.explain.effects import EFFECTS, present
+
     percent = found.whole.percent is not None
     what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
     console.print(f"[bold]{escape(found.scenario.title)}[/bold]: {what}")

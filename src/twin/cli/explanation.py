@@ -6,26 +6,8 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from rich.table import Table
-
 from twin.cli.experiments import predict
 from twin.cli.output import console, print_json, progress
-from twin.fit.fit import fit as fit_table
-from twin.fit.report import row, sentences
-from twin.fit.report import write as write_report
-from twin.fit.runs import Runs
-from twin.report.numbers import shown
-from twin.study.executors import executors
-from twin.study.store import Store
-from twin.thesis.experiments import (
-    deciding,
-    explained,
-    explained_page,
-    ingredients,
-    joint_friction,
-)
-from twin.thesis.experiments.explanation import table
-from twin.thesis.experiments.judge import UNITS
 
 FOLDER = Path("runs") / "explained"
 """Where the runs of the fit are kept: an interrupted one goes on."""
@@ -33,6 +15,17 @@ FOLDER = Path("runs") / "explained"
 
 def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
     """Fit chapter 9, once whole and once without each table, and print the result."""
+    from rich.table import Table
+
+    from twin.fit.fit import fit as fit_table
+    from twin.fit.report import row, sentences
+    from twin.fit.report import write as write_report
+    from twin.fit.runs import Runs
+    from twin.study.executors import executors
+    from twin.study.store import Store
+    from twin.thesis.experiments import explained
+    from twin.thesis.experiments.explanation import table
+
     about = table()
     store = Store(FOLDER)
     with executors(processes) as (executor, count), progress(about.title, 1.0) as advance:
@@ -55,6 +48,12 @@ def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
 
 def show(tables: Sequence[str], *, as_json: bool, whole: bool) -> int:
     """Predict and explain the tables of these numbers; of the whole chapter, judge the goals."""
+    from rich.table import Table
+
+    from twin.report.numbers import shown
+    from twin.thesis.experiments import explained
+    from twin.thesis.experiments.judge import UNITS
+
     predicted = predict(tables)
     with progress("explaining", 1.0) as advance:
         cells = explained.rows(predicted, tables, advance=advance)
@@ -75,6 +74,14 @@ def show(tables: Sequence[str], *, as_json: bool, whole: bool) -> int:
 
 def document(path: Path) -> int:
     """Write the explanation into the page of the experiments, after the prediction."""
+    from twin.thesis.experiments import (
+        deciding,
+        explained,
+        explained_page,
+        ingredients,
+        joint_friction,
+    )
+
     predicted = predict(())
     with progress("explaining, leaving ingredients out", 3.0) as advance:
         cells = explained.rows(predicted, advance=advance)

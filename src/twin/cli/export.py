@@ -24,7 +24,9 @@ def export(run: Path, file: Path, rig: int | None, every: int, columns: str | No
     from twin.errors import nearest
     from twin.run.export import export as write
     from twin.run.replay import open_run
+    from twin.run.sources import check_no_scenario
 
+    check_no_scenario(run)
     (opened,) = open_run(run, () if rig is None else (rig,))
     names = list(opened.rows)
     if columns is not None:

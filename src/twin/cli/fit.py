@@ -5,28 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from twin.cli.options import JSON, PROCESSES, SCHEDULER
-from twin.cli.output import console, print_json, progress
-from twin.fit.fit import fit as fit_table
-from twin.fit.report import row, sentences, write
-from twin.fit.runs import Runs
-from twin.fit.schema import read
-from twin.study.executors import executors
-from twin.study.store import Store
+from twin.cli.output import console, print_json, print_titles, progress
+from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
 
 @click.command()
-@click.argument("table")
+@click.argument("table", required=False)
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
 @PROCESSES
 @SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
 @JSON
 def fit(
-    table: str,
+    table: str | None,
     processes: int | None,
     scheduler: str | None,
     out: Path | None,
@@ -36,11 +30,25 @@ def fit(
 ) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
-    TABLE is a shipped name or a TOML file: scenarios with what was measured and how certain that
-    is, and the parameters to find, with their ranges. Finished runs are kept: an interrupted fit
-    continues where it stopped. Writes report.html and fit.json; exit code 1 if no parameter is
-    seen.
+    TABLE is a shipped name, without one those are listed, or a TOML file: scenarios with what was
+    measured and how certain that is, and the parameters to find, with their ranges. Finished runs
+    are kept: an interrupted fit continues where it stopped. Writes report.html and fit.json; exit
+    code 1 if no parameter is seen.
     """
+    known = shipped_in("fits")
+    if table is None:
+        print_titles(titles(known), as_json=as_json)
+        return 0
+    chosen("table", table, known)  # a wrong name is told before anything heavy is imported
+    from rich.table import Table
+
+    from twin.fit.fit import fit as fit_table
+    from twin.fit.report import row, sentences, write
+    from twin.fit.runs import Runs
+    from twin.fit.schema import read
+    from twin.study.executors import executors
+    from twin.study.store import Store
+
     about = read(table)
     folder = out or Path("runs") / f"fit-{Path(table).stem}"
     check_writable(folder)

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
-from twin.identify.identify import SHARE, Identification
-from twin.identify.identify import identify as identify_log
-from twin.identify.log import read
-from twin.identify.parameters import CHOICES, DEFAULT, chosen
-from twin.identify.report import digits, interval, sentences, write
-from twin.identify.verdict import IDENTIFIED
+from twin.identify.parameters import CHOICES, DEFAULT, SHARE, chosen
 from twin.writing import check_writable
+
+if TYPE_CHECKING:
+    from twin.identify.identify import Identification
+
 
 ALL = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
@@ -42,8 +41,17 @@ def identify(
     the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
     be identified.
     """
+    from twin.run.folders import ROOT, run_name
+    from twin.run.sources import log_file
+
     wanted = chosen(names)
-    folder = out or Path("runs") / f"identify-{log.stem if log.suffix else log.name}"
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    folder = out or ROOT / f"identify-{run_name(log)}"
+    from twin.identify.identify import identify as identify_log
+    from twin.identify.log import read
+    from twin.identify.report import write
+    from twin.identify.verdict import IDENTIFIED
+
     recorded = read(log)
     check_writable(folder)
     with progress(f"identifying from {recorded.source}", 1.0) as advance:
@@ -58,6 +66,10 @@ def identify(
 
 
 def _show(found: Identification) -> None:
+    from rich.table import Table
+
+    from twin.identify.report import digits, interval, sentences
+
     table = Table("parameter", "value", "95 % interval", "unit", "verdict", header_style="bold")
     for column in table.columns[1:3]:
         column.justify = "right"

@@ -46,7 +46,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 def new(kind: str, name: str) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
-        allowed = "small letters, digits and _, as in my_law"
+        allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
     start = STARTS[kind]
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")

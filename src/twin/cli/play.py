@@ -9,6 +9,7 @@ import click
 from twin.cli import completion as tab
 from twin.cli.options import LAW, PLANT, SETTING, load_scenario, with_plant
 from twin.cli.output import console, warn
+from twin.shipped import find
 from twin.writing import check_writable
 
 PORT = 8090
@@ -52,6 +53,7 @@ def play(
     another law or observer, pause, go back; the clean model goes beside. A saved run is a run
     folder like any other. It ends with Ctrl-C, or when the page is closed.
     """
+    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.play.serve import Server, folder_of, library, open_browser
 
     library()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,13 +11,11 @@ from twin.cli import experiments as measured
 from twin.cli.options import JSON, PROCESSES
 from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
-from twin.thesis.experiments.tables import tables as measured_tables
-from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare
-from twin.thesis.reproduce.jobs import plan, row_results
-from twin.thesis.reproduce.report import grid, sentence, write_doc
-from twin.thesis.reproduce.tables import SimulatedTable, chosen
-from twin.thesis.reproduce.tables import tables as simulated_tables
 from twin.writing import check_writable
+
+if TYPE_CHECKING:
+    from twin.thesis.reproduce.compare import Cell, Results
+    from twin.thesis.reproduce.tables import SimulatedTable
 
 
 @click.command()
@@ -50,6 +49,12 @@ def reproduce(
     TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
     8.1 to 8.21 were simulated, 9.1 to 9.9 measured on the rig: those the twin predicts.
     """
+    from twin.thesis.experiments.tables import tables as measured_tables
+    from twin.thesis.reproduce.compare import Agreement, compare
+    from twin.thesis.reproduce.jobs import plan, row_results
+    from twin.thesis.reproduce.report import write_doc
+    from twin.thesis.reproduce.tables import chosen
+
     of_8, of_9 = _chapters(tables)
     if explained:
         return _explained(of_8, of_9, doc, processes, fit=fit, keep=keep, as_json=as_json)
@@ -100,6 +105,7 @@ def _explained(
         ScenarioError: If the options do not go together.
     """
     from twin.cli import explanation
+    from twin.thesis.experiments.tables import tables as measured_tables
 
     whole = len(of_9) == len(measured_tables())
     if of_8 or not of_9:
@@ -122,6 +128,9 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     Raises:
         ScenarioError: If there is no such table.
     """
+    from twin.thesis.experiments.tables import tables as measured_tables
+    from twin.thesis.reproduce.tables import tables as simulated_tables
+
     known = {"8": list(simulated_tables()), "9": list(measured_tables())}
     wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
     for name in sorted(wanted):
@@ -135,6 +144,8 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 
 def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
+    from twin.thesis.reproduce.report import grid, sentence
+
     for table in wanted:
         out, notes = grid(table, cells)
         console.print(out)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
 from twin.cli.options import JSON, PROCESSES
 from twin.cli.output import console, print_json, progress
 from twin.jobs import cores
-from twin.safety.cases import CASES
-from twin.safety.doc import write_doc
-from twin.safety.matrix import run_all
-from twin.safety.mutations import MutationResult, jobs, run_mutations
-from twin.safety.row import FaultRow
-from twin.safety.words import HEADING, cells
 from twin.writing import check_writable
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from twin.safety.mutations import MutationResult
+    from twin.safety.row import FaultRow
 
 
 @click.command()
@@ -35,6 +35,11 @@ from twin.writing import check_writable
 @JSON
 def safety(doc: Path | None, processes: int | None, *, mutate: bool, as_json: bool) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
+    from twin.safety.cases import CASES
+    from twin.safety.doc import write_doc
+    from twin.safety.matrix import run_all
+    from twin.safety.mutations import jobs, run_mutations
+
     if doc is not None:
         check_writable(doc.parent, "--doc")
     with progress("fault matrix", len(CASES)) as advance:
@@ -77,6 +82,10 @@ def _line(result: MutationResult) -> str:
 
 
 def _table(rows: list[FaultRow]) -> Table:
+    from rich.table import Table
+
+    from twin.safety.words import HEADING, cells
+
     table = Table(*HEADING, "verdict")
     for row in rows:
         verdict = "good" if row.good else f"[bold red]BAD[/bold red]: {', '.join(row.failures)}"

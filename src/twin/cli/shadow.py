@@ -66,11 +66,17 @@ def shadow(
         return _matrix(each, hours, doc, processes)
     if log is None:
         raise click.UsageError("give a run folder, a run.parquet or a CSV file, or --matrix")
+    from twin.run.folders import ROOT, run_name
+    from twin.run.sources import log_file
+
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    name = run_name(log)
+    own = log.name == "run.parquet"
+    folder = out or (log.parent if own else ROOT / f"shadow-{name}")
     from twin.shadow.examine import FILES, examine
 
-    folder = out or (log if log.is_dir() else Path("runs") / f"shadow-{log.stem}")
     check_writable(folder)
-    with progress(f"the twin beside {log.name}", 1.0) as advance:
+    with progress(f"the twin beside {name}", 1.0) as advance:
         examined = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
@@ -15,16 +15,14 @@ from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
 from twin.cli.output import console, duration, errors, print_json, print_titles
 from twin.cli.terminal import Terminal
 from twin.jobs import cores
-from twin.study.answers import Answer
-from twin.study.carry import remaining
-from twin.study.cluster import Cluster
-from twin.study.pilot import seconds
-from twin.study.report import compared, document, grids
-from twin.study.schema import Study, read, shipped
-from twin.study.store import Store
-from twin.study.summary import sentences
-from twin.study.work import Work
+from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
+
+if TYPE_CHECKING:
+    from twin.study.answers import Answer
+    from twin.study.schema import Study
+    from twin.study.work import Work
+
 
 BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
@@ -58,9 +56,11 @@ def study(
     Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
     at once, a changed one runs only what changed.
     """
+    known = shipped_in("studies")
     if study is None:
-        print_titles({name: read(name).title for name in shipped()}, as_json=as_json)
+        print_titles(titles(known), as_json=as_json)
         return 0
+    chosen("study", study, known)  # a wrong name is told before anything heavy is imported
     with errors.status(f"{study}: checking every run ..."):
         work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
@@ -74,6 +74,8 @@ def study(
     )
     about, found = work.study, done.answers
     if doc is not None:
+        from twin.study.report import document
+
         document(work, found, doc / f"{Path(study).stem}.md")
     if as_json:
         print_json(_numbers(about, found))
@@ -84,6 +86,11 @@ def study(
 
 
 def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
+    from twin.study.carry import remaining
+    from twin.study.cluster import Cluster
+    from twin.study.pilot import seconds
+    from twin.study.store import Store
+
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
         processes = processes or (cluster.workers if cluster else cores())
     store = Store(folder)
@@ -103,6 +110,8 @@ def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
+    from twin.study.summary import sentences
+
     def number(value: float) -> float | None:
         return value if value == value else None  # noqa: PLR0124
 
@@ -138,6 +147,11 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 
 def _show(about: Study, found: list[Answer]) -> None:
+    from rich.table import Table
+
+    from twin.study.report import compared, grids
+    from twin.study.summary import sentences
+
     console.print(f"[bold]{about.title}[/bold]: {about.metrics[0]}")
     for grid in grids(about, found):
         console.print(grid.title, markup=False)

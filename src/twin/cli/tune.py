@@ -9,6 +9,7 @@ import click
 
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
 from twin.cli.output import console, duration, print_json, print_titles, progress
+from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
 if TYPE_CHECKING:
@@ -47,11 +48,13 @@ def tune(
     stopped. Writes report.html, tune.json and tuned.toml, which `--set parameters=FILE` lays over
     any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
     """
-    from twin.tune.schema import read, shipped
-
+    known = shipped_in("tunes")
     if tune is None:
-        print_titles({name: read(name).title for name in shipped()}, as_json=as_json)
+        print_titles(titles(known), as_json=as_json)
         return 0
+    chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
+    from twin.tune.schema import read
+
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
     from twin.study.executors import executors
     from twin.study.store import Store

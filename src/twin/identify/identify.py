@@ -9,7 +9,7 @@ from typing import Any
 from twin.errors import LogError
 from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
-from twin.identify.parameters import fitted
+from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_lag
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import FitResult, search
@@ -17,8 +17,6 @@ from twin.identify.validation import Horizons, hold_out
 from twin.identify.verdict import ParameterVerdict, Whiteness, verdicts, whiteness
 from twin.identify.windows import cut, moving_spans
 
-SHARE = 2 / 3
-"""Share of the usable time that is fitted; the rest is held out."""
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
 

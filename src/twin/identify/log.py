@@ -21,6 +21,7 @@ from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.run.csv_columns import read_csv, scale
+from twin.run.sources import log_file
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,7 @@ def read(path: Path) -> Log:
     Raises:
         LogError: If the file cannot be read, lacks a column, or holds another unit or no numbers.
     """
-    if path.is_dir():
-        path = path / "run.parquet"
-    if not path.is_file():
-        raise LogError(f"log {path}: not found; give a run.parquet, its folder, or a CSV file")
+    path = log_file(path)
     try:
         columns, metadata = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     except (OSError, pa.ArrowException, UnicodeDecodeError, csv.Error) as error:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from controllers.arrays import Array
 from twin.errors import LogError
-from twin.sim.plant.friction import Friction
+
+if TYPE_CHECKING:
+    from controllers.arrays import Array
+    from twin.sim.plant.friction import Friction
 
 _FACTORS = {"mm": 1e3, "deg": math.degrees(1)}
 
@@ -137,6 +140,8 @@ HIDDEN = {
 """What neither ball nor plate positions of a closed-loop run show."""
 
 DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")
+SHARE = 2 / 3
+"""Share of the usable time that is fitted; the rest is held out."""
 CHOICES = (*DEFAULT, "viscous", "stribeck", "dwell", *HIDDEN)
 ALWAYS = ("rolling", "breakaway", "delay", "level_phi", "level_theta")
 """Fitted whether asked for or not: to hold one at a guess would spoil the others."""
@@ -166,6 +171,8 @@ def fitted(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def friction(values: Mapping[str, Array]) -> Friction:
     """The friction object of parameter values; the one place that builds it."""
+    from twin.sim.plant.friction import Friction  # noqa: PLC0415  heavy: a help needs the names
+
     return Friction(
         rolling=values["rolling"],
         breakaway_ratio=values["breakaway"],

@@ -112,6 +112,27 @@ def is_last(path: Path) -> bool:
     return path == Path(LAST) and not path.exists()
 
 
+def record_of(path: Path) -> Path:
+    """The file of a run or log: of a run folder its record, of ``last`` that of the newest run.
+
+    Raises:
+        RecordError: If ``last`` is asked for and there is none, or the folder holds several runs.
+    """
+    path = last() if is_last(path) else path
+    if not path.is_dir():
+        return path
+    inner = run_folders(path)
+    if inner and inner != [path]:
+        raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
+    return path / "run.parquet"
+
+
+def run_name(path: Path) -> str:
+    """What a run or log is called: a record by its folder, any other file by its own name."""
+    file = record_of(path)
+    return file.resolve().parent.name if file.name == "run.parquet" else file.stem
+
+
 def run_folders(folder: Path) -> list[Path]:
     """The run folders that a folder is or holds."""
     return sorted(file.parent for file in _records(folder))

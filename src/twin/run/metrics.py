@@ -16,6 +16,8 @@ from controllers.arrays import Array, Mask
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
 
+LEAST_WAY = 1e-3
+"""Way to a goal in m from which overshoot and settling are shares of it: below, of the noise."""
 STILL = 1e-4
 """Speed in m/s below which a ball lies still: less than the screen can tell within a second."""
 TURNING = 0.1
@@ -206,7 +208,7 @@ def _approach(motion: Motion, band_percent: float) -> dict[str, float | None]:
     x = motion.ball[since:, 0]
     way = goal - x[0]
     found: dict[str, float | None] = {"steady_error": float(abs(goal - x[-1]))}
-    if abs(way) > 1e-6:
+    if abs(way) > LEAST_WAY:
         found["overshoot_percent"] = max(0.0, float(100 * ((x - goal) / way).max()))
         outside = np.flatnonzero(np.abs(x - goal) > band_percent / 100 * abs(way))
         last = int(outside[-1]) + 1 if len(outside) else 0

@@ -17,7 +17,7 @@ from twin.hal.limits import Limits
 from twin.hal.states import State
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
-from twin.run.folders import is_last, last, run_folders
+from twin.run.folders import is_last, last, record_of, run_folders
 from twin.run.metadata import check_metadata
 from twin.run.metrics import Motion, held
 from twin.run.record import CHANNELS
@@ -146,11 +146,7 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
     Raises:
         RecordError: If there is no record, or none of this program, or not of such rigs.
     """
-    path = last() if is_last(path) else path
-    inner = run_folders(path)
-    if inner and inner != [path]:
-        raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
-    file = path / "run.parquet" if path.is_dir() else path
+    file = record_of(path)
     values, units, metadata = read_run(file)
     missing = [name for name in NEEDED if name not in values]
     for group in TOGETHER:

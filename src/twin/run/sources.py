@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.run.folders import is_last, run_folders
+from twin.errors import LogError, RecordError
+from twin.run.folders import is_last, record_of, run_folders
 from twin.shipped import shipped
 
 IGNORED = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
@@ -48,6 +49,32 @@ def sorted_out(arguments: Sequence[str]) -> Sources:
     if not (scenarios or runs or logs):
         return Sources((), tuple(map(Path, arguments)), ())
     return Sources(tuple(scenarios), tuple(runs), tuple(logs))
+
+
+def log_file(path: Path) -> Path:
+    """The file of a recorded run or log.
+
+    Raises:
+        TwinError: If there is none.
+    """
+    check_no_scenario(path)
+    file = record_of(path)
+    if not file.is_file():
+        raise LogError(f"log {file}: not found; give a run.parquet, its folder, or a CSV file")
+    return file
+
+
+def check_no_scenario(path: Path) -> None:
+    """Make sure that what is to be opened is not the name of a scenario.
+
+    Raises:
+        RecordError: If it is.
+    """
+    if path.as_posix() in shipped() and not path.exists():
+        raise RecordError(
+            f"{path} is a scenario, not a run; first: ballplate run {path}, then open "
+            f"runs/{path.name}"
+        )
 
 
 OURS = {".csv", ".parquet"}

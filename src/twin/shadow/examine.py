@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.identify.log import read
+from twin.run.folders import run_name
 from twin.shadow import report
 from twin.shadow.belief import believed
 from twin.shadow.proposal import Proposal, propose
@@ -66,7 +67,7 @@ def examine(
     Raises:
         TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
     """
-    recorded = replace(read(log), source=log.name)
+    recorded = replace(read(log), source=run_name(log))
     belief = believed(recorded, overrides)
     found = shadow(recorded, belief, horizon)
     progress(0.5)

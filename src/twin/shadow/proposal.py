@@ -12,8 +12,9 @@ import numpy as np
 
 from twin.data_file import parse_toml
 from twin.errors import LogError
-from twin.identify.identify import SHARE, identify
+from twin.identify.identify import identify
 from twin.identify.log import Log
+from twin.identify.parameters import SHARE
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters
 from twin.identify.verdict import IDENTIFIED

@@ -32,18 +32,16 @@ class Store:
     none; what is in no file is run again.
 
     Args:
-        folder: Where; made if missing.
+        folder: Where; made for the first chunk.
 
     Raises:
-        RecordError: If it cannot be read or written.
+        RecordError: If it cannot be read.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "chunks"
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RecordError(f"{folder}: cannot be written: {error.strerror}") from error
+        if self.folder.exists() and not self.folder.is_dir():
+            raise RecordError(f"{self.folder}: is no folder")
         self._chunks = [_read(path) for path in sorted(self.folder.glob("[!.]*.parquet"))]
 
     def add(self, rows: Sequence[Row]) -> None:

@@ -13,6 +13,7 @@ from twin.errors import RecordError
 from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
+from twin.run.folders import record_of
 from twin.run.metrics import Motion
 from twin.run.replay import Replay, open_run
 from twin.scenario.load import load
@@ -60,7 +61,7 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     if scenario is not None:
         raise RecordError(f"--scenario: {path} is a record and says itself what ran; leave it out")
     (run,) = open_run(path)
-    file = path / "run.parquet" if path.is_dir() else path
+    file = record_of(path)
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
     later = _not_repeated(run, at)
