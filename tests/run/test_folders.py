@@ -3,8 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from twin.errors import RecordError
-from twin.run.folders import former, free, last, run_folder
+from twin.errors import LogError, RecordError, ScenarioError
+from twin.run.folders import former, free, last, run_folder, run_name
+from twin.run.sources import log_file
+from twin.shipped import find
 
 
 def kept(folder, when):
@@ -54,3 +56,35 @@ def test_what_a_run_replaces_is_said_and_a_rig_replaces_nothing(tmp_path):
     kept(folder, 100)
     assert "replaced the run of" in former(folder)
     assert free(folder) == tmp_path / "circle~2"
+
+
+def test_a_run_keeps_its_whole_name_however_it_is_reached(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = kept(Path("runs") / "circle-friction.rolling_mm=0", 100)
+    for path in (run, run / "run.parquet", Path("last")):
+        assert run_name(path) == "circle-friction.rolling_mm=0"
+        assert log_file(path) == run / "run.parquet"
+    assert run_name(Path("rig.july.csv")) == "rig.july"
+
+
+def test_what_is_no_log_is_told_by_what_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    one, _ = kept(Path("both") / "a", 100), kept(Path("both") / "b", 100)
+    with pytest.raises(RecordError, match=f"both: holds 2 runs; give one of them, as in {one}"):
+        log_file(Path("both"))
+    with pytest.raises(RecordError, match="circle is a scenario, not a run; first: ballplate run"):
+        log_file(Path("circle"))
+    with pytest.raises(LogError, match=r"log no\.csv: not found"):
+        log_file(Path("no.csv"))
+
+
+def test_a_run_and_a_folder_are_no_scenarios(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = kept(Path("runs") / "circle", 100)
+    for name in ("last", str(run)):
+        with pytest.raises(
+            ScenarioError, match=f"'{name}' is a run, not a scenario; .* report {name}"
+        ):
+            find(name)
+    with pytest.raises(ScenarioError, match="that is a folder"):
+        find("runs")
