@@ -50,7 +50,11 @@ class StableInversion(AboutMotion):
         "tilt_gain_y",
     )
 
-    smooth: float = 0.012
+    Q: tuple[float, float, float, float] = (1_000_000.0, 50_000.0, 100_000.0, 1000.0)
+    """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
+    uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
+    drives for a soft one."""
+    smooth: float = 0.006
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
     resting_speed: float = 0.015
     """Wished speed in m/s, now and a second on, below which the ball is to be held rather than

@@ -51,7 +51,9 @@ class FrictionKalman(LateBall):
     of the screen is taken once, when it is new, and as old as it is.
 
     A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
-    encoders (``SlowPlate``). The ``equivalent`` angles have friction and disturbance in them,
+    encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
+    to see a plate that stands still in the play of its drive. The ``equivalent`` angles have
+    friction and disturbance in them,
 
         phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
 
@@ -66,6 +68,8 @@ class FrictionKalman(LateBall):
 
     believed_mm: float = 0.18
     """Rolling resistance arm in mm that is believed at the start."""
+    plate_pole: float = 30.0
+    """Both poles of the plate's estimate, as a rate in 1/s."""
     smooth: float = 0.005
     """Speed vs in m/s over which the friction changes its sign."""
     learning_speed: float = 0.02

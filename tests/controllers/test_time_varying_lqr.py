@@ -20,7 +20,7 @@ def gains(law, path, knots):
 def test_on_a_level_plate_it_is_the_regulator_of_the_flat_output():
     law = TimeVaryingLQR()
     K = gains(law, Hold(), 2)[1]
-    flat = StableInversion().K
+    flat = StableInversion(Q=law.Q).K
     for axis, sign in enumerate(SIGN):
         # eta = x + c2 a and its rate, a, a' by the state of the axis
         by_state = flat @ (np.diag((1, 1, sign, sign)) + MODEL.c2 * sign * np.eye(4, k=2))

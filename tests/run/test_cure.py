@@ -1,9 +1,15 @@
 """The cure on the plants it was not designed on; the goals are percentages of the reference."""
 
+import numpy as np
 import pytest
 
+from twin.run.assemble import assemble
 from twin.run.execute import run
+from twin.run.loop import drive
+from twin.run.record import Recorder
 from twin.scenario import load
+from twin.study.build import Builder
+from twin.study.family import drawn, read
 
 ARM = 0.6 * 9.81 / 20
 """Friction in m/s^2 of a rolling resistance arm of 1 mm."""
@@ -25,3 +31,22 @@ def test_a_friction_that_is_not_the_believed_one_is_found_and_made_up_for(rollin
     found = {quantity.name: value for quantity, value in known.items()}
     assert abs(found["friction"] - ARM * rolling) < 3 * found["friction_spread"]
     assert found["friction_spread"] < 0.03 / 2  # half of what it began with
+
+
+STICKING = (10, 16)
+"""Rigs of draw 101 of the family whose balls take 1.9 and 1.6 times their friction to start."""
+
+
+@pytest.mark.long
+def test_a_ball_that_sticks_is_held_within_a_millimetre():
+    rigs = drawn(read("uncertain"), 101, max(STICKING) + 1)
+    on = ["plant.step=0.002", "duration=26.0", "reference.kind=hold", "reference.x=0.05"]
+    build = Builder("cure")
+    each = [build([*on, f"seed={rigs[i].seed}"], rigs[i].point) for i in STICKING]
+    rig, controller = assemble(each, threads=1)
+    record = Recorder(13_000, len(each), 0.002, keep=("state",), every=5)
+    drive(rig, controller, 26.0, record)
+    late = record.time > 16.0
+    goal = controller.reference(record.time)[0]
+    error = (record["state"][..., 0::4] - goal)[late]
+    assert np.sqrt((error**2).sum(axis=2).mean(axis=0)).max() < 1e-3
