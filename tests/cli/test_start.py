@@ -1,13 +1,14 @@
 """A command starts fast: it imports nothing heavy before it needs it."""
 
 import json
+import os
 import subprocess
 import sys
 
 import click
 import pytest
 
-from twin.cli import COMMANDS, HELP, ballplate
+from twin.cli import COMMANDS, HELP, ballplate, main
 
 UNUSED = {
     "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
@@ -117,3 +118,14 @@ def test_the_short_helps_shown_together_are_those_of_the_commands():
         imported = click.HelpFormatter(width=columns)
         click.Group.format_commands(ballplate, context, imported)
         assert formatter.getvalue() == imported.getvalue()
+
+
+@pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("2", "2")])
+def test_linear_algebra_has_one_thread_unless_more_are_asked_for(monkeypatch, given, threads):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    monkeypatch.setattr("twin.cli._end_in_order", lambda: None)
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert os.environ["OPENBLAS_NUM_THREADS"] == threads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from importlib import import_module
@@ -131,6 +132,8 @@ def ballplate() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code; a user's mistake is one line."""
     _end_in_order()
+    # matrices here are small: further threads only wait for one, on cores that have other work
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     wrong = problem()
     if wrong:
         sys.exit(_fail(wrong))
