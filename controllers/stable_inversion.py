@@ -50,7 +50,7 @@ class StableInversion(AboutMotion):
         "tilt_gain_y",
     )
 
-    Q: tuple[float, float, float, float] = (1_000_000.0, 50_000.0, 100_000.0, 1000.0)
+    Q: tuple[float, float, float, float] = (300_000.0, 30_000.0, 10_000.0, 200.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
     uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
     drives for a soft one."""
