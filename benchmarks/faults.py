@@ -53,7 +53,7 @@ FAULTS = (
     ),
     Fault(
         "stiffer_wheels_overdamped",
-        f"{PLANT}/model.py",
+        f"{PLANT}/fitted.py",
         "damping *= math.sqrt(parts.stiffness / stiffness)",
         "damping *= parts.stiffness / stiffness",
         "plant: the damping ratio does not stay when the wheels get stiffer",

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import controllers
-from twin.data_file import DataError, is_file, read_toml
+from twin.data_file import DataError, is_file, is_folder, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
 OTHERS = {"studies", "fits", "families", "tunes"}
@@ -78,7 +78,7 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
 
 def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     """The nearest names, else the short ones; and the command that lists all."""
-    if Path(name).is_dir():
+    if is_folder(Path(name)):
         return f"; that is a folder, a {what} is a TOML file"
     close = get_close_matches(name, known, n=3, cutoff=0.6)
     every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""

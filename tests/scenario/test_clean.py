@@ -21,6 +21,7 @@ OF_THE_RIG = {
     "plant.friction.stribeck_speed": "0.01",
     "plant.friction.dwell_time": "1.0",
     "plant.friction.viscous_mm": "0.5",
+    "plant.friction.presliding_um": "50.0",
     "plant.friction.sliding": "0.3",
     "plant.friction.spinning_mm": "0.1",
     "plant.surface.spread_percent": "20.0",

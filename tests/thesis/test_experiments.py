@@ -183,9 +183,8 @@ def test_the_measured_errors_lie_two_points_higher_without_predictor():
 
 
 def test_the_command_prints_one_json_list_with_the_promised_keys(monkeypatch):
-    from twin.cli import experiments as module
-
-    monkeypatch.setattr(module, "rows", lambda *_: [dict.fromkeys(KEYS, 1.0)])
+    made = [dict.fromkeys(KEYS, 1.0)]
+    monkeypatch.setattr("twin.thesis.experiments.predict.rows", lambda *_: made)
     result = CliRunner().invoke(command, ["9.1", "--json"], standalone_mode=False)
     assert set(json.loads(result.stdout)[0]) == KEYS
 

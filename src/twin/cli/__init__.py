@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -9,7 +10,7 @@ from importlib import import_module
 
 import click
 
-from twin.errors import TwinError
+from twin.errors import TwinError, shortened
 from twin.installation import problem
 
 COMMANDS = {
@@ -149,6 +150,10 @@ def main(arguments: list[str] | None = None) -> None:
         code = _fail("interrupted", 1)
     except TwinError as error:
         code = _fail(str(error))
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        code = _fail(f"'{shortened(str(error.filename))}': no file can have so long a name")
     except Exception as error:
         catalog = sys.modules.get("controllers.catalog")
         line = catalog.blamed(error) if catalog else None
