@@ -4,7 +4,6 @@ import pytest
 from click.testing import CliRunner
 
 from controllers.sliding_mode import SlidingMode
-from twin.cli import analyse as module
 from twin.cli.analyse import analyse
 from twin.errors import ScenarioError
 
@@ -25,8 +24,8 @@ def content():
 @pytest.fixture
 def quick(monkeypatch, content):
     """The same command with the slow, scenario-independent part remembered."""
-    monkeypatch.setattr(module, "design_rows", lambda *_: content["designs"])
-    monkeypatch.setattr(module, "check_claims", lambda _: [])
+    monkeypatch.setattr("controllers.analysis.plain.design_rows", lambda *_: content["designs"])
+    monkeypatch.setattr("twin.thesis.claims.check_claims", lambda _: [])
 
 
 @pytest.mark.long
@@ -68,7 +67,7 @@ def test_the_neglected_terms_are_small_beside_the_main_ones(content):
 
 @pytest.mark.long
 def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, content):
-    monkeypatch.setattr(module, "design_rows", lambda *_: content["designs"])
+    monkeypatch.setattr("controllers.analysis.plain.design_rows", lambda *_: content["designs"])
     text = call("sine", *SHORT)
     for words in ("(5.29)", "B[6,", "(6.39)", "thesis", "(6.42a)", "delay ms", "8.1", "no"):
         assert words in text

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli import calibrate
 from twin.cli.calibrate import FEET, advice, level
 from twin.identify.identify import identify
 from twin.identify.parameters import BALL
@@ -40,7 +39,7 @@ def once(monkeypatch, identified):
             identified[recorded.source] = identify(recorded, *arguments)
         return identified[recorded.source]
 
-    monkeypatch.setattr(calibrate, "identify", remembered)
+    monkeypatch.setattr("twin.identify.identify.identify", remembered)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli import reproduce as module
 from twin.cli.reproduce import reproduce
 from twin.errors import ScenarioError, TwinError
 from twin.thesis.reproduce.cases import SimulationCase
@@ -109,15 +108,15 @@ def test_a_settling_time_outside_what_could_be_read_differs(steps):
 @pytest.mark.long
 def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
     (table,), found = steps
-    monkeypatch.setattr(module, "row_results", lambda *_: found.values())
+    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: found.values())
     assert call("8.1").return_value == 0
-    monkeypatch.setattr(module, "chosen", lambda _: [altered(table, "u1_max")])
+    monkeypatch.setattr("twin.thesis.reproduce.tables.chosen", lambda _: [altered(table, "u1_max")])
     assert call("8.1").return_value == 1
 
 
 @pytest.mark.long
 def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
-    monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
+    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
     assert all(set(cell) >= KEYS for cell in cells)
@@ -137,7 +136,7 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
 
 @pytest.mark.long
 def test_the_document_has_its_tables_notes_and_figures(steps, monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "row_results", lambda *_: steps[1].values())
+    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: steps[1].values())
     path = tmp_path / "docs" / "reproduction.md"
     assert call("8.1", "--doc", str(path)).return_value == 0
     text = path.read_text(encoding="utf-8")

@@ -15,15 +15,17 @@ from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.states import State
 
-ROCK = radians(0.8)
-"""Plate angle of each of two rockings; eight times what friction holds the ball on."""
+ROCKS = (radians(0.8), radians(2.0))
+"""Plate angles of two rockings: more than the half degree on which friction holds a ball."""
 TURNS = (3.0, 7.0)
 """Their angular frequencies, rad/s: a delay shifts phases in proportion to them, friction not."""
 SECONDS = 10.0
-PART = 1.5
-"""Length in s of the parts that are fitted with a start, speed and tilt of their own."""
-SMOOTH = 0.12
-"""Window in s over which the ball's direction is judged."""
+PART = 2.5
+"""Length in s of the parts that are fitted with a start, speed and tilt of their own: more than a
+turn of the slower rocking, or that goes into them."""
+SMOOTH = 0.5
+"""Window in s over which the ball's direction is judged, by a polynomial of fourth order: in less,
+noise turns it, and a wrong direction of the friction reads as another delay."""
 DELAYS = np.arange(0.0, 0.2, 0.001)
 """Dead times tried, s."""
 
@@ -62,7 +64,8 @@ def _rock(rig: HardwareRig) -> tuple[Array, Array]:
         times.append(t)
         values.append(measurement.y[0])
         # two swings a turn apart, begun softly: the ball stays about the middle
-        goal = min(1.0, t) * ROCK * sum(_swing(turn * t) for turn in TURNS)
+        both = zip(ROCKS, TURNS, strict=True)
+        goal = min(1.0, t) * sum(rock * _swing(turn * t) for rock, turn in both)
         rig.write(10 * (goal - rig.supervisor.angle))
         rig.wait()
     return np.array(times), np.array(values)
@@ -86,7 +89,7 @@ def delay(time: Array, plate: Array, ball: Array) -> tuple[float, float]:
     """
     pull = BallPlate().c1 * 9.81 * np.sin(plate) * [1.0, -1.0]
     window = max(5, round(SMOOTH / float(np.median(np.diff(time)))) | 1)
-    speed = scipy.signal.savgol_filter(ball, window, 2, deriv=1, axis=0)
+    speed = scipy.signal.savgol_filter(ball, window, 4, deriv=1, axis=0)
     size = np.linalg.norm(speed, axis=1, keepdims=True)
     against = -speed / np.maximum(size, 1e-12)
     way, friction = (_twice(each, time) for each in (pull, against))
