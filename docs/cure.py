@@ -147,8 +147,7 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "those of `mpc` and `internal_model` were chosen by hand so that a raw step ends, those of "
         "`stable_inversion` on 12 rigs of draw 101; `tvlqr` and `iterative_learning` are softer. "
         "Lap learning has learnt from one to three laps when it is judged. What holds on another "
-        "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md): "
-        "the circle does, a hold depends on how friction acts at rest.",
+        "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md).",
         "",
         "![Nominal rig and worst rig of the family, law by law](figures/cure.svg)",
         "",
