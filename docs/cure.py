@@ -61,17 +61,23 @@ def reached(
     plan: dict[str, Any], task: dict[str, Any], kept: Path, *, simulate: bool
 ) -> list[float | None] | None:
     """What is judged of every scenario of a task, on the true ball; None if it is not known."""
+    return known(scenarios(plan, task), task.get("judged", "tracking"), kept, simulate=simulate)
+
+
+def known(
+    runs: list[Any], judged: str, kept: Path, *, simulate: bool = True
+) -> list[float | None] | None:
+    """The same of scenarios that run as one batch, as they are kept or simulated."""
     from twin.study.work import code, digest  # noqa: PLC0415
 
-    runs = scenarios(plan, task)
-    texts = [code(), task.get("judged", ""), *(each.model_dump_json() for each in runs)]
+    texts = [code(), judged, *(each.model_dump_json() for each in runs)]
     file = kept / f"{digest(' '.join(texts))}.json"
     if file.is_file():
-        known: list[float | None] = json.loads(file.read_text())
-        return known
+        found: list[float | None] = json.loads(file.read_text())
+        return found
     if not simulate:
         return None
-    found = simulated(runs, task.get("judged", "tracking"))
+    found = simulated(runs, judged)
     kept.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(found))
     return found

@@ -6,7 +6,6 @@ What it runs is cure_attacks.toml. A task that is done is kept as in cure.py.
 
 from __future__ import annotations
 
-import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -19,16 +18,10 @@ KEPT = HERE.parent / "runs" / "cure"
 
 def value(scenario: Any, judged: str) -> float | None:
     """What a scenario is judged by, simulated or kept; None if the ball was lost."""
-    from cure import simulated  # noqa: PLC0415  the script beside this one
+    from cure import known  # noqa: PLC0415  the script beside this one
 
-    from twin.study.work import code, digest  # noqa: PLC0415
-
-    file = KEPT / f"{digest(' '.join((code(), judged, scenario.model_dump_json())))}.json"
-    if not file.is_file():
-        KEPT.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(simulated([scenario], judged)))
-    (found,) = json.loads(file.read_text())
-    return None if found is None else float(found)
+    found: list[float | None] = known([scenario], judged, KEPT)
+    return found[0]
 
 
 def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.identify.log import Log
+from twin.shadow.evidence import Evidence
 
 MISSED = 1.5
 """Periods from one row to the next from which on there is a gap."""
@@ -42,3 +45,20 @@ def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
     """
     touched = (gaps[:, 0] < end[:, None]) & (gaps[:, 1] + after > begin[:, None])
     return np.asarray(~touched.any(axis=1))
+
+
+def undisturbed(
+    parts: Iterable[Evidence | None], gaps: Array, after: float = 0.0
+) -> Evidence | None:
+    """What windows without a gap say; None if there is no window at all.
+
+    Args:
+        parts: Of the segments of a log; None where one is too short.
+        gaps: Begin and end of each in s, shape (G, 2).
+        after: Seconds for which a gap is still felt.
+    """
+    found = [part for part in parts if part is not None]
+    if not found:
+        return None
+    every = Evidence.join(found)
+    return every.take(clear(every.begin, every.end, gaps, after))

@@ -16,7 +16,7 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import DRIVES, Belief
 from twin.shadow.evidence import Evidence
-from twin.shadow.gaps import clear
+from twin.shadow.gaps import undisturbed
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -44,12 +44,8 @@ def plate_evidence(
         gaps: Of the log; where one is still felt there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
-    parts = [_of_segment(segment, log.period, belief, since) for segment in log.segments]
-    found = [part for part in parts if part is not None]
-    if not found:
-        return None
-    every = Evidence.join(found)
-    return every.take(clear(every.begin, every.end, gaps, SETTLED))
+    parts = (_of_segment(segment, log.period, belief, since) for segment in log.segments)
+    return undisturbed(parts, gaps, SETTLED)
 
 
 def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -> Evidence | None:

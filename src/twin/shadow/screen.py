@@ -8,7 +8,7 @@ from controllers.arrays import Array
 from twin.identify.prepare import PreparedLog, Segment
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import Evidence
-from twin.shadow.gaps import clear
+from twin.shadow.gaps import undisturbed
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -42,12 +42,8 @@ def noise_evidence(
         gaps: Of the log; where there is one there is no evidence.
         since: When the first window begins, s, where the log goes back further.
     """
-    parts = [_of_segment(segment, belief, since) for segment in log.segments]
-    found = [part for part in parts if part is not None]
-    if not found:
-        return None
-    every = Evidence.join(found)
-    return every.take(clear(every.begin, every.end, gaps))
+    parts = (_of_segment(segment, belief, since) for segment in log.segments)
+    return undisturbed(parts, gaps)
 
 
 def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:

@@ -13,22 +13,18 @@ from twin.errors import ScenarioError
 from twin.scenario import Scenario
 from twin.scenario.load import check, resolved, setting, validated
 from twin.scenario.load import read as read_tables
-from twin.scenario.schema import KINDS, choices, settings_model
+from twin.scenario.schema import KINDS, checked_settings, choices
 from twin.study.family import Point
 
 _MISSING = object()
 
 
-def _with_defaults(tables: dict[str, Any]) -> dict[str, Any]:
-    """A scenario with what its law, observer and reference have by default."""
-    found = dict(tables)
-    for name in KINDS.keys() & found.keys():
-        model = settings_model(choices(name)[found[name]["kind"]])
-        own = {
-            key: field.get_default(call_default_factory=True)
-            for key, field in model.model_fields.items()
-            if not field.is_required()
-        }
+def _with_defaults(scenario: Scenario) -> dict[str, Any]:
+    """What a scenario says, and what its law, observer and reference have by default."""
+    found: dict[str, Any] = json.loads(scenario.model_dump_json())
+    for name in KINDS:
+        choice = getattr(scenario, name)
+        own = checked_settings(choices(name)[choice.kind], choice.settings)
         found[name] = to_jsonable_python(own) | found[name]
     return found
 
@@ -101,8 +97,7 @@ class Builder:
         """What the scenario says of a key, by itself or by default."""
         base = tuple(text for text in fixed if not text.startswith("seed="))
         if base not in self._bases:
-            built = self._built([*map(self._setting, base)])
-            self._bases[base] = _with_defaults(json.loads(built.model_dump_json()))
+            self._bases[base] = _with_defaults(self._built([*map(self._setting, base)]))
         table: Any = self._bases[base]
         for name in key.split("."):
             table = table.get(name, _MISSING) if isinstance(table, Mapping) else _MISSING

@@ -42,22 +42,21 @@ class BallContact:
         pair = model.pair("ball_plate").id
         self._arm = batch.expand("pair_friction")[:, pair, 3:5]
         self._arm[:] = np.maximum(roll, LEAST)[:, None]
-        self._bends = np.broadcast_to(np.asarray(friction.presliding) > 0, free.shape)
-        rolls = free | self._bends
+        rolls = free | (np.asarray(friction.presliding) > 0)
         batch.expand("pair_dim")[:, pair] = np.where(rolls, free_dimension(model), 6)
         self.varying = not friction.constant and not (free.all() and friction.map is None)
         """Whether ``feel`` has to be called."""
         self._sloping = friction.map is not None and friction.map.sloping
         ball = model.body("ball").id
         self._force = batch.bind("xfrc_applied")[:, ball, :3]
-        self._forced = self._sloping or bool(self._bends.any())
+        self._forced = self._sloping or friction.bending
         if self._forced:
             mass = batch.expanded("body_mass")
             masses = model.body_mass if mass is None else mass
             self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
-        sizes = batch.expanded("geom_size")
-        ball_size = (model.geom_size if sizes is None else sizes)[..., model.geom("ball").id, :]
-        self._radius = ball_size[..., 0]
+            sizes = batch.expanded("geom_size")
+            sizes = model.geom_size if sizes is None else sizes
+            self._radius = sizes[..., model.geom("ball").id, 0]
 
     def start(self, x: Array) -> None:
         """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
@@ -100,7 +99,7 @@ class BallContact:
             assert friction.map is not None
             along[:, :2] = -normal * friction.map(position)[1]
         if friction.bending:
-            self.bend = friction.bent(self.bend, x, time)
+            self.bend = friction.bent(self.bend, x[:, 1::4], time)
             along[:, :2] -= normal * (arm / self._radius)[:, None] * friction.share(self.bend)
         self._force[:] = from_plate(along, phi, theta)
 

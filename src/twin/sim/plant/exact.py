@@ -247,10 +247,8 @@ class ExactPlant:
         """Bend the contacts for a time in s at the speed of balls (x, x', y, y')."""
         if self._bending:
             assert self.friction is not None
-            x, vx, y, vy = ball
-            level = 0.0 * x
-            state = self._state(x, vx, level, level, y, vy, level, level)
-            self._bend = self.friction.bent(self._bend, state, time)
+            velocity = np.array(ball[1::2]).reshape(2, self.rigs).T
+            self._bend = self.friction.bent(self._bend, velocity, time)
 
     def _free(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
         """Acceleration of the ball without resistance."""

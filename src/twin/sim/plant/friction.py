@@ -104,17 +104,17 @@ class Friction:
         """Whether the contact of any rig bends before it resists in full."""
         return bool(np.any(self.presliding))
 
-    def bent(self, bend: Array, x: Array, time: float) -> Array:
-        """How far contacts are bent after a time in s at the speeds of the state x, shape (N, 2).
+    def bent(self, bend: Array, velocity: Array, time: float) -> Array:
+        """How far contacts are bent after a time at constant velocities, m, shape (N, 2).
 
         Args:
             bend: How far before, m, shape (N, 2).
-            x: State of (5.5), shape (N, 8).
+            velocity: Of the balls on the screen, m/s, shape (N, 2).
             time: In s.
         """
         distance = np.broadcast_to(self.presliding, bend.shape[:-1])
         some = np.where(distance > 0, distance, 1.0)
-        return np.where((distance > 0)[:, None], bent(bend, x[:, 1::4], time, some), 0.0)
+        return np.where((distance > 0)[:, None], bent(bend, velocity, time, some), 0.0)
 
     def share(self, bend: Array) -> Array:
         """What share of the full resistance acts, as a vector against the ball's way, (N, 2)."""

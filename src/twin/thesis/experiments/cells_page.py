@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from twin.markdown import table
@@ -29,21 +29,19 @@ def verdict(exact: Sequence[Goal], mechanism: Sequence[Goal]) -> list[str]:
     ]
 
 
+def _levels(cell: dict[str, Any], other: dict[str, Any]) -> Iterator[str]:
+    """A cell predicted, explained and held out, and held out on the mechanism."""
+    exact = (cell[level] for level in ("predicted", "explained", "held_out"))
+    return map(shown, (*exact, other["held_out"]))
+
+
 def tracking(cells: Sequence[dict[str, Any]], confirmed: Sequence[dict[str, Any]]) -> list[str]:
     """Tracking errors on the exact equations and, held out, on the mechanism."""
     lines = [
         (
             f"{cell['table']}, {cell['row']}",
             f"{cell['thesis']:.1f}",
-            *(
-                shown(value)
-                for value in (
-                    cell["predicted"],
-                    cell["explained"],
-                    cell["held_out"],
-                    other["held_out"],
-                )
-            ),
+            *_levels(cell, other),
             "-" if cell["held_out"] is None else f"{cell['held_out'] - cell['thesis']:+.1f}",
         )
         for cell, other in zip(cells, confirmed, strict=True)
@@ -63,15 +61,7 @@ def maxima(cells: Sequence[dict[str, Any]], confirmed: Sequence[dict[str, Any]])
             f"{cell['table']}, {cell['row']}",
             cell["column"],
             f"{cell['thesis']:.4g}",
-            *(
-                shown(value)
-                for value in (
-                    cell["predicted"],
-                    cell["explained"],
-                    cell["held_out"],
-                    other["held_out"],
-                )
-            ),
+            *_levels(cell, other),
         )
         for cell, other in zip(cells, confirmed, strict=True)
         if cell["column"] != "e_tt"
