@@ -16,7 +16,7 @@ from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from ballplate.results import Result
-    from twin.run.execute import Run
+    from twin.run.finished import Run
     from twin.scenario.schema import Scenario
 
 Vary = Mapping[str, Iterable[Any]]

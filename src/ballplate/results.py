@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from controllers.arrays import Array
     from twin.jobs import SecondProcess
-    from twin.run.execute import Run
+    from twin.run.finished import Run
     from twin.run.metrics import Motion
     from twin.run.replay import Replay
     from twin.scenario.schema import Scenario

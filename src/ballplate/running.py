@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
-    from twin.run.execute import Run
+    from twin.run.finished import Run
     from twin.run.past import Past
     from twin.run.record import Recorder
     from twin.scenario.schema import Scenario

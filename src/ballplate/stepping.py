@@ -156,9 +156,9 @@ class Rig:
             raise TwinError("a rig has a result when its context is left")
         from ballplate.results import Result
         from twin.run.control import build_reference
-        from twin.run.execute import Run
+        from twin.run.finished import Run
         from twin.run.metrics import Motion, measure
-        from twin.scenario.change import always_friction
+        from twin.scenario.changing import always_friction
 
         scenario, outcome = self.scenarios[rig], self._ended[rig]
         record = self._record.of_rig(rig)

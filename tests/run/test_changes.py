@@ -10,7 +10,7 @@ from twin.run.execute import run
 from twin.run.loop import drive
 from twin.run.plants import build_plant, change_plant
 from twin.run.record import Recorder
-from twin.scenario.change import at_time
+from twin.scenario.changing import at_time
 from twin.scenario.load import load
 
 PLANTS = ("lagrange", "mujoco")

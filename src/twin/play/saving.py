@@ -11,7 +11,8 @@ from twin.hal.rig import Entry
 from twin.play.driven import Driven
 from twin.play.kept import LATER, Kept
 from twin.run.control import build_reference
-from twin.run.execute import Run, save
+from twin.run.execute import save
+from twin.run.finished import Run
 from twin.run.loop import Outcome
 from twin.run.metrics import Motion, measure
 from twin.run.record import Recorder

@@ -21,7 +21,7 @@ from twin.play.sight import Said, Show, Tell
 from twin.run.control import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
-from twin.scenario.change import at_time
+from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario
 
 ROOM = 300.0

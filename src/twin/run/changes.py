@@ -10,7 +10,8 @@ from twin.errors import ScenarioError
 from twin.hal.interface import Transmission
 from twin.hal.rig import Rig
 from twin.run.plants import change_plant, differ, mistaken, prepare_plant
-from twin.scenario.change import SLACK, at_time, times
+from twin.scenario.change import SLACK
+from twin.scenario.changing import at_time, times
 from twin.scenario.schema import Scenario
 from twin.settings import filled
 from twin.sim.drives import DriveModel

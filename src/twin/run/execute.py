@@ -5,68 +5,26 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from controllers.interfaces import Reference
-from twin.hal.rig import Entry, Rig
+from twin.hal.rig import Rig
 from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
-from twin.run.indicators import UNITS
-from twin.run.loop import Outcome, drive
-from twin.run.metrics import Metrics, Motion, measure
+from twin.run.finished import Run
+from twin.run.loop import drive
+from twin.run.metrics import Motion, measure
 from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder
 from twin.run.record_file import write_run
-from twin.run.snapshot import Keeper, Snapshot, packed
-from twin.scenario.change import always_friction
+from twin.run.snapshot import Keeper, packed
+from twin.scenario.changing import always_friction
 from twin.scenario.schema import Scenario
 from twin.writing import write_json, write_whole
-
-
-@dataclass(frozen=True)
-class Run:
-    """A finished run of one rig.
-
-    Attributes:
-        scenario: What was asked for.
-        record: All channels.
-        outcome: How it ended.
-        metrics: Its indicators.
-        motion: What ball and plate did.
-        real_time_factor: Simulated seconds per second of the loop.
-        journal: Every condition that was detected.
-        account: Timing statistics of a rig in real time.
-        snapshots: States of a simulated rig and its controller now and then.
-        driven: What a person did that drove it; empty of a run that went by itself.
-    """
-
-    scenario: Scenario
-    record: Recorder
-    outcome: Outcome
-    metrics: Metrics
-    motion: Motion
-    real_time_factor: float
-    journal: tuple[Entry, ...] = ()
-    account: Mapping[str, Any] = field(default_factory=dict)
-    snapshots: tuple[Snapshot, ...] = ()
-    driven: Mapping[str, Any] = field(default_factory=dict)
-
-    def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints: the indicators and the speed."""
-        return {
-            "scenario": self.scenario.title,
-            **self.metrics.as_dict(),
-            "judged_from": self.scenario.metrics.start,
-            "real_time_factor": self.real_time_factor,
-            "units": UNITS,
-            **self.account,
-            **({"driven": self.driven} if self.driven else {}),
-        }
 
 
 def run(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +17,15 @@ from twin.hal.limits import Limits
 from twin.hal.states import State
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
+from twin.run.finished import Run
 from twin.run.folders import is_last, last, record_of, run_folders
 from twin.run.metadata import check_metadata
 from twin.run.metrics import Motion, held
 from twin.run.record import CHANNELS
 from twin.run.record_file import read_run
-from twin.scenario.change import always_friction
+from twin.scenario.changing import always_friction
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
-
-if TYPE_CHECKING:
-    from twin.run.execute import Run
 
 _OPTIONAL = {"state", "age", "touched", "timing"}
 NEEDED = (

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from controllers.catalog import broken
 from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
-from twin.scenario import change
+from twin.scenario import changing
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 from twin.shipped import find
 from twin.validation import Model, keys_of, one_line
@@ -197,11 +197,11 @@ def _check_changes(scenario: Scenario, source: str) -> None:
             raise ScenarioError(f"{source}: change.{number}.set: {wrong}")
         tables = put(tables, each.set.items())
         validated(Scenario, tables, source, f"change.{number}.set: ")
-    if wrong := change.problem(scenario):
+    if wrong := changing.problem(scenario):
         raise ScenarioError(f"{source}: {wrong}")
     for number, each in enumerate(scenario.change):
         for share in (0.001, 0.999) if each.over else ():
-            between = change.at_time(scenario, each.at + share * each.over)
+            between = changing.at_time(scenario, each.at + share * each.over)
             on_the_way = between.model_dump(mode="json", exclude={"change"})
             validated(Scenario, on_the_way, source, f"change.{number}: on the way: ")
 

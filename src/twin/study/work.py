@@ -248,5 +248,5 @@ def sources() -> list[Path]:
 
 RUN = ("assemble", "batch", "changes", "control", "loop", "metrics", "plants", "record")
 """What of the room ``run`` a run of a study executes."""
-SCENARIO = ("change", "schema", "plant", "tables")
+SCENARIO = ("change", "changing", "plant", "schema", "tables")
 """The same of the room ``scenario``."""

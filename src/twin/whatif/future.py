@@ -10,11 +10,12 @@ import numpy as np
 
 from controllers.interfaces import Measurement
 from twin.run.assemble import assemble
-from twin.run.execute import Run, record_run
+from twin.run.execute import record_run
+from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metrics import Motion, measure
 from twin.run.record import Recorder
-from twin.scenario.change import always_friction
+from twin.scenario.changing import always_friction
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import Moment, Recorded, take_over
 
