@@ -59,7 +59,7 @@ def test_a_recorded_touch_of_six_fingers_takes_two_reports():
 def test_a_report_with_something_in_an_unused_block_is_none():
     decoder = Hid0006Decoder()
     assert decode(decoder, "31 01 80 13 68 19 00 00 00 10" + " 00" * 14 + " 01") == []
-    assert decoder.stats.skipped == 25
+    assert decoder.stats.cut + decoder.stats.skipped == 25
 
 
 def test_recorded_reports_of_product_0007_give_touch_and_lift_off():
@@ -159,6 +159,17 @@ def test_no_bytes_raise_or_lie_beyond_the_screen(name, data):
         for report in decoder.feed(portion):
             assert all(0 <= c.x <= 1 and 0 <= c.y <= 1 for c in report)
     assert decoder.stats.bytes == sum(map(len, data))
+
+
+@pytest.mark.parametrize("protocol", [Protocol.MICROTOUCH, Protocol.ELO])
+@pytest.mark.parametrize("heard", range(1, 5))
+def test_the_end_of_a_packet_that_began_before_listening_is_no_fault(protocol, heard):
+    (packet,) = ENCODERS[protocol]([Spot(0.3, 0.6)])
+    decoder = DECODERS[protocol]()
+    assert len(decoder.feed(packet[-heard:] + 2 * packet)) == 2
+    assert (decoder.stats.cut, decoder.stats.skipped) == (heard, 0)
+    decoder.feed(packet[-heard:] + packet)
+    assert (decoder.stats.cut, decoder.stats.skipped) == (heard, heard)
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

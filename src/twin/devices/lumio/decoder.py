@@ -35,7 +35,8 @@ class DecoderStats:
         bytes: Bytes fed.
         reports: Packets with contacts.
         replies: Packets that answer a command.
-        skipped: Bytes that belong to no packet.
+        cut: Bytes before the first packet that may end one whose beginning was not heard.
+        skipped: Other bytes that belong to no packet.
         checksum: Packets whose checksum is wrong.
         outside: Packets refused for a coordinate beyond the protocol's range.
     """
@@ -43,6 +44,7 @@ class DecoderStats:
     bytes: int = 0
     reports: int = 0
     replies: int = 0
+    cut: int = 0
     skipped: int = 0
     checksum: int = 0
     outside: int = 0
@@ -101,6 +103,7 @@ class StreamDecoder(Decoder):
     def __init__(self) -> None:
         super().__init__()
         self._buffer = bytearray()
+        self._joined = False
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports that these bytes complete, oldest first."""
@@ -111,12 +114,13 @@ class StreamDecoder(Decoder):
         while at < len(self._buffer):
             packet = self._packet(self._buffer, at)
             if packet is None:
-                self.stats.skipped += 1
+                self._leave_out()
                 at += 1
             elif packet.length == 0:
                 break
             else:
                 at += packet.length
+                self._joined = True
                 if packet.report is not None:
                     self.stats.reports += 1
                     reports.append(packet.report)
@@ -125,8 +129,16 @@ class StreamDecoder(Decoder):
 
     def reset(self) -> None:
         """Give up on the beginning of a packet that has not been completed."""
-        self.stats.skipped += len(self._buffer)
+        for _ in self._buffer:
+            self._leave_out()
         self._buffer.clear()
+
+    def _leave_out(self) -> None:
+        """Count a byte that belongs to no packet, or to one that began before the port was open."""
+        if self._joined or self.stats.cut == self.size - 1:
+            self.stats.skipped += 1
+        else:
+            self.stats.cut += 1
 
     @abstractmethod
     def _packet(self, buffer: bytearray, at: int) -> Packet | None:
