@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
+from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
 from twin.sim.plant.fitted import fitted, shaped
 from twin.sim.plant.model import differing, fields_of, load_model
 from twin.sim.plant.parts import Parts
+from twin.sim.plant.standing import settle
 
 KINDS = {
     "BODY": "nbody",
@@ -192,6 +195,37 @@ def test_stiffer_wheels_keep_their_damping_ratio(axis):
     stiffness, damping = stiffer / nominal
     assert stiffness == pytest.approx(2, rel=1e-3)
     assert damping**2 == pytest.approx(stiffness)
+
+
+TILTED = [
+    Parts(level=(0.005, 0.0)),
+    Parts(level=(-0.003, 0.004), preload=60.0, joint_friction=0.1),
+    Parts(level=(0.087, -0.087), mass=0.05, plate_centre=(0.001, 0.002)),
+]
+
+
+@pytest.mark.parametrize("parts", TILTED)
+def test_on_a_tilted_base_the_balance_is_where_the_mechanism_settles(parts):
+    found = load_model(parts=parts, drawn=False)
+    settled = load_model(parts=replace(parts, joint_friction=None), drawn=False)
+    level = load_model(parts=replace(parts, level=None), drawn=False)
+    settled.body_pos[:], settled.key_qpos[:] = level.body_pos, level.key_qpos
+    settled.key_act[:] = level.key_act
+    settle(settled, mujoco.MjData(settled))
+    for axis in ("phi", "theta"):
+        shaft, servo = found.body(f"motor_{axis}").id, found.actuator(f"servo_{axis}").actadr[0]
+        moved, stood = (m.body_pos[shaft, 2] - level.body_pos[shaft, 2] for m in (found, settled))
+        assert moved == pytest.approx(stood, abs=1e-8 * 0.16)  # 1e-8 rad of the plate
+        assert found.key_act[0, servo] == pytest.approx(settled.key_act[0, servo], abs=1e-8)
+    assert np.abs(found.body_pos - level.body_pos).max() > 1e-7
+    np.testing.assert_allclose(found.key_qpos, settled.key_qpos, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("parts", [Parts(preload=5.0), Parts(torque=1.0)])
+def test_parts_that_cannot_hold_a_tilted_mechanism_level_are_refused(parts):
+    load_model(parts=parts, drawn=False)
+    with pytest.raises(ModelError, match="do not come to rest level"):
+        load_model(parts=replace(parts, level=(-0.08, 0.08)), drawn=False)
 
 
 FITTED = [

@@ -10,8 +10,7 @@ import numpy as np
 from twin.errors import ModelError
 from twin.sim.plant.level import tilted_gravity
 from twin.sim.plant.parts import Parts
-
-_AXES = ("phi", "theta")
+from twin.sim.plant.standing import AXES, balance, put_level, settle
 
 FITTED = (
     "actuator_ctrlrange",
@@ -28,9 +27,6 @@ FITTED = (
 )
 """The model fields that ``fitted`` changes, and sizes that a sphere has but does not use: all in
 which mechanisms of the same ball and plate differ."""
-
-_UNSEEN = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-"""Nobody looks while a mechanism comes to rest."""
 
 
 def fitted(
@@ -62,23 +58,25 @@ def fitted(
         friction[2] = spin
     if parts.preload is not None:
         spring = model.tendon("spring").id
-        _put_level(model, data)
+        put_level(model, data)
         length = data.ten_length[spring]
         model.tendon_lengthspring[spring] = length - parts.preload / model.tendon_stiffness[spring]
     if parts.torque is not None:
         model.actuator_forcerange[:] = -parts.torque, parts.torque
     if parts.speed is not None:
         model.actuator_ctrlrange[:] = -parts.speed, parts.speed
-    if parts.level is not None:
-        model.opt.gravity = tilted_gravity(parts.level, -model.opt.gravity[2])
     if stands is not None:
         model.body_pos[:] = stands.body_pos
         model.key_qpos[:], model.key_act[:] = stands.key_qpos, stands.key_act
     elif not parts.balanced:
-        _stand_level(model, data)
+        settle(model, data)
+    if parts.level is not None:
+        model.opt.gravity = tilted_gravity(parts.level, -model.opt.gravity[2])
+        if stands is None:
+            balance(model, data)
     if parts.joint_friction is not None:
         # last: it would keep the plate from coming to rest level
-        for axis in _AXES:
+        for axis in AXES:
             model.dof_frictionloss[model.joint(axis).dofadr[0]] = parts.joint_friction
     return model
 
@@ -138,9 +136,9 @@ def _couple(
     The engine divides both by its estimate of the inverse masses (``models/ballplate.xml``).
     """
     inertia = np.zeros((model.nv, model.nv))
-    _put_level(model, data)
+    put_level(model, data)
     mujoco.mj_fullM(model, data, inertia)
-    for axis in _AXES:
+    for axis in AXES:
         pair = model.pair(f"cam_{axis}")
         stiffness, damping = -pair.solref / _scale(before, axis)
         if parts.stiffness is not None:
@@ -156,50 +154,3 @@ def _couple(
 def _scale(model: mujoco.MjModel, axis: str) -> float:
     masses = model.body("plate").invweight0[0] + model.body(f"motor_{axis}").invweight0[0]
     return float(masses * (1 - model.pair(f"cam_{axis}").solimp[0]))
-
-
-def _put_level(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
-    mujoco.mj_forward(model, data)
-
-
-def _stand_level(
-    model: mujoco.MjModel, data: mujoco.MjData, time: float = 0.1, rounds: int = 4
-) -> None:
-    """Set the shafts' heights and the servos' set points so that all angles are 0 at rest.
-
-    Raises:
-        ModelError: If the mechanism does not come to rest level.
-    """
-    key = model.key("level")
-    damping = model.dof_damping.copy()
-    joints = [model.joint(axis) for axis in _AXES]
-    shafts = [model.joint(f"cam_{axis}") for axis in _AXES]
-    ball = model.joint("ball")
-    place, speed = ball.qposadr[0], ball.dofadr[0]
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    for joint in joints:
-        model.dof_damping[joint.dofadr[0]] = 20.0  # near critical: rests within a few periods
-    flags = model.opt.disableflags
-    model.opt.disableflags |= _UNSEEN
-    middle, turn = data.qpos[place : place + 2], data.qpos[place + 3 : place + 7]
-    slide, spin = data.qvel[speed : speed + 2], data.qvel[speed + 3 : speed + 6]
-    for _ in range(rounds):
-        _put_level(model, data)
-        for _ in range(round(time / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-            middle[:] = slide[:] = spin[:] = 0.0
-            turn[:] = upright
-        angles = data.qpos[[joint.qposadr[0] for joint in joints]]
-        key.qpos[:] = data.qpos
-        key.act[:] = data.act
-        for axis, joint, shaft, angle in zip(_AXES, joints, shafts, angles, strict=True):
-            lever = np.abs(model.geom(f"wheel_{axis}").pos[:2]).max()
-            model.body(f"motor_{axis}").pos[2] -= lever * angle
-            servo = model.actuator(f"servo_{axis}")
-            key.act[servo.actadr[0]] -= data.qpos[shaft.qposadr[0]]
-            key.qpos[[joint.qposadr[0], shaft.qposadr[0]]] = 0.0
-    model.dof_damping[:] = damping
-    model.opt.disableflags = flags
-    if not np.abs(angles).max() < 1e-5:
-        raise ModelError("mechanism: these parts do not come to rest level")

@@ -124,7 +124,7 @@ class Parts:
 
     @property
     def balanced(self) -> bool:
-        """Whether the mechanism's balance is that of the file."""
+        """Whether the mechanism's balance on a level base is that of the file."""
         other = replace(
             self,
             inertia=None,
@@ -135,5 +135,6 @@ class Parts:
             joint_friction=None,
             torque=None,
             speed=None,
+            level=None,
         )
         return other == Parts()
