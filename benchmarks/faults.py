@@ -37,7 +37,7 @@ FAULTS = (
     ),
     Fault(
         "start_slides",
-        f"{PLANT}/mechanism.py",
+        f"{PLANT}/placing.py",
         "turn = (-vy / radius, vx / radius,",
         "turn = (vy / radius, -vx / radius,",
         "plant: a ball started in motion spins backwards",

@@ -8,17 +8,16 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number
-from twin.errors import ModelError
 from twin.sim.plant.addresses import TELEMETRY, Addresses
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.kinematics import ball_in_plate, rolling_ball
+from twin.sim.plant.kinematics import ball_in_plate
 from twin.sim.plant.model import cam_ratio
 from twin.sim.plant.parts import Parts
+from twin.sim.plant.placing import BallPlacing
 from twin.sim.plant.rig_models import RigModels
 
 _MANY = 16
@@ -59,24 +58,16 @@ class Mechanism:
         friction: Friction | None = None,
         parts: Parts | Sequence[Parts] | None = None,
     ) -> None:
-        _keep_quiet()
-        if rigs < 1:
-            raise ModelError(f"rigs must be 1 or more, got {rigs}")
-        if step is not None and not 0 < step <= 0.002:
-            raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
-        one = Parts() if parts is None else parts
-        each = [one] * rigs if isinstance(one, Parts) else list(one)
-        if len(each) != rigs:
-            raise ModelError(f"{rigs} rigs cannot have {len(each)} sets of parts")
         self.rigs = rigs
         self._sensing = rigs < _MANY
-        self._models = RigModels(path, each, step, _UNUSED | (0 if self._sensing else _ISLANDS))
+        one = Parts() if parts is None else parts
+        disabled = _UNUSED | (0 if self._sensing else _ISLANDS)
+        self._models = RigModels(path, rigs, one, step, disabled)
         model = self._models.first
         self.step = float(model.opt.timestep)
         self.ratio = cam_ratio(model)
         # persistent: each rig goes on from the stages `advance` has computed, instead of again
-        self._batch = Batch(model, rigs, threads if rigs > 1 else 1, persistent=self._sensing)
-        self._models.give(self._batch)
+        self._batch = self._models.batch(threads, persistent=self._sensing)
         self._at = Addresses.of(model)
         self._live: Array = self._batch.bind("sensordata")
         self._sensed: Array = self._live
@@ -86,8 +77,7 @@ class Mechanism:
         screen = model.geom("plate")
         self._surface = float(screen.pos[2] + screen.size[2])
         self._half = screen.size[:2, None]
-        self._height = self._models.heights()
-        self._radius = self._height - self._surface
+        self._placing = BallPlacing(self._batch, self._at, self._surface, self._models.heights())
         self._contact = None if friction is None else BallContact(self._batch, friction)
         # how often friction that changes with speed or place is updated: every 2 ms
         self._stride = max(1, round(0.002 / self.step))
@@ -127,8 +117,7 @@ class Mechanism:
             ModelError: If a number is out of range.
         """
         self._models.rebuild(self._batch, rigs, parts)
-        self._height[rigs] = self._models.heights(rigs)
-        self._radius = self._height - self._surface
+        self._placing.change(rigs, self._models.heights(rigs))
         self._exchange_friction(friction)
 
     def _exchange_friction(self, friction: Friction) -> None:
@@ -146,7 +135,7 @@ class Mechanism:
         """
         batch = self._batch
         batch.reset(keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._roll(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
+        self._placing.level(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
         batch.forward()
         self._sensed = self._live
         self._look()
@@ -157,7 +146,7 @@ class Mechanism:
         """Put some rigs to the start as ``start`` does, the others as they are."""
         batch = self._batch
         batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._roll(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
+        self._placing.level(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
         batch.warning[rigs] = 0
         batch.forward(rigs)
         self._sensed = self._live
@@ -165,25 +154,9 @@ class Mechanism:
         if self._contact is not None:
             self._contact.begin(rigs, self.state)
 
-    def _roll(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number) -> None:
-        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4)."""
-        x, vx, y, vy = ball.T
-        zero, radius = np.zeros(len(ball)), self._radius[rigs]
-        self._qpos[rigs, self._at.ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
-        turn = (-vy / radius, vx / radius, zero + spin)
-        self._qvel[rigs, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
-
     def place(self, ball: Array) -> None:
         """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""
-        angles, rates = self._qpos.T[self._at.poses[:2]], self._qvel.T[self._at.rates[:2]]
-        each = np.broadcast_to(ball, (self.rigs, 4)).T
-        centre, velocity, turning = rolling_ball(angles, rates, each, self._height, self._radius)
-        pose, rate = self._at.ball_pose.start, self._at.ball_rate.start
-        self._qpos[:, pose : pose + 3] = centre
-        # upright, so that its own axes are those of the rig
-        self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
-        self._qvel[:, rate : rate + 3] = velocity
-        self._qvel[:, rate + 3 : rate + 6] = turning
+        self._placing.tilted(np.broadcast_to(ball, (self.rigs, 4)))
         if self._sensing:
             self._batch.forward(None, _VELOCITY_STAGE)
         self._look()
@@ -272,10 +245,3 @@ class Mechanism:
         Shape (N, channels). Forces and torques are those of the last physics step.
         """
         return self._sensed.take(self._at.told, axis=1)
-
-
-def _keep_quiet() -> None:
-    """Keep the engine from writing MUJOCO_LOG.TXT and lines on the terminal: ``warnings`` tells."""
-    config = mujoco.MjLogConfig.get()
-    config.logto_console = config.logto_file = False
-    config.set()

@@ -12,6 +12,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from twin.errors import ModelError
 from twin.sim.plant.level import tilted_gravity
 from twin.sim.plant.model import differing, fields_of, load_model, value_of
 from twin.sim.plant.parts import Parts
@@ -24,7 +25,8 @@ class RigModels:
 
     Args:
         path: The MJCF file; None for the packaged model.
-        parts: What differs from it, one a rig.
+        rigs: How many.
+        parts: What differs from it, one for all or one a rig.
         step: Physics step in s; None for the model's own.
         disabled: The engine's ``mjtDisableBit`` flags to set.
 
@@ -33,11 +35,23 @@ class RigModels:
     """
 
     def __init__(
-        self, path: Path | None, parts: Sequence[Parts], step: float | None, disabled: int
+        self,
+        path: Path | None,
+        rigs: int,
+        parts: Parts | Sequence[Parts],
+        step: float | None,
+        disabled: int,
     ) -> None:
+        if rigs < 1:
+            raise ModelError(f"rigs must be 1 or more, got {rigs}")
+        if step is not None and not 0 < step <= 0.002:
+            raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
+        _keep_quiet()
+        self._parts = [parts] * rigs if isinstance(parts, Parts) else list(parts)
+        if len(self._parts) != rigs:
+            raise ModelError(f"{rigs} rigs cannot have {len(self._parts)} sets of parts")
         self._path, self._step, self._disabled = path, step, disabled
-        self._parts = list(parts)
-        self._built = self._compiled(parts)
+        self._built = self._compiled(self._parts)
         self._now = self._built
         self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
         self._own: set[str] = set()
@@ -54,12 +68,20 @@ class RigModels:
         height = self.first.joint("ball").qposadr[0] + 2
         return np.array([model.key("level").qpos[height] for model in models])
 
-    def give(self, batch: Batch) -> None:
-        """Give a batch that has the first rig's model what the others have of their own."""
+    def batch(self, threads: int, *, persistent: bool) -> Batch:
+        """A batch of the rigs, with what each has of its own.
+
+        Args:
+            threads: To step on, 0 for one a processor; one rig needs only one.
+            persistent: Whether each rig goes on from the stages that are computed of it.
+        """
+        rigs = len(self._built)
+        batch = Batch(self.first, rigs, threads if rigs > 1 else 1, persistent=persistent)
         fields = differing(self._built, fields_of(self._parts))
         for name, values in fields.items():
             batch.expand(name)[:] = values
         self._own = set(fields)
+        return batch
 
     def foresee(self, parts: Sequence[Parts]) -> None:
         """Compile the models with other parts, one a rig, so that ``exchange`` takes no time.
@@ -123,3 +145,13 @@ class RigModels:
 def _at_level_of(own: Parts, other: Parts) -> Parts:
     """Other parts on a rig's own base, which may tilt without anything being exchanged."""
     return replace(other, level=own.level)
+
+
+def _keep_quiet() -> None:
+    """Keep the engine from writing MUJOCO_LOG.TXT and lines on the terminal.
+
+    A plant's ``warnings`` tell.
+    """
+    config = mujoco.MjLogConfig.get()
+    config.logto_console = config.logto_file = False
+    config.set()
