@@ -37,7 +37,8 @@ from ballplate.running import run
 from ballplate.signals import Signals
 from ballplate.stepping import Rig, rig
 from ballplate.studies import StudyResult, study
-from ballplate.sweeping import Sweep, sweep
+from ballplate.sweeping import sweep
+from ballplate.swept import Sweep
 from twin.errors import TwinError
 
 if TYPE_CHECKING:

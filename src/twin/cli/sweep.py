@@ -14,7 +14,7 @@ from twin.cli.terminal import Terminal
 from twin.shipped import find
 
 if TYPE_CHECKING:
-    from ballplate.sweeping import Sweep
+    from ballplate.swept import Sweep
 
 
 @click.command()
@@ -73,7 +73,7 @@ def _show(done: Sweep) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from ballplate.sweeping import named
+    from ballplate.swept import named
     from twin.report.numbers import FIRST, LABELS, shown
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
