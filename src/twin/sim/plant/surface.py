@@ -103,6 +103,8 @@ class SurfaceMap:
         lines = [max(2, round(side / patch) + 1) for side in SCREEN]
         rng = np.random.default_rng(seed)
         relative = np.exp(spread * rng.standard_normal(lines) - spread**2 / 2)
+        if slope == 0:
+            return cls(relative=relative)
         waves = cls(height=rng.standard_normal(lines))
         scale = slope / np.sqrt((waves._grids[..., 1:] ** 2).mean())
         assert waves.height is not None
@@ -123,8 +125,10 @@ class SurfaceMap:
             raise ModelError("plant.surface: the rigs of a batch need grids of one size")
         even, level = np.ones(shape), np.zeros(shape)
 
-        def grid(name: str, otherwise: Array) -> Array:
-            found = (getattr(each, name) if each is not None else None for each in maps)
+        def grid(name: str, otherwise: Array) -> Array | None:
+            found = [getattr(each, name) if each is not None else None for each in maps]
+            if all(one is None for one in found):
+                return None
             return np.stack([otherwise if one is None else np.asarray(one) for one in found])
 
         return cls(relative=grid("relative", even), height=grid("height", level))
