@@ -80,7 +80,7 @@ class Page:
             (f"border:2px dashed {CLEAN}", "the clean model's ball"),
             ("border:2px solid #d55e00", "goal: drag it, or click"),
             ("background:#333;transform:scale(.5)", "where the ball shall be now"),
-            ("background:#7a4fa3;border-radius:0;height:.25rem", "downhill (30 mm a degree)"),
+            ("background:#37474f;border-radius:0;height:.25rem", "downhill (30 mm a degree)"),
         )
         with ui.row().style("gap:1.1rem;font-size:.85rem;color:#37424a"):
             for style, text in marks:

@@ -28,7 +28,7 @@ export default {
       </g>
       <polyline ref="ghostTrail" fill="none" stroke="#009e73" stroke-width="1.5" stroke-dasharray="4 4" opacity="0.7"/>
       <polyline ref="trail" fill="none" stroke="#0072b2" stroke-width="2" opacity="0.6"/>
-      <line ref="tilt" stroke="#7a4fa3" stroke-width="3" marker-end="url(#tip)"/>
+      <line ref="tilt" stroke="#37474f" stroke-width="3" marker-end="url(#tip)"/>
       <circle ref="ghost" r="20" fill="none" stroke="#009e73" stroke-width="2.5" stroke-dasharray="6 4"/>
       <circle ref="ball" r="20" fill="#0072b2" fill-opacity="0.85" stroke="#004b78" stroke-width="2" style="cursor:grab"/>
       <circle ref="desired" r="4" fill="#333"/>
