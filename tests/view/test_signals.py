@@ -59,7 +59,7 @@ def test_of_several_runs_the_error_is_as_high_as_the_distance():
 def test_titles_say_in_words_which_line_is_which():
     position = {"ball": Signal(np.zeros(2), BLUE), "estimate": Signal(np.zeros(2), ORANGE)}
     position["reference"] = Signal(np.zeros(2), BLACK)
-    assert explained([position], ["run"]) == "ball blue, estimate orange, reference white"
+    assert explained([position], ["run"]) == "ball blue, estimate gold, reference white"
     assert explained([ANGLE], ["run"]) == "phi blue, limit pink"
     two = {"phi": ANGLE["phi"], "theta": ANGLE["phi"]}
     assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr red, theta lighter"

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from twin.cli import ballplate
 from twin.errors import TwinError
+from twin.report.html import html
 from twin.run import execute
 from twin.run.export import export
 from twin.run.replay import open_run, open_runs
@@ -185,11 +186,14 @@ def test_the_command_writes_a_picture_and_a_run_folder_for_each_future(run, tmp_
     assert b64encode((out / "picture.png").read_bytes()).decode() in text
     assert level in text
     shown = {each.name: each for each in open_runs((out,))}
-    assert set(shown) == {"branch-1", "branch-2", "recorded"}
-    assert shown["branch-2"].rows["time"][0] == pytest.approx(AT)
+    changed = "plant.level_deg=1.0,0.0-observer=kalman"
+    assert set(shown) == {"unchanged", changed, "recorded"}
+    assert shown[changed].rows["time"][0] == pytest.approx(AT)
+    assert "What if: " in html(list(shown.values()))
     assert shown["recorded"].rows["time"][-1] >= AT + 0.5
-    again = invoke(out / "branch-1", "--at", AT + 0.1)
-    assert again.exit_code != 0
+    assert invoke(out / "unchanged", "--at", AT + 0.1).exit_code != 0
+    assert invoke(run, "--at", AT, "--for", 0.1, "--out", out).exit_code == 0
+    assert {each.name for each in open_runs((out,))} == {"unchanged", "recorded"}
 
 
 def test_a_page_says_when_a_future_is_not_to_be_trusted(run):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.filesize import decimal
 from rich.markup import escape
 
 from ballplate.studies import carried_out, work_of
@@ -104,7 +105,7 @@ def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None
     console.print(
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
         f"batches take about {duration(left * each / processes)} on {processes} processors "
-        f"({each:.2f} s per run, measured here on one) and {left * BYTES / 1e6:.2f} MB on disk"
+        f"({each:.2f} s per run, measured here on one) and {decimal(left * BYTES)} on disk"
     )
     return 0
 

@@ -66,10 +66,10 @@ def view(
     RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
     there is none.
     """
-    from twin.view.live import address, reach
+    opened = open_all(runs, rigs, against, overrides)
+    from twin.view.live import address, reach  # heavy: after a wrong name was told
     from twin.view.recording import forward, screenshot, write
 
-    opened = open_all(runs, rigs, against, overrides)
     if connect is not None:
         forward(reach(address(connect)), opened, layout)
         console.print(f"sent to {connect}")

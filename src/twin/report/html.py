@@ -22,10 +22,9 @@ def html(runs: Sequence[Replay]) -> str:
     settings = [dict(_flat(run.scenario.model_dump(mode="json"))) for run in runs]
     keys = list(dict.fromkeys(key for each in settings for key in each))
     values = {key: [each.get(key, "-") for each in settings] for key in keys}
-    title = runs[0].scenario.title if len(runs) == 1 else f"Comparison of {len(runs)} runs"
     return render(
         "report/report.html.j2",
-        title=title,
+        title=_title(runs),
         runs=[
             {
                 "name": run.name,
@@ -43,6 +42,16 @@ def html(runs: Sequence[Replay]) -> str:
         differing=[(key, each) for key, each in values.items() if len(set(each)) > 1],
         settings=list(settings[0].items()),
     )
+
+
+def _title(runs: Sequence[Replay]) -> str:
+    """One run's own, that of a what-if, or how many are compared."""
+    if len(runs) == 1:
+        return runs[0].scenario.title
+    moments = {(run.branch.get("of"), run.branch.get("at")) for run in runs}
+    if len(moments) == 1 and all(run.branch for run in runs):
+        return f"What if: {runs[0].branch['of']} from {runs[0].branch['at']:g} s on"
+    return f"Comparison of {len(runs)} runs"
 
 
 def _timing(ledger: Mapping[str, Any]) -> list[tuple[str, ...]]:

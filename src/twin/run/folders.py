@@ -85,26 +85,36 @@ def last(root: Path = ROOT) -> Path:
 
 
 def forget(folder: Path) -> str:
-    """Remove the runs of the comparison that a folder holds, so that none of them stays behind.
-
-    Only what the comparison wrote is removed.
+    """Remove the runs of the comparison that a folder holds.
 
     Returns:
         What a new one replaces, in words; empty if there is none.
     """
-    listed = folder / MANIFEST
+    count = forget_listed(folder, MANIFEST)
+    return f" (replaced a comparison of {count} runs)" if count else ""
+
+
+def forget_listed(folder: Path, manifest: str) -> int:
+    """Remove the runs that a file of their folder lists, so that none of them stays behind.
+
+    Only what those runs consist of, and the list, is removed.
+
+    Returns:
+        How many there were.
+    """
+    listed = folder / manifest
     try:
         names = parse_json(listed.read_bytes())["folders"]
         inner = [folder / Path(str(name)).name for name in names]
     except (OSError, DataError, KeyError, TypeError):
-        return ""
+        return 0
     for run in inner:
         for name in FILES:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
     listed.unlink()
-    return f" (replaced a comparison of {len(inner)} runs)"
+    return len(inner)
 
 
 def is_last(path: Path) -> bool:

@@ -8,7 +8,7 @@ from typing import Literal
 import rerun.blueprint as rrb
 
 from twin.hal.interface import SCREEN
-from twin.view.signals import GROUPS
+from twin.view.signals import GROUPS, ORANGE, WORDS
 
 Layout = Literal["showing", "tuning"]
 LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
@@ -157,7 +157,7 @@ def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{roots[0]}/plate_mm" if len(roots) == 1 else "/",
         contents=[f"+ {root}/plate_mm/**" for root in roots],
-        name=f"from above [mm]: {ball}, reference white, estimate orange, measured grey",
+        name=f"from above [mm]: {ball}, reference white, estimate {WORDS[ORANGE]}, touch grey",
         background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
     )

@@ -27,10 +27,10 @@ BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = (
 )
 WORDS = {
     BLUE: "blue",
-    VERMILION: "red",
+    VERMILION: "orange",
     GREEN: "green",
     PINK: "pink",
-    ORANGE: "orange",
+    ORANGE: "gold",
     SKY: "light blue",
     GREY: "grey",
     BLACK: "white",

@@ -14,15 +14,16 @@ from twin.settings import changed
 from twin.sim.plant.model import load_model
 from twin.sim.plant.parts import Parts
 from twin.view.scene import Scene
-from twin.view.signals import BLACK, GREY, PINK, VERMILION
+from twin.view.signals import BLACK, GREY, PINK, VERMILION, WORDS
 from twin.view.streams import Batch
 from twin.view.top_view import in_view
 
 GHOST = (204, 121, 167, 150)
 """Colour of the twin's ball, half transparent."""
 TWIN_WORDS = {
-    "twin_score": "replay error over predicted spread red, 1 as predicted white",
-    "twin_error_mm": "distance of the ball from its twin grey, 95 % band pink",
+    "twin_score": f"replay error over predicted spread {WORDS[VERMILION]}, "
+    f"1 as predicted {WORDS[BLACK]}",
+    "twin_error_mm": f"distance of the ball from its twin {WORDS[GREY]}, 95 % band {WORDS[PINK]}",
 }
 """Group of the plots of the twin, and which line has which colour."""
 

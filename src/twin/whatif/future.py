@@ -12,6 +12,7 @@ from controllers.interfaces import Measurement
 from twin.run.assemble import assemble
 from twin.run.execute import record_run
 from twin.run.finished import Run
+from twin.run.folders import short_key, slug
 from twin.run.loop import drive
 from twin.run.metrics import Motion, measure
 from twin.run.record import Recorder
@@ -39,6 +40,12 @@ class Future:
     def label(self) -> str:
         """What it is called in pictures and tables."""
         return ", ".join(self.settings) or "unchanged"
+
+    @property
+    def name(self) -> str:
+        """The label in its shortest form, as the name of its folder."""
+        pairs = (text.partition("=") for text in self.settings)
+        return slug("-".join(f"{short_key(key)}={value}" for key, _, value in pairs) or self.label)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

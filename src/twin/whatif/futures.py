@@ -13,7 +13,7 @@ from twin.errors import RecordError
 from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
-from twin.run.folders import record_of
+from twin.run.folders import forget_listed, free, record_of
 from twin.run.metrics import Motion
 from twin.run.replay import Replay, open_run
 from twin.scenario.load import load
@@ -28,6 +28,8 @@ from twin.writing import write_json, write_whole
 
 SHOWN_BEFORE = 2.0
 """Time in s before the moment that the picture shows."""
+SUMMARY = "whatif.json"
+"""File of a what-if's folder: what ``--json`` prints, and the folders of its branches."""
 SEPARATOR = ";"
 """Between the settings of one branch."""
 
@@ -141,13 +143,15 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     area = moment.scenario.rig.limits.area
     title = f"What if: {moment.name} from {moment.at:g} s on"
     picture = beside.begin(drawn, shown(moment, found), title, area)
-    for stale in folder.glob("branch-*/run.parquet"):
-        stale.unlink()
-    for number, each in enumerate(found, start=1):
-        save(each, moment, folder / f"branch-{number}")
+    forget_listed(folder, SUMMARY)
+    folders = []
+    for each in found:
+        folders.append(free(folder / each.name))
+        save(each, moment, folders[-1])
     end = max(each.run.record.end for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
-    write_json(folder / "whatif.json", summary(moment, found))
+    kept = {"folders": [own.name for own in folders]}
+    write_json(folder / SUMMARY, summary(moment, found) | kept)
     drawing = picture()
     write_whole(folder / "picture.png", lambda path: path.write_bytes(drawing))
     text = page(moment, found, drawing)
