@@ -40,6 +40,11 @@ def some(values: Mask | Array) -> bool:
     return any(values.ravel().tolist())
 
 
+def finite(values: Array) -> bool:
+    """Whether all values are finite; of one rig faster than to ask numpy of each."""
+    return all(map(math.isfinite, values.ravel().tolist()))
+
+
 def put(array: Array, rigs: NDArray[np.integer], values: Number) -> Array:
     """A copy of an array of N rigs with the values of some of them, shape (k, ...), put in."""
     changed: Array = array.copy()
@@ -61,7 +66,11 @@ class Arithmetic(NamedTuple):
 
 
 NUMBERS = Arithmetic(
-    math.sqrt, lambda condition, this, other: this if condition else other, bool, min, max
+    math.sqrt,
+    lambda condition, this, other: this if condition else other,
+    bool,
+    lambda this, other: other if other < this else this,
+    lambda this, other: other if other > this else this,
 )
 """Of plain numbers, several times faster than numpy's for one rig."""
 ARRAYS = Arithmetic(np.sqrt, np.where, np.any, np.minimum, np.maximum)

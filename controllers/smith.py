@@ -77,7 +77,8 @@ class Smith(Observer):
         """Take in plate angles of now and a ball position of a dead time ago."""
         ball = self.x[..., BALL]
         slot = self._tick % self._length
-        self._past[slot] = ball
+        if not self._whole:  # else nobody looks at it before it is known better
+            self._past[slot] = ball
         y = measurement.y.copy()
         position = y[..., 0::2]
         touched = measurement.touched

@@ -125,17 +125,16 @@ class Rig:
         believed = np.nan if estimate is None else np.asarray(estimate, float)
         requested = (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
-        self._record.append(
-            now.time,
-            measured=now.y,
-            age=now.age,
-            touched=now.touched,
-            estimate=np.broadcast_to(believed, (count, 8)),
-            requested=requested,
-            applied=(self.applied - before) / self.period,
-            supervisor=self._rig.supervisor.state,
-            **self._rig.telemetry(),
-        )
+        channels = {
+            "measured": now.y,
+            "age": now.age,
+            "touched": now.touched,
+            "estimate": np.broadcast_to(believed, (count, 8)),
+            "requested": requested,
+            "applied": (self.applied - before) / self.period,
+            "supervisor": self._rig.supervisor.state,
+        }
+        self._record.append(now.time, channels | self._rig.telemetry())
         self._rig.wait()
         self.measurement = self._rig.read()
         self._over = self._monitor.watch(self.measurement)

@@ -18,9 +18,11 @@ def filled(rigs=1):
     for tick in range(3):
         record.append(
             0.002 * tick,
-            state=np.full((rigs, 8), tick) + np.arange(rigs)[:, None] / 10,
-            age=np.full(rigs, tick / 10),
-            plant=np.full((rigs, 1), 1.5),
+            {
+                "state": np.full((rigs, 8), tick) + np.arange(rigs)[:, None] / 10,
+                "age": np.full(rigs, tick / 10),
+                "plant": np.full((rigs, 1), 1.5),
+            },
         )
     return record
 
@@ -77,6 +79,6 @@ def test_a_record_of_an_earlier_version_has_todays_columns(tmp_path, scenario):
 def test_a_thinned_record_keeps_the_largest_effort_since_the_instant_before():
     record = Recorder(6, 1, 0.002, every=3)
     for tick, effort in enumerate((1.0, 2.0, -5.0, 3.0, 0.5, 0.1)):
-        record.append(0.002 * tick, applied=np.full((1, 2), effort))
+        record.append(0.002 * tick, {"applied": np.full((1, 2), effort)})
     assert record.time == pytest.approx([0.0, 0.006])
     assert record["applied"][:, 0, 0].tolist() == [1.0, -5.0]

@@ -88,7 +88,10 @@ class CamTable:
         """Motor angles in rad for plate angles in rad, both (..., 2) in the order phi, theta."""
         if plate.size == 2:  # the same in plain numbers: several times faster for one rig
             grid, cells = self._lists
-            phi, theta = [min(max(a, grid[0]), grid[-1]) for a in plate.ravel().tolist()]
+            first, last = grid[0], grid[-1]
+            phi, theta = [
+                first if a < first else last if a > last else a for a in plate.ravel().tolist()
+            ]
             i, j = [min(bisect_right(grid, a), len(grid) - 1) - 1 for a in (phi, theta)]
             angles = _bicubic(cells[i][j], phi - grid[i], theta - grid[j])
             return np.array(angles).reshape(plate.shape)

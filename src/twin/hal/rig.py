@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, constant, put
+from controllers.arrays import Array, Mask, constant, put, some
 from controllers.interfaces import Measurement
 from twin.hal.faults import FaultSource
 from twin.hal.interface import Clock, Servos, TouchScreen, Transmission
@@ -199,6 +199,11 @@ class Rig:
     def fallen(self) -> Mask:
         """Whether a ball is known to have left the plate, shape (N,); a real rig cannot know."""
         return np.zeros(len(self.supervisor.state), bool)
+
+    @property
+    def any_fallen(self) -> bool:
+        """Whether any ball is known to have left the plate."""
+        return some(self.fallen)
 
     @property
     def diverged(self) -> Mask:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, column, constant, every, put, some
+from controllers.arrays import Array, Mask, column, constant, every, finite, put, some
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Clamp, Limits
 from twin.hal.states import TRANSITIONS, Event, State
@@ -183,7 +183,7 @@ class Supervisor:
         The result keeps within rate and acceleration limits, and within what can still be braked
         before the angle limit; in a fault it is zero at once.
         """
-        if not every(np.isfinite(rate)):
+        if not finite(rate):
             bad = np.asarray(~np.isfinite(rate).all(axis=-1))
             self._judge(BAD_REQUEST, bad, rate, "controller asked for ({}, {}) rad/s")
             rate = np.where(bad[:, None], 0.0, rate)

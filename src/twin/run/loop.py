@@ -9,7 +9,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import some
 from controllers.interfaces import Measurement
 from controllers.stack import Controller
 from twin.hal.rig import Rig
@@ -68,10 +67,9 @@ class RunMonitor:
 
     def watch(self, measurement: Measurement) -> bool:
         """Take in a new period; return whether every rig has ended."""
-        fallen = self._rig.fallen
-        if self._rig.supervisor.all_running and not some(fallen):
+        if self._rig.supervisor.all_running and not self._rig.any_fallen:
             return False
-        self._note(measurement.time, fallen)
+        self._note(measurement.time, self._rig.fallen)
         return len(self.outcomes) == self._rigs
 
     def examine(self, time: float) -> bool:
@@ -162,18 +160,18 @@ def drive(
                     keep(tick, measurement)
                 step = controller.command(measurement)
                 applied = controller.applied(rig.write(step.rate))
-                recorder.append(
-                    measurement.time,
-                    measured=measurement.y,
-                    age=measurement.age,
-                    touched=measurement.touched,
-                    estimate=step.estimate,
-                    requested=step.acceleration,
-                    applied=applied,
-                    supervisor=rig.supervisor.state,
-                    **({"further": step.further} if recorder.further else {}),
-                    **rig.telemetry(),
-                )
+                channels = {
+                    "measured": measurement.y,
+                    "age": measurement.age,
+                    "touched": measurement.touched,
+                    "estimate": step.estimate,
+                    "requested": step.acceleration,
+                    "applied": applied,
+                    "supervisor": rig.supervisor.state,
+                }
+                if recorder.further:
+                    channels["further"] = step.further
+                recorder.append(measurement.time, channels | rig.telemetry())
                 rig.wait()
                 measurement = rig.read()
                 if monitor.watch(measurement):

@@ -83,12 +83,17 @@ class Recorder:
         self._tick = 0
         self._peak: Array | None = None
 
-    def append(self, time: float, **channels: NDArray[Any]) -> None:
-        """Add the control period that began at a time in s; always the same channels."""
+    def append(self, time: float, channels: Mapping[str, NDArray[Any]]) -> None:
+        """Add the control period that began at a time in s; always the same channels.
+
+        Args:
+            time: In s.
+            channels: Name to values, shape (N,) or (N, columns).
+        """
         for observe in self.observers:
             observe(time, channels)
         if self.every > 1:
-            channels["applied"] = self._largest(channels["applied"])
+            channels = {**channels, "applied": self._largest(channels["applied"])}
             self._tick += 1
             if (self._tick - 1) % self.every:
                 return

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controllers.arrays import Array, Mask, put
+from controllers.arrays import Array, Mask, every, put
 from twin.hal.interface import Touch, Transmission
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
@@ -199,6 +199,11 @@ class SimulatedRig(Rig):
     def fallen(self) -> Mask:
         """Whether a ball has left the plate, shape (N,)."""
         return ~self.devices.on_plate
+
+    @property
+    def any_fallen(self) -> bool:
+        """Whether any ball has left the plate."""
+        return not every(self.devices.on_plate)
 
     @property
     def diverged(self) -> Mask:

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, Number
+from controllers.arrays import Array, Mask, Number, constant
+from twin.errors import ModelError
 from twin.sim.plant.addresses import TELEMETRY, Addresses
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
@@ -28,6 +29,8 @@ _UNUSED = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 
 _ISLANDS = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
 """Solving ball and plate apart, which they seldom are; without it rounding differs."""
+
+_NOTHING = constant(0.0)
 
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -226,7 +229,7 @@ class Mechanism:
     @property
     def on_plate(self) -> Mask:
         """Whether the ball's centre is over the screen and not below its surface, shape (N,)."""
-        return self._sensed[:, self._at.over] > 0 if self._sensing else self._inside
+        return self._sensed[:, self._at.over] > _NOTHING if self._sensing else self._inside
 
     @property
     def warnings(self) -> NDArray[np.integer]:
