@@ -62,8 +62,8 @@ FAULTS = (
     Fault(
         "last_stage_of_rk4",
         f"{PLANT}/exact.py",
-        "self._acceleration(end, x + h * vx3",
-        "self._acceleration(middle, x + h * vx3",
+        "acceleration(end, x + h * vx3",
+        "acceleration(middle, x + h * vx3",
         "plant: the last stage of RK4 looks at the middle of the step",
         ("sim/test_exact_plant.py",),
     ),

@@ -159,7 +159,9 @@ class ExactPlant:
             x, vx, y, vy = self._step((x, vx, y, vy), *equations[i : i + 3])
         (phi, theta), (phi_rate, theta_rate) = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
-        self._fallen |= (abs(x) > EDGES[0]) | (abs(y) > EDGES[1])
+        off = (abs(x) > EDGES[0]) | (abs(y) > EDGES[1])
+        if self._by.any(off):
+            self._fallen |= off
 
     @property
     def state(self) -> Array:
@@ -191,7 +193,9 @@ class ExactPlant:
 
     def _state(self, *components: Any) -> Array:
         """The reverse for a state, shape (N, 8)."""
-        return np.array(components).reshape(8, self.rigs).T.copy()
+        if self._single:
+            return np.array([components])
+        return np.array(components).T.copy()
 
     def _along(self, plate: Any, times: list[float]) -> list[Rolling]:
         """The ball's equations at each time of the plate's (angles, rates, accelerations)."""
@@ -210,13 +214,14 @@ class ExactPlant:
         h, half = self.step, self.step / 2
         x, vx, y, vy = ball
         self._bend_on(ball, half)
-        ax, ay = self._acceleration(begin, x, vx, y, vy)
+        acceleration = self._free if self.friction is None else self._resisted
+        ax, ay = acceleration(begin, x, vx, y, vy)
         vx2, vy2 = vx + half * ax, vy + half * ay
-        ax2, ay2 = self._acceleration(middle, x + half * vx, vx2, y + half * vy, vy2)
+        ax2, ay2 = acceleration(middle, x + half * vx, vx2, y + half * vy, vy2)
         vx3, vy3 = vx + half * ax2, vy + half * ay2
-        ax3, ay3 = self._acceleration(middle, x + half * vx2, vx3, y + half * vy2, vy3)
+        ax3, ay3 = acceleration(middle, x + half * vx2, vx3, y + half * vy2, vy3)
         vx4, vy4 = vx + h * ax3, vy + h * ay3
-        ax4, ay4 = self._acceleration(end, x + h * vx3, vx4, y + h * vy3, vy4)
+        ax4, ay4 = acceleration(end, x + h * vx3, vx4, y + h * vy3, vy4)
         after_x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4)
         after_y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4)
         after_vx = vx + h / 6 * (ax + 2 * (ax2 + ax3) + ax4)
@@ -230,11 +235,10 @@ class ExactPlant:
                 self._age = self.friction.aged(self._age, speed, h)
         return after_x, after_vx, after_y, after_vy
 
-    def _acceleration(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
-        """Acceleration of the ball with resistance, if there is any."""
+    def _resisted(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
+        """Acceleration of the ball with resistance."""
+        assert self.friction is not None
         ax, ay = self._free(at, x, vx, y, vy)
-        if self.friction is None:
-            return ax, ay
         limit = self._limit(at, x, vx, y, vy)
         stiff = resisted(limit, (vx, vy), (ax, ay), self._by)
         if not self._bending:
