@@ -16,7 +16,8 @@ import argparse
 import cProfile
 import pstats
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -33,6 +34,15 @@ from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedDevices
 
 PERIOD, STEPS = 0.002, 2
+
+
+PARTS = {
+    "law, observer, predictor": ("controller.command", "controller.applied"),
+    "record": ("record.append", "rig.telemetry"),
+    "sensors, watching the limits": ("rig.read",),
+    "limits of the command, cams": ("rig.write",),
+}
+"""What a control period is made of beside physics, and the calls that do it."""
 
 
 class Benchmark:
@@ -54,13 +64,22 @@ class Benchmark:
         """The same on the exact equations, as every run does for comparison."""
         return self._closed(clean(load("circle", [f"duration={self.seconds}", "metrics.start=0"])))
 
-    def _closed(self, scenario: Scenario) -> float:
+    def without(self, count: int) -> float:
+        """The closed loop with so many of the ``PARTS`` costing nothing: what is left of it."""
+        scenario = load("circle", [f"duration={self.seconds}", "metrics.start=0"])
+        return self._closed(
+            scenario, [name for part in list(PARTS)[:count] for name in PARTS[part]]
+        )
+
+    def _closed(self, scenario: Scenario, free: Sequence[str] = ()) -> float:
         rig, controller = assemble(
             [scenario.model_copy(update={"seed": seed}) for seed in range(self.rigs)]
         )
         if not self.commands:
             self._keep_commands(rig.devices)
         record = Recorder(self.ticks, self.rigs, PERIOD, rig.channels)
+        for owner, name in (each.split(".") for each in free):
+            _set_free({"rig": rig, "controller": controller, "record": record}[owner], name)
         begin = time.process_time()
         drive(rig, controller, self.seconds, record)
         return time.process_time() - begin
@@ -97,6 +116,33 @@ class Benchmark:
         return time.process_time() - begin
 
 
+def _set_free(owner: object, name: str) -> None:
+    """Let a method do its work once and from then on only give that result again."""
+    work, found = getattr(owner, name), []
+
+    def again(*given: object) -> object:
+        if not found:
+            found.append(work(*given))
+        return found[0]
+
+    setattr(owner, name, again)
+
+
+def parts(one: Benchmark, rounds: int) -> None:
+    """Print what each part costs: the difference when it, after those before it, is free."""
+    counts = range(len(PARTS) + 1)
+    jobs = [one.bare, *(partial(one.without, count) for count in counts)]
+    bare, *left = (1e6 * seconds / one.steps for seconds in alternated(rounds, *jobs)["least"])
+    print(f"whole closed loop: {left[0]:.1f} us a control period, {left[0] / bare:.2f} times bare")
+    for name, before, after in zip(PARTS, left, left[1:], strict=False):
+        print(
+            f"  {name}: {before - after:.1f} us; without it {after:.1f}, {after / bare:.2f} times"
+        )
+    print(
+        f"  two physics steps with sensors, between all this: {left[-1]:.1f} us; bare {bare:.1f} us"
+    )
+
+
 def alternated(rounds: int, *jobs: Callable[[], float]) -> dict[str, list[float]]:
     """Seconds of each job over alternating rounds: the least, and the median."""
     times = np.array([[job() for job in jobs] for _ in range(rounds)])
@@ -108,8 +154,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--profile", action="store_true", help="show where one rig's time goes")
+    parser.add_argument("--parts", action="store_true", help="show what each part of it costs")
     options = parser.parse_args()
     one = Benchmark(1, 1.0)
+    if options.parts:
+        parts(one, options.rounds)
+        return
     for kind, times in alternated(options.rounds, one.bare, one.closed, one.clean).items():
         bare, loop, exact = (1e6 * seconds / one.steps for seconds in times)
         print(

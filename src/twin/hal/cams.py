@@ -92,7 +92,7 @@ class CamTable:
             phi, theta = [
                 first if a < first else last if a > last else a for a in plate.ravel().tolist()
             ]
-            i, j = [min(bisect_right(grid, a), len(grid) - 1) - 1 for a in (phi, theta)]
+            i, j = [bisect_right(grid, a, 1, len(grid) - 1) - 1 for a in (phi, theta)]
             angles = _bicubic(cells[i][j], phi - grid[i], theta - grid[j])
             return np.array(angles).reshape(plate.shape)
         inside = np.minimum(np.maximum(plate, self.grid[0]), self.grid[-1])
