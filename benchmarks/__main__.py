@@ -36,6 +36,20 @@ depends on:
   imports, which takes several times as long.
 - **the versions of mujoco and numpy**, told below.
 
+The closed loop's goal of 4.2 times bare `mj_step` is missed, and for one rig in Python it stays
+out of reach without other rounding. `uv run python -m benchmarks.closed_loop --parts` tells what
+each part costs. Two physics steps whose sensors are brought up to date take about half as long
+again as two bare ones, for what is calculated between them has driven their numbers out of the
+processor's nearest cache; the rest is some hundred calls of numpy on two to eight numbers each.
+With law, observer and predictor costing nothing the loop would still be near 4 times bare physics.
+What is left to save would change last digits of every record (matrix products of one rig by plain
+numbers, or of states without an axis for rigs), or need compiled code.
+
+Of `run circle` about half is the two loops. The rest is nearly all imports: of scipy for the
+observer's design, in both processes, and for the cams; of matplotlib. The design could be handed
+from one process to the other, and the cams' pieces be calculated without scipy, but both change
+last digits: products of matrices round differently where they lie differently in memory.
+
 Runs per hour of an earlier commit need a checkout of it; without one that row is missing:
 
     git worktree add ../before 95b7a20 && (cd ../before && uv sync)

@@ -151,3 +151,12 @@ def test_a_reference_outside_the_operating_area_is_refused(scenario):
 def test_a_controller_that_refuses_its_settings_is_one_line(scenario):
     with pytest.raises(ScenarioError, match="controller: rho"):
         run(scenario("controller.rho=-1"))
+
+
+def test_one_ball_off_its_plate_is_told_of_all_rigs(scenario):
+    rig, _ = assemble([scenario("plant.kind=lagrange")] * 2)
+    assert not rig.any_fallen
+    rig.devices.plant.start(np.array([[0.0] * 4, [0.4, 0.0, 0.0, 0.0]]))
+    rig.wait()
+    assert rig.any_fallen
+    assert rig.fallen.tolist() == [False, True]
