@@ -86,7 +86,7 @@ class Minimum:
 
 
 def fit_starts(
-    problem: Problem, theta: Array, starts: Array, step_limit: int, tolerance: float | None = None
+    problem: Problem, theta: Array, starts: Array, step_limit: int
 ) -> tuple[Array, Linearisation]:
     """The inner problem: the best starts for fixed parameters, every window for itself.
 
@@ -95,8 +95,6 @@ def fit_starts(
         theta: Parameters, shape (C, P).
         starts: First guess, shape (4, C, W).
         step_limit: Damped Gauss-Newton steps.
-        tolerance: Decrease of every window's misfit, in noise variances, below which no further
-            step is taken; None for taking all of them.
 
     Returns:
         The starts, and the residuals there.
@@ -107,13 +105,10 @@ def fit_starts(
     for _ in range(step_limit):
         moved = starts - current.start_step(damping)
         trial = problem.linearise(theta, moved, slopes=False)
-        before, reached = misfit, problem.misfit(trial.r)
-        better = reached < before
+        better = problem.misfit(trial.r) < misfit
         starts = np.where(better, moved, starts)
         current = trial.where(better, current)
         misfit = problem.misfit(current.r)
-        if tolerance is not None and (np.abs(before - reached) < tolerance).all():
-            break
         damping = np.where(better, damping / 3, damping * 30)
     return starts, current
 

@@ -43,6 +43,10 @@ class Linearisation:
             parts.append(np.where(mask, new, before))
         return Linearisation(*parts)
 
+    def take(self, which: Mask) -> Linearisation:
+        """That of some of the windows."""
+        return Linearisation(self.r[:, which], self.by_start[:, which], self.by_parameter[:, which])
+
     def start_step(self, damping: Array) -> Array:
         """The damped Gauss-Newton step of the starts alone, shape (4, C, W).
 
@@ -125,7 +129,7 @@ class Problem:
         The candidates and all their finite differences are replayed in one batch.
 
         Args:
-            theta: Parameters, shape (C, P).
+            theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
             starts: x, y, x', y' at the beginning of each window, shape (4, C, W).
             slopes: Whether the slopes by the parameters are computed.
         """
@@ -141,9 +145,9 @@ class Problem:
             if about.difference == 0:
                 continue
             up, down = theta.copy(), theta.copy()
-            up[:, k] = np.minimum(up[:, k] + about.difference, about.most)
-            down[:, k] = np.maximum(down[:, k] - about.difference, about.least)
-            shifted.append((k, (up - down)[:, k]))
+            up[..., k] = np.minimum(up[..., k] + about.difference, about.most)
+            down[..., k] = np.maximum(down[..., k] - about.difference, about.least)
+            shifted.append((k, (up - down)[..., k].reshape(count, -1, 1)))
             batch += [(up, starts), (down, starts)]
         every = np.concatenate([each[0] for each in batch])
         places, speeds = self.replayed(every, np.concatenate([each[1] for each in batch], axis=1))
@@ -157,7 +161,7 @@ class Problem:
         by_start[:, windows.resting, :, 2:] = 0.0  # a resting ball has no speed to be fitted
         by_parameter = np.zeros((*shape[1:], len(self.names) if slopes else 0))
         for j, (k, step) in enumerate(shifted):
-            by_parameter[..., k] = (scaled[5 + 2 * j] - scaled[6 + 2 * j]) / step[:, None, None]
+            by_parameter[..., k] = (scaled[5 + 2 * j] - scaled[6 + 2 * j]) / step
         if slopes and "delay" in self.names:
             by_delay = (-rate[:count] * windows.weight).reshape(shape[1:])
             by_parameter[..., self.names.index("delay")] = by_delay

@@ -103,30 +103,44 @@ def replay(
     age = friction.settled(speed) if friction.ageing else None
     per_arm = (model.c1 / model.radius) * field.normal
     grip = max(grip, h)
+    # arrays that are written again in every step: making them anew would cost as much as the sums
+    a, later, pull, spare = np.empty((4, *p.shape))
 
-    def free(n: int, p: Array, v: Array) -> Array:
-        total: Array = field.own[n] * p
-        total += gain * field.push[n]
-        total += field.cross[n] * p[::-1]
-        total += field.turn[n] * v[::-1]
-        total += gain * (field.tilt[n] * level)
-        return total
+    def forced(n: int) -> tuple[Array, Array]:
+        return gain * field.push[n], gain * (field.tilt[n] * level)
+
+    def free(n: int, p: Array, v: Array, by: tuple[Array, Array], out: Array) -> Array:
+        np.multiply(field.own[n], p, out=out)
+        out += by[0]
+        out += np.multiply(field.cross[n], p[::-1], out=spare)
+        out += np.multiply(field.turn[n], v[::-1], out=spare)
+        out += by[1]
+        return out
+
+    def slowed(v: Array, most: Array) -> Array:
+        taken = np.minimum(1.0, most / strength)
+        np.subtract(a, np.multiply(pull, taken, out=spare), out=spare)
+        return np.asarray(v + np.multiply(h, spare, out=spare))
 
     constant = friction.constant
+    here = forced(0)
     for n in range(steps - 1):
-        a = free(n, p, v)
-        a += free(n + 1, p + h * v, v + h * a)
-        pull = v / grip + a / 2
-        strength = np.hypot(pull[0], pull[1])
+        free(n, p, v, here, a)
+        here = forced(n + 1)
+        a += free(n + 1, p + h * v, v + h * a, here, later)
+        a /= 2
+        np.divide(v, grip, out=pull)
+        pull += a
+        strength = np.maximum(np.hypot(pull[0], pull[1]), 1e-300)
         place = p if friction.map is None else np.moveaxis(p, 0, -1)
         most = per_arm[n] * friction.arm(speed, place, age)
-        after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
+        after = slowed(v, most)
         left = np.hypot(after[0], after[1])
         if not constant:
             most = np.where(
                 left > 0, per_arm[n] * friction.arm((speed + left) / 2, place, age), most
             )
-            after = v + h * (a / 2 - pull * np.minimum(1.0, most / np.maximum(strength, 1e-300)))
+            after = slowed(v, most)
             left = np.hypot(after[0], after[1])
         if age is not None:
             age = friction.aged(age, (speed + left) / 2, h)

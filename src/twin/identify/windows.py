@@ -143,18 +143,20 @@ class Windows:
         Args:
             places: Positions in m, shape (N, 2, C, W).
             speeds: Velocities in m/s, same shape.
-            delay: Seconds, shape (C, 1).
+            delay: Seconds, shape (C, 1) or (C, W).
         """
         steps, _, candidates, windows = places.shape
         # each sample lies a share s into the step of its replay that begins at index low
         at = np.maximum(self.time - delay[..., None], 0.0) / STEP
         low = np.minimum(at.astype(int), steps - 2)
         s = (at - low)[..., None]
-        c, w = np.ogrid[:candidates, :windows]
-        index = (low, slice(None), c[..., None], w[..., None])
-        after = (low + 1, *index[1:])
-        p0, rise = places[index], places[after] - places[index]
-        v0, v1 = STEP * speeds[index], STEP * speeds[after]
+        lanes = candidates * windows
+        # places in the flattened arrays, which are found faster than by four numbers each
+        own = np.arange(lanes).reshape(candidates, windows, 1, 1) + lanes * np.arange(2)
+        index = (2 * lanes * low)[..., None] + own
+        after = index + 2 * lanes
+        p0, v0 = places.take(index), STEP * speeds.take(index)
+        rise, v1 = places.take(after) - p0, STEP * speeds.take(after)
         # the cubic with these values and slopes at both ends of the step
         square, cube = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
         place = p0 + s * (v0 + s * (square + s * cube))

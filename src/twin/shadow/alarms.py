@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from controllers.arrays import Array, Mask
 from twin.identify.windows import Windows
 from twin.shadow.belief import Belief
 from twin.shadow.causes import Cause, in_words, likely
-from twin.shadow.diagnosis import Suspicion, weigh
+from twin.shadow.diagnosis import Suspicion, Weighing, weigh, weighed
 from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
@@ -77,22 +78,20 @@ class Findings:
     windows: Windows | None
     other: Evidence
 
-    def alarm(self, crossing: int, belief: Belief) -> Alarm:
-        """The alarm raised after a window of ``soft``.
+    def begun(self, crossing: int, belief: Belief) -> tuple[float, Weighing]:
+        """Since when, in s, and why there is an alarm after a window of ``soft``.
 
         Args:
             crossing: Which window.
             belief: The twin.
         """
         soft = self.soft
-        end = float(soft.end[crossing])
-        last = int(np.searchsorted(soft.end, end + SETTLING, side="right")) - 1
+        end = float(soft.end[crossing]) + SETTLING
+        last = int(np.searchsorted(soft.end, end, side="right")) - 1
         since = onset(soft, belief, crossing, last)
         begin = float(soft.begin[since])
         belief = replace(belief, changing=belief.changing * self.factors[since])
-        suspected = self._suspicion(begin, end + SETTLING)
-        causes = tuple(weigh(suspected, baseline(soft, belief, since), belief))
-        return Alarm(end, begin, float(self.ratio[crossing]), causes)
+        return begin, weigh(self._suspicion(begin, end), baseline(soft, belief, since), belief)
 
     def _suspicion(self, begin: float, end: float) -> Suspicion:
         """What the log holds between two times in s."""
@@ -109,6 +108,16 @@ class Findings:
         if clear.sum() >= ENOUGH:
             chosen = clear
         return Suspicion(self.windows.take(chosen), ball.take(chosen), rest)
+
+
+def raised(wanted: Sequence[tuple[Findings, int, Belief]]) -> list[Alarm]:
+    """The alarms after windows of findings: which findings, which window of theirs, which twin."""
+    begun = [findings.begun(crossing, belief) for findings, crossing, belief in wanted]
+    causes = weighed([weighing for _, weighing in begun])
+    return [
+        Alarm(float(findings.soft.end[crossing]), begin, float(findings.ratio[crossing]), (*named,))
+        for (findings, crossing, _), (begin, _), named in zip(wanted, begun, causes, strict=True)
+    ]
 
 
 def crossings(ratio: Array) -> list[int]:

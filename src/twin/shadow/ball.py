@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from controllers.arrays import Array
-from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Linearisation
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
+from twin.shadow.beside import Beside, alike
 from twin.shadow.evidence import Evidence, log_evidence
 from twin.shadow.gaps import clear
+from twin.shadow.starts import settled
 from twin.shadow.unevenness import products, unknown_motion
 
 LONGEST = 2.0
@@ -19,9 +23,7 @@ LONGEST = 2.0
 WIDE = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
 STEPS = 8
-"""Gauss-Newton steps that look for the ball's start in a window,"""
-CONVERGED = 1e-4
-"""and the decrease of the misfit, in noise variances, below which they are enough."""
+"""Most Gauss-Newton steps that look for the ball's start in a window."""
 
 
 def ball_windows(
@@ -48,46 +50,65 @@ def ball_windows(
     return windows, np.concatenate(ends)
 
 
-def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> list[Evidence]:
+class Expansion(NamedTuple):
+    """Where evidence of the ball is wanted.
+
+    Attributes:
+        windows: Of a log.
+        belief: Its twin.
+        theta: Where the likelihood is expanded, shape (len(belief.names),); None for the belief.
+    """
+
+    windows: Windows
+    belief: Belief
+    theta: Array | None = None
+
+
+def ball_evidence(wanted: Sequence[Expansion]) -> list[Evidence]:
     """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
 
     Args:
-        windows: Of the log.
-        belief: The twin.
-        theta: Where the likelihood is expanded, shape (C, len(belief.names)); None for the belief.
-
-    Returns:
-        One for each of the C.
+        wanted: Of any number of logs and around any parameters.
     """
-    problem = belief.problem(windows)
-    theta = belief.theta if theta is None else theta
-    first = np.repeat(problem.initial_starts(), len(theta), axis=1)
-    starts, _ = fit_starts(problem, theta, first, STEPS, CONVERGED)
-    squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
+    found: dict[int, Evidence] = {}
+    for group in alike([each.belief for each in wanted]):
+        some = [wanted[place] for place in group]
+        beside = Beside.of([(each.windows, each.belief) for each in some])
+        thetas = [each.belief.theta[0] if each.theta is None else each.theta for each in some]
+        theta = np.array(thetas)[beside.owner]
+        parts = [_expanded(part, theta[which]) for which, part in beside.portions()]
+        evidence = Evidence.beside(parts)
+        for number, place in enumerate(group):
+            found[place] = evidence.take(beside.owner == number)
+    return [found[place] for place in range(len(wanted))]
+
+
+def _expanded(beside: Beside, theta: Array) -> Evidence:
+    """Evidence of windows, each around its own parameters, shape (W, P)."""
+    problem, windows = beside.problem, beside.windows
+    starts = settled(problem, theta[None], problem.initial_starts(), STEPS)
+    squares, score, information = _without_start(problem.linearise(theta[None], starts), beside)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
     spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
     place = (windows.ball * counted).sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
     height = -squares / 2
     stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
-    prior = np.diag(np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE) ** 2
+    wide = beside.each(lambda belief: np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE)
+    prior = wide[..., None] ** 2 * np.eye(len(BALL))
     # twice the log-likelihood that some deviation gains is what it takes off the squares
-    gained = 2 * log_evidence(information, score, np.zeros_like(prior) + prior)
+    gained = 2 * log_evidence(information, score, prior)
     gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
     left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
-    return [
-        Evidence.of(BALL, spans, A, b, place, h, stopping, np.maximum(d, 1.0))
-        for A, b, h, d in zip(information, score, height, left, strict=True)
-    ]
+    left = np.maximum(left, 1.0)
+    return Evidence.of(BALL, spans, information, score, place, height, stopping, left)
 
 
-def _without_start(
-    line: Linearisation, windows: Windows, belief: Belief
-) -> tuple[Array, Array, Array]:
-    """Squares (C, W), score (C, W, p) and information (C, W, p, p), the starts fitted along."""
-    parts = (line.r[..., None], line.by_parameter[..., : len(BALL)], line.by_start)
-    unknown = unknown_motion(windows, belief.values["delay"])
-    Q = products(np.concatenate(parts, axis=-1), unknown, belief.rough)  # noqa: N806
+def _without_start(line: Linearisation, beside: Beside) -> tuple[Array, Array, Array]:
+    """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
+    parts = (line.r[0, ..., None], line.by_parameter[0, ..., : len(BALL)], line.by_start[0])
+    unknown = unknown_motion(beside.windows, beside.delay)
+    Q = products(np.concatenate(parts, axis=-1), unknown, beside.rough)  # noqa: N806
     k = 1 + len(BALL)
     own = Q[..., k:, k:] + START_PRIOR
     left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])

@@ -6,7 +6,7 @@ much is therefore expanded again where it puts the parameters, until both agree 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +16,18 @@ from controllers.arrays import Array, Mask
 from twin.hal.interface import SCREEN
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow.ball import ball_evidence
+from twin.shadow.ball import Expansion, ball_evidence
 from twin.shadow.belief import BALL, PARAMETERS, Belief
 from twin.shadow.causes import CAUSES, CELLS, PATCH, Cause, changes, one_sided, words_of
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 from twin.shadow.monitor import Before
 
 ROUNDS = 3
-"""How often a cause is expanded again."""
+"""How often a cause is expanded again,"""
+SETTLED = 2
+"""after how often likelihoods are close to what they come to,"""
+HOPELESS = 20.0
+"""and how much less likely than the best, as a logarithm, is then not worth a further time."""
 MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
 """Causes that change the ball's motion."""
 ROLLING = "rolling friction"
@@ -95,7 +99,29 @@ class _Hypothesis:
         return total
 
 
-def weigh(found: Suspicion, before: Before, belief: Belief) -> list[Cause]:
+Weighing = Generator[Sequence[Expansion], list[Evidence], "list[Cause]"]
+"""Asks for evidence, takes it, and returns causes: what many ask for is worked out in one go."""
+
+
+def weighed(tasks: Sequence[Weighing]) -> list[list[Cause]]:
+    """The causes that each of several weighings comes to."""
+    found: list[list[Cause]] = [[] for _ in tasks]
+    answers: dict[int, list[Evidence]] = {number: [] for number in range(len(tasks))}
+    begun = False
+    while answers:
+        asked: dict[int, Sequence[Expansion]] = {}
+        for number, answer in answers.items():
+            try:
+                asked[number] = tasks[number].send(answer) if begun else next(tasks[number])
+            except StopIteration as done:
+                found[number] = done.value
+        evidence = iter(ball_evidence([each for many in asked.values() for each in many]))
+        answers = {number: [next(evidence) for _ in many] for number, many in asked.items()}
+        begun = True
+    return found
+
+
+def weigh(found: Suspicion, before: Before, belief: Belief) -> Weighing:
     """The causes of what is in a part of a log, the most probable first.
 
     Args:
@@ -107,15 +133,20 @@ def weigh(found: Suspicion, before: Before, belief: Belief) -> list[Cause]:
     nowhere: Array = np.zeros(len(PARAMETERS))
     at = dict.fromkeys((*CAUSES, PATCH), nowhere)
     hypotheses = _hypotheses(found, expanded, at, before, belief)
-    for _ in range(ROUNDS if found.windows is not None else 0):
+    for number in range(ROUNDS if found.windows is not None else 0):
         assert found.windows is not None
-        again = [each for each in hypotheses if each.name in (*MOVED, PATCH)]
-        thetas = np.array([_bounded(belief, each.moved(before)) for each in again])
-        evidence = ball_evidence(found.windows, belief, thetas)
+        logs = np.array([each.log(before, belief) for each in hypotheses])
+        again = [
+            each
+            for each, log in zip(hypotheses, logs, strict=True)
+            if each.name in (*MOVED, PATCH) and (log > logs.max() - HOPELESS or number < SETTLED)
+        ]
+        thetas = [_bounded(belief, each.moved(before)) for each in again]
+        evidence = yield [Expansion(found.windows, belief, theta) for theta in thetas]
         for hypothesis, theta, ball in zip(again, thetas, evidence, strict=True):
             expanded[hypothesis.name], at[hypothesis.name] = ball, _deviation(belief, theta)
         hypotheses = _hypotheses(found, expanded, at, before, belief)
-    logs: Array = np.array([each.log(before, belief) for each in hypotheses])
+    logs = np.array([each.log(before, belief) for each in hypotheses])
     weights: Array = np.exp(logs - logs.max())
     weights /= weights.sum()
     causes = []

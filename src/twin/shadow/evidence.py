@@ -89,11 +89,16 @@ class Evidence:
 
     @classmethod
     def join(cls, parts: Sequence[Evidence]) -> Evidence:
-        """All windows of several."""
-        joined = cls(
+        """All windows of several, in the order in which they end."""
+        joined = cls.beside(parts)
+        return joined.take(np.argsort(joined.end, kind="stable"))
+
+    @classmethod
+    def beside(cls, parts: Sequence[Evidence]) -> Evidence:
+        """All windows of several, one part after the other."""
+        return cls(
             *(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(cls))
         )
-        return joined.take(np.argsort(joined.end, kind="stable"))
 
     def take(self, which: Mask | NDArray[np.int_]) -> Evidence:
         """Some of the windows."""

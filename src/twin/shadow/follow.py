@@ -18,8 +18,8 @@ from twin.identify.log import COLUMNS, Log, of_columns
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import BIN, Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import SETTLING, Alarm, Findings, crossings
-from twin.shadow.ball import ball_evidence, ball_windows
+from twin.shadow.alarms import SETTLING, Alarm, Findings, crossings, raised
+from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
@@ -149,7 +149,7 @@ class Follower:
 
     def _replay(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> None:
         ahead = self._horizon
-        found = replays(log, belief, holes, ahead, ahead, self._since["replays"])
+        (found,) = replays([(log, belief, holes)], ahead, ahead, self._since["replays"])
         if found is None:
             return
         found = found.take(found.time + self._horizon + BIN <= until)
@@ -200,7 +200,7 @@ class Follower:
         if windows is None or not finished.any():
             return None
         windows = windows.take(finished)
-        ball = ball_evidence(windows, belief)[0]
+        (ball,) = ball_evidence([Expansion(windows, belief)])
         if self._ball is None or self._windows is None:
             self._ball, self._windows = ball, windows
         else:
@@ -223,7 +223,7 @@ class Follower:
         told = []
         for window, place in list(self._unsettled.items()):
             if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
-                said.alarms[place] = findings.alarm(window, belief)
+                (said.alarms[place],) = raised([(findings, window, belief)])
                 told.append(said.alarms[place])
                 del self._unsettled[window]
         return told

@@ -15,14 +15,15 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
-from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, cut, speed
+from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, Windows, cut, speed
 from twin.shadow.belief import BALL, PARAMETERS, Belief
+from twin.shadow.beside import Beside, alike
 from twin.shadow.gaps import clear
+from twin.shadow.starts import settled
 from twin.shadow.unevenness import state_moved, unforeseen, unknown_motion
 
 HORIZONS = (0.5, 1.0, 2.0)
@@ -35,9 +36,7 @@ ROWS = ("time", "error", "spread", "told", "path")
 DRAWN = 5
 """Steps of a replay from one point of its path that is kept to the next."""
 STEPS = 6
-"""Gauss-Newton steps that look for the ball's start,"""
-CONVERGED = 1e-4
-"""and the decrease of the misfit, in noise variances, below which they are enough."""
+"""Most Gauss-Newton steps that look for the ball's start."""
 
 
 @dataclass(frozen=True)
@@ -101,22 +100,18 @@ class Replays:
 
 
 def replays(
-    log: PreparedLog,
-    belief: Belief,
-    gaps: Array,
+    logs: Sequence[tuple[PreparedLog, Belief, Array]],
     ahead: float,
     every: float,
     since: float = -np.inf,
-) -> Replays | None:
-    """Replays of a log from many starts; None if it is too short for any.
+) -> list[Replays | None]:
+    """Replays of logs from many starts, of each; None if it is too short for any.
 
     Args:
-        log: What was recorded.
-        belief: The twin.
-        gaps: Of the log; a replay over one tells nothing.
+        logs: What was recorded, the twin, and the gaps: a replay over one tells nothing.
         ahead: Horizon in s.
         every: Seconds between the starts of two replays.
-        since: The first start in s, where the log goes back further.
+        since: The first start in s, where a log goes back further.
     """
 
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
@@ -127,47 +122,75 @@ def replays(
 
         return chosen
 
-    before = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
-    windows = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
-    if before is None or windows is None:
-        return None
-    points, weights = _sigma_points(belief.problem(before), belief)
-    whole = belief.problem(windows)
+    before: dict[int, Windows] = {}
+    after: dict[int, Windows] = {}
+    for place, (log, belief, _) in enumerate(logs):
+        smoothed = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
+        gone_on = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
+        if smoothed is not None and gone_on is not None:
+            before[place], after[place] = smoothed, gone_on
+    found: list[Replays | None] = [None] * len(logs)
+    places = [*before]
+    for group in alike([logs[place][1] for place in places]):
+        some = [places[each] for each in group]
+        twins = Beside.of([(before[place], logs[place][1]) for place in some])
+        windows = Windows.join([after[place] for place in some])
+        parts = [
+            _replayed(part, windows.take(which), ahead, [logs[place][0] for place in some])
+            for which, part in twins.portions()
+        ]
+        joined = Replays.join(parts)
+        for number, place in enumerate(some):
+            log, _, gaps = logs[place]
+            of_log = joined.take(twins.owner == number)
+            start = of_log.time
+            told = _moving(log, start, ahead)
+            told &= clear(start - LEAD - LOOKBACK, start + ahead, gaps)
+            found[place] = replace(of_log, told=told)
+    return found
+
+
+def _replayed(
+    before: Beside, windows: Windows, ahead: float, logs: Sequence[PreparedLog]
+) -> Replays:
+    """Replays of windows from where the twin is at their begin; what they tell is left open."""
+    points, weights = _sigma_points(before)
+    whole = replace(before, windows=windows).problem
     places, speeds = whole.replayed(*points)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
     at = windows.time - (LOOKBACK + ahead)
     # a screen of slow frames has not one in every bin; the twin is asked for the sample's own time
     away = np.where(windows.weight[..., 0] > 0, np.abs(at), np.inf)
     rows, sample = np.arange(len(windows)), np.argmin(away, axis=1)
-    near = away[rows, sample] <= max(BIN, log.sample_period) / 2 + 1e-6
+    apart = np.maximum(BIN, [log.sample_period for log in logs])[before.owner]
+    near = away[rows, sample] <= apart / 2 + 1e-6
     drawn = ball[:, rows, sample]
     middle = np.einsum("c,cwi->wi", weights, drawn)
     off = drawn - middle
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off)
-    spread += (noise + (belief.rough * unforeseen(ahead)) ** 2)[..., None] * np.eye(2)
+    unknown = (before.rough * unforeseen(ahead)) ** 2
+    spread += (noise + unknown[:, None])[..., None] * np.eye(2)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
     start = windows.begin + LOOKBACK
     path = np.einsum("c,nicw->wni", weights, places)[:, round(LOOKBACK / STEP) :]
     path = path[:, : round(ahead / STEP) + 1 : DRAWN]
-    told = _moving(log, start, ahead) & clear(start - LEAD - LOOKBACK, start + ahead, gaps)
-    return Replays(start, ahead, error, spread, told, path)
+    return Replays(start, ahead, error, spread, np.zeros(len(start), bool), path)
 
 
-def _sigma_points(problem: Problem, belief: Belief) -> tuple[tuple[Array, Array], Array]:
+def _sigma_points(beside: Beside) -> tuple[tuple[Array, Array], Array]:
     """Parameters (C, W, P) and starts (4, C, W) that stand for all that may be, and weights (C,).
 
     Both are what the samples before the start, and what is believed of the parameters, make of
     them: on a screen that differs from place to place, the friction here is best seen just before.
     """
-    theta = belief.theta
-    mean, covariance, start = _smoothed(problem, belief)
+    mean, covariance, start = _smoothed(beside)
     windows, count = mean.shape
     side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
     sides = np.moveaxis(np.stack((side, -side)), 2, 1)
     offsets = np.concatenate((np.zeros((1, windows, count)), *sides))
     moved = mean + offsets
-    every = np.broadcast_to(theta[0], (len(moved), windows, theta.shape[1])).copy()
+    every = np.repeat(beside.theta, len(moved), axis=0)
     for k, name in enumerate(BALL):
         every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
     begun = start[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
@@ -176,7 +199,7 @@ def _sigma_points(problem: Problem, belief: Belief) -> tuple[tuple[Array, Array]
     return (every, begun), weights
 
 
-def _smoothed(problem: Problem, belief: Belief) -> tuple[Array, Array, Array]:
+def _smoothed(beside: Beside) -> tuple[Array, Array, Array]:
     """What windows of ``LEAD`` say of the parameters and of the ball's state when it is over.
 
     The forces nobody knows are estimated along (a smoother), so that where the ball is at the end
@@ -186,27 +209,25 @@ def _smoothed(problem: Problem, belief: Belief) -> tuple[Array, Array, Array]:
         Mean (W, K) and covariance (W, K, K) of the deviations of ``BALL`` and of the state's four
         numbers, and the state (4, W) they are deviations from.
     """
-    theta, windows = belief.theta, problem.windows
-    starts, _ = fit_starts(problem, theta, problem.initial_starts(), STEPS, CONVERGED)
+    problem, theta, windows = beside.problem, beside.theta, beside.windows
+    starts = settled(problem, theta, problem.initial_starts(), STEPS)
     line = problem.linearise(theta, starts)
-    unknown = belief.rough * unknown_motion(windows, belief.values["delay"])
+    rough = beside.rough[:, None, None]
+    unknown = rough * unknown_motion(windows, beside.delay)
     J = np.concatenate((line.by_parameter[0, ..., : len(BALL)], line.by_start[0], unknown), axis=-1)  # noqa: N806
     watched = [PARAMETERS.index(name) for name in BALL]
-    sd = np.hypot(belief.constant, belief.changing[0])[watched]
+    sd = beside.each(lambda belief: np.hypot(belief.constant, belief.changing[0])[watched])
     count, forces = len(BALL), unknown.shape[-1]
-    prior = np.eye(count + 4 + forces)
-    prior[:count, :count] = np.diag(sd**-2)
-    prior[count : count + 4, count : count + 4] = START_PRIOR
+    prior = np.tile(np.eye(count + 4 + forces), (len(windows), 1, 1))
+    prior[:, :count, :count] = sd[:, None] ** -2 * np.eye(count)
+    prior[:, count : count + 4, count : count + 4] = START_PRIOR
     Jt = np.swapaxes(J, -1, -2)  # noqa: N806
     covariance = np.linalg.inv(Jt @ J + prior)
     mean = -(covariance @ (Jt @ line.r[0][..., None]))[..., 0]
     end, slopes = _end_state(problem, theta, starts)
-    pushed = belief.rough * state_moved(windows, LEAD)
+    pushed = rough * state_moved(windows, LEAD)
     keep = np.broadcast_to(np.eye(count, count + 4 + forces), (len(mean), count, J.shape[-1]))
-    onto = np.concatenate(
-        (keep, np.concatenate((slopes, np.broadcast_to(pushed, (len(mean), 4, forces))), axis=-1)),
-        axis=1,
-    )
+    onto = np.concatenate((keep, np.concatenate((slopes, pushed), axis=-1)), axis=1)
     spread = onto @ covariance @ np.swapaxes(onto, -1, -2)
     return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2, end
 
@@ -217,21 +238,16 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     By the parameters of ``BALL`` and the start, by finite differences.
     """
     steps = [BOUNDS[name].difference for name in BALL]
-    thetas, begun = [theta[0]], [starts[:, 0]]
+    size = np.array([*steps, *START_DIFFERENCES])
+    thetas = np.repeat(theta, 1 + len(size), axis=0)
+    begun = np.repeat(starts, 1 + len(size), axis=1)
     for k, step in enumerate(steps):
-        moved = theta[0].copy()
-        moved[k] += step
-        thetas.append(moved)
-        begun.append(starts[:, 0])
+        thetas[1 + k, :, k] += step
     for k, step in enumerate(START_DIFFERENCES):
-        other = starts[:, 0].copy()
-        other[k] += step
-        thetas.append(theta[0])
-        begun.append(other)
-    places, speeds = problem.replayed(np.array(thetas), np.stack(begun, axis=1))
+        begun[k, 1 + len(steps) + k] += step
+    places, speeds = problem.replayed(thetas, begun)
     at = round(LEAD / STEP)
     states = np.concatenate((places[at], speeds[at]))
-    size = np.array([*steps, *START_DIFFERENCES])
     size = np.where(size > 0, size, 1.0)
     return states[:, 0], np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
 

@@ -15,9 +15,9 @@ from twin.shadow.belief import believed
 from twin.shadow.causes import likely
 from twin.shadow.horizon import BAND
 from twin.shadow.injections import AT, DURATION, HEALTHY, KINDS, RAMP, Drawn, Kind, logs, rig
-from twin.shadow.shadow import shadow
+from twin.shadow.shadow import shadows
 
-TOGETHER = 24
+TOGETHER = 60
 """Rigs that are simulated side by side."""
 IN_TIME = 20.0
 """Seconds after a change is complete within which an alarm counts as in time."""
@@ -97,8 +97,9 @@ def carry_out(job: Job) -> list[Trial]:
         rig(each.seed, job.scenario, kind, each.drawn)
         for each, kind in zip(job.rigs, kinds, strict=True)
     ]
-    for each, kind, log in zip(job.rigs, kinds, logs(pairs), strict=True):
-        said = shadow(log, believed(log))
+    recorded = logs(pairs)
+    beside = shadows([(log, believed(log)) for log in recorded])
+    for each, kind, said in zip(job.rigs, kinds, beside, strict=True):
         first = said.alarms[0] if said.alarms else None
         run = said.one_second
         counted = np.zeros(0, int) if run is None else np.flatnonzero(run.counted)

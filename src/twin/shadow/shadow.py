@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +13,9 @@ from twin.errors import LogError
 from twin.identify.log import Log
 from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
-from twin.shadow.alarms import Alarm, Findings, crossings
-from twin.shadow.ball import ball_evidence, ball_windows
+from twin.identify.windows import Windows
+from twin.shadow.alarms import Alarm, Findings, crossings, raised
+from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
@@ -107,35 +109,69 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
     """
-    check_ranges(log)
-    check_commands(log)
-    usable = prepare(replace(log, model=belief.model))
-    holes = gaps(log, usable.period)
-    windows = ball_windows(usable, belief, holes)[0]
-    ball = None if windows is None else ball_evidence(windows, belief)[0]
-    parts = (plate_evidence(usable, belief, holes), noise_evidence(usable, belief, holes))
+    return shadows([(log, belief)], horizon)[0]
+
+
+def shadows(pairs: Sequence[tuple[Log, Belief]], horizon: float = 1.0) -> list[Shadow]:
+    """Let twins run beside logs, all in one go, which costs less than one after the other.
+
+    Args:
+        pairs: What was recorded, and the twin, of each.
+        horizon: Seconds ahead and from one start to the next, of ``HORIZONS``.
+
+    Raises:
+        LogError: If a log is broken, too short, or does not say what was commanded.
+    """
+    usable: list[tuple[PreparedLog, Belief, Array]] = []
+    for log, belief in pairs:
+        check_ranges(log)
+        check_commands(log)
+        clean = prepare(replace(log, model=belief.model))
+        usable.append((clean, belief, gaps(log, clean.period)))
+    cut = [ball_windows(*each)[0] for each in usable]
+    moving = [place for place, windows in enumerate(cut) if windows is not None]
+    wanted = [Expansion(w, usable[place][1]) for place, w in enumerate(cut) if w is not None]
+    ball = dict(zip(moving, ball_evidence(wanted), strict=True))
+    findings = [_findings(*each, ball.get(place), cut[place]) for place, each in enumerate(usable)]
+    found = [(place, each) for place, say in enumerate(findings) for each in crossings(say.ratio)]
+    alarms = raised([(findings[place], each, usable[place][1]) for place, each in found])
+    at = replays(usable, horizon, horizon)
+    one_second = at if horizon == 1.0 else replays(usable, 1.0, horizon)
+    return [
+        Shadow(
+            log=clean,
+            belief=belief,
+            replays=at[place],
+            one_second=one_second[place],
+            time=findings[place].soft.end,
+            ratio=findings[place].ratio,
+            alarms=tuple(a for (whose, _), a in zip(found, alarms, strict=True) if whose == place),
+            told=float((ball[place].end - ball[place].begin).sum()) if place in ball else 0.0,
+            gaps=holes,
+            record=fingerprint(*pairs[place][0].ball.T),
+        )
+        for place, (clean, belief, holes) in enumerate(usable)
+    ]
+
+
+def _findings(
+    log: PreparedLog, belief: Belief, holes: Array, ball: Evidence | None, windows: Windows | None
+) -> Findings:
+    """What the windows of a log say.
+
+    Raises:
+        LogError: If there are none.
+    """
+    parts = (plate_evidence(log, belief, holes), noise_evidence(log, belief, holes))
     found = [part for part in parts if part is not None]
     if not found:
-        raise LogError(f"{log.source}: too short: {usable.length:.1f} s; 3 s in a row are needed")
+        raise LogError(f"{log.source}: too short: {log.length:.1f} s; 3 s in a row are needed")
     other = Evidence.join(found)
     calm = None if ball is None else ball.tempered(ball.dispersion)
     every = other if calm is None else Evidence.join([calm, other])
     factors = scatter(every, belief)
     soft = bounded(every.softened(belief.changing, factors), belief)
-    findings = Findings(soft, factors, statistic(soft, belief), ball, windows, other)
-    alarms = [findings.alarm(crossing, belief) for crossing in crossings(findings.ratio)]
-    return Shadow(
-        usable,
-        belief,
-        at := replays(usable, belief, holes, horizon, horizon),
-        at if horizon == 1.0 else replays(usable, belief, holes, 1.0, horizon),
-        soft.end,
-        findings.ratio,
-        tuple(alarms),
-        0.0 if ball is None else float((ball.end - ball.begin).sum()),
-        holes,
-        fingerprint(*log.ball.T),
-    )
+    return Findings(soft, factors, statistic(soft, belief), ball, windows, other)
 
 
 def _median(found: Replays | None, of: Any) -> float | None:

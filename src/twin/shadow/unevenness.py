@@ -17,19 +17,19 @@ STRETCH = 0.3
 """Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
 
 
-def unknown_motion(windows: Windows, delay: float) -> Array:
+def unknown_motion(windows: Windows, delay: Array) -> Array:
     """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
 
     Args:
         windows: W windows of B samples.
-        delay: Dead time of the screen in s.
+        delay: Dead time of the screen in s, shape (W,).
 
     Returns:
         Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
     """
     count, samples = windows.time.shape
     edges = _edges(windows)
-    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
+    since = np.maximum((windows.time - delay[:, None])[..., None] - edges, 0.0)
     twice = since**2 / 2
     moved = twice[..., :-1] - twice[..., 1:]
     both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
@@ -52,19 +52,19 @@ def _edges(windows: Windows) -> Array:
     return np.arange(0.0, float(windows.time.max()) + STRETCH, STRETCH)
 
 
-def products(columns: Array, unknown: Array, size: float) -> Array:
-    """Inner products of columns under noise and the unknown motion, shape (C, W, K, K).
+def products(columns: Array, unknown: Array, size: Array) -> Array:
+    """Inner products of columns under noise and the unknown motion, shape (W, K, K).
 
     With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
 
     Args:
-        columns: U, in standard deviations of the samples, shape (C, W, M, K).
+        columns: U, in standard deviations of the samples, shape (W, M, K).
         unknown: N, shape (W, M, S).
-        size: s, standard deviation of an unknown acceleration in m/s^2.
+        size: s, standard deviation of an unknown acceleration in m/s^2, shape (W,).
     """
     U, N = columns, unknown  # noqa: N806
     shared = np.swapaxes(N, -1, -2) @ U
-    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
+    inner = np.eye(N.shape[-1]) / size[:, None, None] ** 2 + np.swapaxes(N, -1, -2) @ N
     plain = np.swapaxes(U, -1, -2) @ U
     return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
 
