@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
+import scipy
 
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, listed, stable_poles
@@ -146,15 +147,15 @@ def optimal(A: Array, B: Array, Q: Sequence[float], R: Sequence[float]) -> Array
     Raises:
         ValueError: If a weight is not allowed, or no gain stabilises the plate with these weights.
     """
-    import control  # noqa: PLC0415  heavy: loaded when needed
-
     if len(Q) != 8 or not all(math.isfinite(w) and w >= 0 for w in Q):
         raise ValueError(f"Q must be 8 finite numbers, none negative, got {list(Q)}")
     if len(R) != 2 or not all(math.isfinite(w) and w > 0 for w in R):
         raise ValueError(f"R must be 2 positive numbers, got {list(R)}")
     try:
-        K = np.asarray(control.lqr(A, B, np.diag(Q), np.diag(R), method="scipy")[0])
-    except (ValueError, np.linalg.LinAlgError, control.ControlArgument):
+        # what control.lqr does, to the bit, without the second that loading it takes
+        P = scipy.linalg.solve_continuous_are(A, B, np.diag(Q), np.diag(R))
+        K = np.linalg.solve(np.diag(R), B.T @ P)
+    except (ValueError, np.linalg.LinAlgError):
         K = np.zeros((2, 8))
     poles = np.linalg.eigvals(A - B @ K)
     # A mode without weight keeps its pole on the imaginary axis, to the solver's accuracy.

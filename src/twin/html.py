@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def render(template: str, **content: Any) -> str:
@@ -26,6 +27,8 @@ def render(template: str, **content: Any) -> str:
 
 def inline(figure: Figure) -> Markup:
     """A figure as SVG to stand within a page, the same bytes every time."""
+    import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
+
     out = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
         figure.savefig(

@@ -152,6 +152,7 @@ PLANTS: dict[str, Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]
 """How the plants that ``plant.kind`` names are made, with the transmission their rigs know."""
 
 
+@lru_cache(maxsize=8)
 def _cams(kind: str, ratio: float) -> Transmission:
     """What a rig knows of its cams."""
     if kind == "ratio":
