@@ -83,6 +83,7 @@ class Belief:
             shape (2, P).
         drift: The same of what changes in the course of minutes on a healthy rig, shape (P,).
         rough: Standard deviation in m/s^2 of the acceleration that is unknown from place to place.
+        sloped: The part of it that the screen's slope makes, which acts in any direction.
     """
 
     scenario: Scenario
@@ -100,6 +101,7 @@ class Belief:
     changing: Array
     drift: Array
     rough: float
+    sloped: float
 
     @classmethod
     def of(cls, scenario: Scenario, log: Log) -> Belief:
@@ -145,6 +147,7 @@ class Belief:
         model = BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia)
         braking = model.k1 * values["rolling"] / model.radius
         spread = np.hypot(ROUGH, surface.spread_percent / 100)
+        sloped = float(model.k1 * np.radians(surface.slope_deg))
         windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
         return cls(
             scenario=scenario,
@@ -161,7 +164,8 @@ class Belief:
             constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
             changing=scale * np.hypot(windows, uneven),
             drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
-            rough=float(np.hypot(braking * spread, model.k1 * np.radians(surface.slope_deg))),
+            rough=float(np.hypot(braking * spread, sloped)),
+            sloped=sloped,
         )
 
     @property

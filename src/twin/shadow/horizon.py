@@ -24,7 +24,7 @@ from twin.shadow.belief import BALL, PARAMETERS, Belief
 from twin.shadow.beside import Beside, alike
 from twin.shadow.gaps import clear
 from twin.shadow.starts import settled
-from twin.shadow.unevenness import state_moved, unforeseen, unknown_motion
+from twin.shadow.unevenness import directed, state_moved, turned, unforeseen, unknown_motion
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead that may be chosen."""
@@ -35,6 +35,9 @@ MEDIAN, BAND = 2 * np.log(2.0), 5.991
 ROWS = ("time", "error", "spread", "told", "path")
 DRAWN = 5
 """Steps of a replay from one point of its path that is kept to the next."""
+UNKNOWN = 4e-4
+"""Standard deviation in m/s^2 of what the plate's play and cams, too, do to a ball unknown to the
+twin: as much as a tilt of 0.004 deg."""
 STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 
@@ -169,8 +172,10 @@ def _replayed(
     off = drawn - middle
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off)
-    unknown = (before.rough * unforeseen(ahead)) ** 2
-    spread += (noise + unknown[:, None])[..., None] * np.eye(2)
+    spread += noise[..., None] * np.eye(2)
+    first = round(LOOKBACK / STEP)
+    way = np.einsum("c,nicw->niw", weights, speeds[first : first + round(ahead / STEP) + 1])
+    spread += unforeseen(_forces(before, way), ahead)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
     start = windows.begin + LOOKBACK
     path = np.einsum("c,nicw->wni", weights, places)[:, round(LOOKBACK / STEP) :]
@@ -212,8 +217,9 @@ def _smoothed(beside: Beside) -> tuple[Array, Array, Array]:
     problem, theta, windows = beside.problem, beside.theta, beside.windows
     starts = settled(problem, theta, problem.initial_starts(), STEPS)
     line = problem.linearise(theta, starts)
-    rough = beside.rough[:, None, None]
-    unknown = rough * unknown_motion(windows, beside.delay)
+    end, slopes, way = _end_state(problem, theta, starts)
+    pushes = _forces(beside, way)
+    unknown = turned(unknown_motion(windows, beside.delay), pushes)
     J = np.concatenate((line.by_parameter[0, ..., : len(BALL)], line.by_start[0], unknown), axis=-1)  # noqa: N806
     watched = [PARAMETERS.index(name) for name in BALL]
     sd = beside.each(lambda belief: np.hypot(belief.constant, belief.changing[0])[watched])
@@ -224,18 +230,25 @@ def _smoothed(beside: Beside) -> tuple[Array, Array, Array]:
     Jt = np.swapaxes(J, -1, -2)  # noqa: N806
     covariance = np.linalg.inv(Jt @ J + prior)
     mean = -(covariance @ (Jt @ line.r[0][..., None]))[..., 0]
-    end, slopes = _end_state(problem, theta, starts)
-    pushed = rough * state_moved(windows, LEAD)
+    pushed = turned(state_moved(windows, LEAD), pushes)
     keep = np.broadcast_to(np.eye(count, count + 4 + forces), (len(mean), count, J.shape[-1]))
     onto = np.concatenate((keep, np.concatenate((slopes, pushed), axis=-1)), axis=1)
     spread = onto @ covariance @ np.swapaxes(onto, -1, -2)
     return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2, end
 
 
-def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array]:
-    """The ball's state (4, W) at the end of ``LEAD``, and its slopes (W, 4, K).
+def _forces(beside: Beside, velocity: Array) -> Array:
+    """What nobody knows pushes balls of some velocities (N, 2, W) with, as ``directed``."""
+    sloped = beside.each(lambda belief: belief.sloped)
+    along = np.sqrt(np.maximum(beside.rough**2 - sloped**2, 0.0))
+    return directed(velocity, STEP, along, np.hypot(sloped, UNKNOWN))
 
-    By the parameters of ``BALL`` and the start, by finite differences.
+
+def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array]:
+    """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and its velocity.
+
+    Slopes by the parameters of ``BALL`` and the start, by finite differences; velocity in m/s at
+    every step, shape (N, 2, W).
     """
     steps = [BOUNDS[name].difference for name in BALL]
     size = np.array([*steps, *START_DIFFERENCES])
@@ -249,7 +262,8 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     at = round(LEAD / STEP)
     states = np.concatenate((places[at], speeds[at]))
     size = np.where(size > 0, size, 1.0)
-    return states[:, 0], np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
+    slopes = np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
+    return states[:, 0], slopes, speeds[:, :, 0]
 
 
 KAPPA = 1.0

@@ -69,8 +69,46 @@ def products(columns: Array, unknown: Array, size: Array) -> Array:
     return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
 
 
-def unforeseen(ahead: float) -> float:
-    """Standard deviation in s^2 of where unknown accelerations of 1 m/s^2 take a ball in a time."""
-    left = np.maximum(ahead - np.arange(0.0, ahead + STRETCH, STRETCH), 0.0)
-    moved = -np.diff(left**2) / 2
-    return float(np.sqrt((moved**2).sum()))
+def directed(velocity: Array, step: float, along: Array, across: Array) -> Array:
+    """What turns unit accelerations of every ``STRETCH`` into the unknown ones, (W, S, 2, 2).
+
+    What is unknown of the friction pushes along the ball's way, all else in any direction. The
+    roots of their covariances.
+
+    Args:
+        velocity: Of the balls in m/s at even times, shape (N, 2, W).
+        step: Seconds between them.
+        along: Standard deviation in m/s^2 of what acts along the way, shape (W,).
+        across: The same of what acts along each axis, shape (W,).
+    """
+    edges = np.arange(0, len(velocity) - 1, round(STRETCH / step))
+    count = np.diff(edges, append=len(velocity))[:, None, None]
+    way = np.moveaxis(np.add.reduceat(velocity, edges, axis=0) / count, 2, 0)
+    heading = way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
+    more = (np.hypot(along, across) - across)[:, None, None, None]
+    onward = heading[..., None] * heading[..., None, :]
+    return np.asarray(more * onward + across[:, None, None, None] * np.eye(2))
+
+
+def unforeseen(forces: Array, ahead: float) -> Array:
+    """Covariance in m^2 of where unknown accelerations take balls, shape (W, 2, 2).
+
+    Args:
+        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+        ahead: Seconds from the begin of the first.
+    """
+    edges = STRETCH * np.arange(forces.shape[1] + 1)
+    moved = -np.diff(np.maximum(ahead - edges, 0.0) ** 2) / 2
+    return np.asarray(np.einsum("s,wsij,wskj->wik", moved**2, forces, forces))
+
+
+def turned(columns: Array, forces: Array) -> Array:
+    """Columns for unit accelerations as those for the unknown ones, shape (W, M, 2 S).
+
+    Args:
+        columns: Of both axes of every ``STRETCH``, shape (W, M, 2 S) or (M, 2 S).
+        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+    """
+    split = columns.reshape(*columns.shape[:-1], -1, 2)[..., None, :]
+    both = split @ forces[:, None, : split.shape[-3]]
+    return np.asarray(both[..., 0, :].reshape(*both.shape[:-3], -1))
