@@ -74,5 +74,9 @@ class HeldLaw(Law):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a report should tell of the law."""
-        return self.law.remarks
+        """What a report should tell of the law, and that no analysis knows of its hold."""
+        unheld = (
+            f"The law is evaluated every {self.ticks} control periods and held between; poles, "
+            "margins and warnings of the linear loop leave this hold out and take it at every one."
+        )
+        return (*self.law.remarks, unheld)

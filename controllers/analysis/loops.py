@@ -137,7 +137,8 @@ def sampled_loop(
     """Law and observer at their period on the linear plant (5.35) with its input held.
 
     With the observer "ideal" the law gets the true state: on the exact plant the plate rates
-    commanded are the true ones.
+    commanded are the true ones. A law with a control period of its own (``HeldLaw``) is taken at
+    every tick of the observer: its hold, about half its period more of delay, is not in the loop.
 
     Args:
         law: Any law; linearised about the level plate.

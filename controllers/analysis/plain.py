@@ -12,6 +12,7 @@ from controllers.analysis.designs import assess, designs
 from controllers.analysis.loops import sampled_loop, unstable
 from controllers.analysis.margins import Margins, margins
 from controllers.ballplate import BallPlate
+from controllers.held import HeldLaw
 from controllers.interfaces import Law, Observer
 from controllers.observers import Luenberger
 
@@ -59,6 +60,8 @@ def design_rows(
 def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
     """Poles and margins of one sampled loop, or under ``reason`` why there are none.
 
+    ``hold_left_out`` is true for a law that is held for longer than the loop's period.
+
     Args:
         law: Any law.
         observer: Any observer, or a predictor around one.
@@ -67,11 +70,12 @@ def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
     try:
         loop = sampled_loop(law, observer, dead_time=dead_time)
     except ValueError as error:
-        return {"reason": str(error)}
+        return {"reason": str(error), "hold_left_out": isinstance(law, HeldLaw)}
     poles = loop.poles()
     cuts = [cut for cut in ("u1", "u2", "x", "y") if cut in loop.cuts]
     return {
         "reason": None,
+        "hold_left_out": isinstance(law, HeldLaw),
         "stable": len(unstable(np.exp(poles * loop.period))) == 0,
         "poles": pairs(poles),
         "margins": {cut: margin_row(margins(loop, cut)) for cut in cuts},

@@ -6,9 +6,11 @@ import control
 import numpy as np
 import pytest
 
+from controllers.analysis.plain import loop_row
 from controllers.ballplate import BallPlate
 from controllers.held import HeldLaw
 from controllers.interfaces import Law, Measurement, Observer
+from controllers.observers import Ideal
 from controllers.per_rig import PerRigLaw, PerRigReference
 from controllers.references import Hold
 from controllers.stack import Controller
@@ -90,3 +92,16 @@ def test_a_tick_that_is_missed_delays_the_law_but_takes_no_period_from_it():
     held = law.start(np.zeros((1, 8)), Hold(), T)
     ticks = [0, 1, 4, 6, 7, 9, 10, 11, 21, 25]
     assert [tick for tick in ticks if held.due(tick * T)] == [0, 6, 10, 21, 25]
+
+
+def test_the_analysis_leaves_the_hold_out_and_says_so():
+    _, K = designed(T)
+    law = HeldLaw(Gain(K=K), 100)
+    found, plain = (loop_row(each, Ideal(period=T), 0.0) for each in (law, law.law))
+    held = control.c2d(PLANT, 100 * T, "zoh")
+    assert np.abs(np.linalg.eigvals(held.A - held.B @ K)).max() > 1
+    assert found["stable"]
+    assert found.pop("hold_left_out")
+    assert not plain.pop("hold_left_out")
+    assert found == plain
+    assert any("every 100 control periods" in line for line in law.remarks)

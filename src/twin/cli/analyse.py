@@ -169,6 +169,8 @@ def _print_loop(found: Numbers) -> None:
     console.print(f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}")
     if not found["stable"]:
         console.print("[bold red]this loop is unstable[/bold red]")
+    if found["hold_left_out"]:
+        console.print("controller.period: the law's hold between its periods is not in this loop")
 
 
 MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")

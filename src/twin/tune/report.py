@@ -7,6 +7,7 @@ from typing import Any
 
 from twin.html import inline, render
 from twin.report.numbers import LABELS, shown
+from twin.run.control import build_law
 from twin.tune.certificate import CONFIDENCE, Certificate
 from twin.tune.figures import before_and_after, sensitivities, trade_off
 from twin.tune.fragment import options, settings, toml
@@ -124,7 +125,8 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         RecordError: If a file cannot be written.
     """
     tuned = settings(trials, found.chosen.fields)
-    said = sentences(found)
+    law = build_law(trials.scenario(found.chosen.fields, 0))
+    said = [*sentences(found), *law.remarks]
     head = [
         found.tune.title,
         *said,
