@@ -153,7 +153,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "those of `mpc` and `internal_model` were chosen by hand so that a raw step ends, those of "
         "`stable_inversion` on 12 rigs of draw 101; `tvlqr` and `iterative_learning` are softer. "
         "Lap learning has learnt from one to three laps when it is judged. What holds on another "
-        "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md).",
+        "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md); "
+        "every law tuned with the same budget is in [tuned.md](tuned.md).",
         "",
         "![Nominal rig and worst rig of the family, law by law](figures/cure.svg)",
         "",

@@ -43,6 +43,7 @@ PAGES = {
     "view": Page(("view-*.png",), ("screenshots.py",)),
     "play": Page(("play.png",), ("play_picture.py",)),
     "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
+    "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),

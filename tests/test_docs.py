@@ -37,6 +37,8 @@ WRITTEN = {
     "cure.toml",
     "cure_attacks.py",
     "cure_attacks.toml",
+    "tuned.py",
+    "tuned.toml",
 }
 SMOOTH = "plant.friction.rolling_mm=0"
 
@@ -81,6 +83,44 @@ def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_
         for attack in plan["attacks"]
     }
     assert len(every) == len(plan["tasks"]) * len(plan["attacks"])
+
+
+def certified(failures, cost, median):
+    task = {"median": median, "largest": None if median is None else 2 * median}
+    tasks = dict.fromkeys(("circle", "line", "hold", "step"), task)
+    return {"failures": failures, "failure_rate_below": 0.2, "cost": cost, "tasks": tasks}
+
+
+def test_the_page_of_the_tuned_laws_hides_no_lost_ball_and_no_law_that_is_left_out():
+    tuned = script("tuned")
+    plan = tomllib.loads((ROOT / "docs" / "tuned.toml").read_text(encoding="utf-8"))
+    names = ["AFL, thesis", "AFL, friction known"]
+    sides = [(certified(12, None, None), certified(0, 9.0, 0.004))]
+    sides.append((certified(0, 3.0, 0.002), certified(1, None, 0.001)))
+    chosen = {"chosen": {"fields": {"controller.gains.0": 180.0}}, "kept": False}
+    found = {
+        name: {"before": before, "after": after, **chosen}
+        for name, (before, after) in zip(names, sides, strict=True)
+    }
+    page = tuned.page(plan, found, tuned.asked(plan, plan["laws"][0]))
+    assert "| AFL, thesis | 12 → 0 (below 20 %) | - → 9 | - → 4, 8 |" in page
+    assert "| AFL, friction known | 0 → 1 (below 20 %) | 3 → - | 2, 4 → 1, 2 |" in page
+    # who loses a rig wins nothing, and stands behind whoever loses none
+    assert page.index("| AFL, thesis") < page.index("| AFL, friction known")
+    row = "| hold | AFL, friction known: 2 | AFL, thesis: 4 | AFL, friction known: 4 |"
+    assert f"{row} AFL, thesis: 8 |" in page
+    assert "| AFL | - (12) | 9 (0) | 3 (0) | - (1) |" in page
+    left = page[page.index("Not tuned for this page:") :]
+    assert all(law["name"] in left for law in plan["laws"] if law["name"] not in names)
+
+
+def test_every_law_of_that_page_has_a_tune_and_the_same_budget():
+    tuned = script("tuned")
+    plan = tomllib.loads((ROOT / "docs" / "tuned.toml").read_text(encoding="utf-8"))
+    tunes = [tuned.asked(plan, law) for law in plan["laws"]]
+    alike = {"tasks", "limits", "tail", "family", "draw", "certificate_draw", *tuned.BUDGET}
+    assert len({tune.model_dump_json(include=alike) for tune in tunes}) == 1
+    assert len({tune.model_dump_json() for tune in tunes}) == len(tunes)
 
 
 @pytest.mark.parametrize("number", [4, 6])

@@ -18,7 +18,7 @@ from twin.study.store import Store
 from twin.tune.certificate import certified, upper_bound
 from twin.tune.schema import Tune, read, shipped
 from twin.tune.trials import Indicators, Trials
-from twin.tune.tune import planned_runs
+from twin.tune.tune import planned_runs, tuned
 
 TUNE = """
 title = "small"
@@ -131,6 +131,17 @@ def test_an_interrupted_tune_goes_on_and_gives_the_same(made, file, folder, monk
     monkeypatch.setattr("twin.study.work.simulate", forbidden)
     result = CliRunner().invoke(command, [*arguments, str(out)])
     assert json.loads(result.stdout) == found
+
+
+@pytest.mark.long
+def test_a_tune_without_sensitivity_finds_the_same_and_runs_less(made, file):
+    _, found, out = made
+    trials = Trials(read(str(file)), Store(out))
+    got = tuned(trials, sensitivity=False)
+    assert got.chosen.fields == found["chosen"]["fields"]
+    assert got.as_dict()["after"] == {**found["after"], "reasons": tuple(found["after"]["reasons"])}
+    assert got.neighbours == []
+    assert got.runs < found["runs"]
 
 
 @pytest.mark.long

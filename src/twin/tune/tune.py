@@ -69,7 +69,12 @@ class TuneResult:
         }
 
 
-def tuned(trials: Trials, advance: Callable[[float], None] = lambda _: None) -> TuneResult:
+def tuned(
+    trials: Trials,
+    advance: Callable[[float], None] = lambda _: None,
+    *,
+    sensitivity: bool = True,
+) -> TuneResult:
     """Carry a tune out.
 
     The certificate's rigs are drawn when all is decided.
@@ -77,6 +82,7 @@ def tuned(trials: Trials, advance: Callable[[float], None] = lambda _: None) -> 
     Args:
         trials: What carries out its runs.
         advance: Called with the share done, 0 to 1.
+        sensitivity: Whether the neighbours of the chosen one are run, too.
 
     Raises:
         ScenarioError: If the extra is not installed.
@@ -111,7 +117,7 @@ def tuned(trials: Trials, advance: Callable[[float], None] = lambda _: None) -> 
         candidates=candidates,
         finalists=finalists,
         chosen=chosen,
-        neighbours=neighbours(trials, chosen),
+        neighbours=neighbours(trials, chosen) if sensitivity else [],
         before=before,
         after=after,
         runs=trials.finished,
