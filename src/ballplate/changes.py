@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
@@ -136,12 +137,20 @@ def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
     """What is varied with plain values; a law, observer or reference is its table.
 
     Raises:
-        ScenarioError: If a value is none that a scenario can hold, or there is no list of values.
+        ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
+            none in it, or one twice.
     """
     for key, values in vary.items():
         if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
             raise ScenarioError(f"vary {key}: give a list of values, as in [{values!r}]")
-    return {key: [_varied(key, value) for value in values] for key, values in vary.items()}
+    found = {key: [_varied(key, value) for value in values] for key, values in vary.items()}
+    for key, values in found.items():
+        if not values:
+            raise ScenarioError(f"vary {key}: give at least one value")
+        for number, value in enumerate(values):
+            if value in values[:number]:
+                raise ScenarioError(f"vary {key}: {json.dumps(value)} is given twice")
+    return found
 
 
 def _varied(key: str, value: Any) -> Any:

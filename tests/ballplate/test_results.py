@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ballplate
+from twin.errors import ScenarioError
 from twin.run.record_file import read_run
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.3, "metrics": {"start": 0}}
@@ -133,6 +134,18 @@ def test_a_comparison_is_saved_and_loaded_and_put_beside_other_runs(compared, do
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [([], "seed: give at least one value"), ([1, 2, 1], "seed: 1 is given twice")],
+)
+def test_no_values_or_one_twice_is_told_before_anything_runs(values, told, tmp_path):
+    with pytest.raises(ScenarioError, match=told):
+        ballplate.compare("circle", vary={"seed": values}, duration=0.01, out=tmp_path / "run")
+    with pytest.raises(ScenarioError, match=told):
+        ballplate.sweep("circle", {"seed": values}, duration=0.01)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_sweep_is_a_run_for_every_combination(done):
     found = ballplate.sweep(
         "circle",

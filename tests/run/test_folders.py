@@ -78,6 +78,13 @@ def test_what_is_no_log_is_told_by_what_it_is(tmp_path, monkeypatch):
         log_file(Path("no.csv"))
 
 
+def test_the_only_run_of_a_comparison_is_meant_by_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = kept(Path("runs") / "compare-circle" / "rolling_mm=0.1", 100)
+    for path in (Path("runs") / "compare-circle", Path("last")):
+        assert log_file(path) == run / "run.parquet"
+
+
 def test_a_run_and_a_folder_are_no_scenarios(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = kept(Path("runs") / "circle", 100)

@@ -70,6 +70,15 @@ def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_plan_is_one_json_value_if_asked(study) -> None:
+    code, out, _ = study("short.toml", "--plan", "--processes", "1", "--json")
+    assert code == 0
+    plan = json.loads(out)
+    assert (plan["runs"], plan["finished"], plan["left"], plan["processes"]) == (4, 0, 4, 1)
+    assert plan["duration"] > 0
+    assert plan["units"] == {"duration": "s", "size": "byte"}
+
+
 def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> None:
     class Seven(ThreadPoolExecutor):
         workers = 7

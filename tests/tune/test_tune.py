@@ -246,6 +246,12 @@ def test_a_plan_runs_nothing(file, folder, monkeypatch):
     assert result.exit_code == 0, result.output
     assert "4 candidates on 2, 4 rigs in 2 tasks" in " ".join(result.stdout.split())
     assert not out.exists()
+    about = [str(file), "--plan", "--processes", "1", "--out", str(out), "--json"]
+    plan = json.loads(CliRunner().invoke(command, about).stdout)
+    said = f"about {plan['search']} runs of the search"
+    assert said in " ".join(result.stdout.split())
+    assert plan["duration"] > 0
+    assert plan["units"] == {"duration": "s"}
 
 
 GAIN, RANGE = '"controller.gains.0"', "loguniform = [60.0, 600.0]"

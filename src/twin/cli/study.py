@@ -69,7 +69,7 @@ def study(
         check_writable(doc, "--doc")
     if plan:
         check_writable(folder)
-        return _plan(work, folder, processes, scheduler)
+        return _plan(work, folder, processes, scheduler, as_json=as_json)
     done = carried_out(
         work, out=folder, processes=processes, scheduler=scheduler, reporter=Terminal()
     )
@@ -86,7 +86,9 @@ def study(
     return 0
 
 
-def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
+def _plan(
+    work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
+) -> int:
     from twin.study.carry import remaining
     from twin.study.cluster import Cluster
     from twin.study.pilot import seconds
@@ -97,11 +99,16 @@ def _plan(work: Work, folder: Path, processes: int | None, scheduler: str | None
     store = Store(folder)
     known, chunks = remaining(work.tasks, store, processes)
     total = work.different
+    left = total - known.num_rows
+    each = seconds(work.jobs(chunks[0])) if chunks else 0.0
+    if as_json:
+        counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
+        cost = {"processes": processes, "duration": left * each / processes, "size": left * BYTES}
+        print_json({**counts, **cost, "units": {"duration": "s", "size": "byte"}})
+        return 0
     if not chunks:
         console.print(f"{total} runs, all of them finished")
         return 0
-    left = total - known.num_rows
-    each = seconds(work.jobs(chunks[0]))
     console.print(
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
         f"batches take about {duration(left * each / processes)} on {processes} processors "

@@ -70,7 +70,7 @@ def tune(
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         if plan:
-            console.print(_planned(about, trials, count))
+            _plan(about, trials, count, as_json=as_json)
             return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
@@ -86,12 +86,17 @@ def tune(
     return int(not found.good)
 
 
-def _planned(about: Tune, trials: Trials, processes: int) -> str:
+def _plan(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None:
     from twin.tune.tune import planned_runs
 
     search, verdict, fresh = planned_runs(about)
     seconds = trials.seconds(search, verdict + fresh) / processes
-    return (
+    if as_json:
+        counts = {"search": search, "verdict": verdict, "certificate": fresh}
+        cost = {"processes": processes, "duration": seconds, "units": {"duration": "s"}}
+        print_json({**counts, **cost})
+        return
+    console.print(
         f"about {search} runs of the search ({about.candidates} candidates on "
         f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
         f"{verdict} of the verdict and {fresh} of the certificate take about "

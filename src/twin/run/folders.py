@@ -132,7 +132,9 @@ def record_of(path: Path) -> Path:
     if not path.is_dir():
         return path
     inner = run_folders(path)
-    if inner and inner != [path]:
+    if len(inner) == 1:
+        return inner[0] / "run.parquet"
+    if inner:
         raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
     return path / "run.parquet"
 
