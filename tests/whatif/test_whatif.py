@@ -15,6 +15,7 @@ from twin.errors import TwinError
 from twin.report.html import html
 from twin.run import execute
 from twin.run.export import export
+from twin.run.loop import INTERRUPTED
 from twin.run.replay import open_run, open_runs
 from twin.scenario.load import load
 from twin.whatif.futures import branches_of, futures, moment_of
@@ -165,6 +166,19 @@ def test_gaps_are_said_and_nothing_is_put_there(run, tmp_path):
 
 def invoke(*arguments):
     return CliRunner().invoke(ballplate, ["whatif", *map(str, arguments)])
+
+
+def test_an_interrupted_future_is_not_written(run, tmp_path, monkeypatch):
+    def cut(*given):
+        (found,) = futures(*given)
+        outcome = replace(found.run.outcome, reason=INTERRUPTED)
+        return [replace(found, run=replace(found.run, outcome=outcome))]
+
+    monkeypatch.setattr("twin.whatif.futures.futures", cut)
+    result = invoke(run, "--at", AT, "--for", 0.1, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.long

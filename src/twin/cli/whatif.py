@@ -59,6 +59,8 @@ def whatif(
         beside.begin(load_drawing)
         moment = moment_of(run, at, scenario)
         found = futures(moment, lasting, branches_of(settings, branches))
+        if any(each.run.outcome.interrupted for each in found):
+            raise KeyboardInterrupt  # a future cut short is none
         check_writable(folder)
         write(moment, found, folder, beside)
     for note in moment.notes:
