@@ -66,7 +66,7 @@ def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
     code, out, _ = study("short.toml", "--plan", "--processes", "1")
     assert code == 0
     assert "4 runs, 0 of them finished" in out
-    assert "MB on disk" in out
+    assert " kB on disk" in out
     assert not (tmp_path / "runs").exists()
 
 

@@ -62,7 +62,7 @@ def test_titles_say_in_words_which_line_is_which():
     assert explained([position], ["run"]) == "ball blue, estimate gold, reference white"
     assert explained([ANGLE], ["run"]) == "phi blue, limit pink"
     two = {"phi": ANGLE["phi"], "theta": ANGLE["phi"]}
-    assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr red, theta lighter"
+    assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
 
 
 def test_no_legend_covers_a_plot():

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, Number, constant
-from twin.errors import ModelError
 from twin.sim.plant.addresses import TELEMETRY, Addresses
 from twin.sim.plant.ball_contact import BallContact
 from twin.sim.plant.friction import Friction
