@@ -31,7 +31,7 @@ def check_writable(folder: Path, option: str = "--out") -> None:
         for each in above:
             each.rmdir()
     except OSError as error:
-        raise ScenarioError(f"{option} {folder}: cannot be written: {error.strerror}") from error
+        raise ScenarioError(f"{option} {folder}: cannot be written: {_why(error)}") from error
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
@@ -54,7 +54,14 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise RecordError(f"cannot write {path}: {error.strerror or error}") from error
+        raise RecordError(f"cannot write {path}: {_why(error)}") from error
+
+
+def _why(error: OSError) -> str:
+    """Why nothing can be written, in words."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        return "a file is where a folder should be"
+    return error.strerror or str(error)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -66,6 +66,11 @@ def test_lag_and_gain_of_a_known_motion_are_found():
     assert found.rest < 1e-4
 
 
+def test_a_delay_longer_than_any_tried_is_none():
+    found = Diagnosis.of(made(lambda t: reference(np.maximum(t - 2.2, 0))))
+    assert (found.lag, found.gain, found.rest) == (None, None, None)
+
+
 def test_a_resting_reference_has_no_lag():
     tables = {**TABLES, "reference": {"kind": "hold"}}
     found = Diagnosis.of(made(lambda t: on_x(0.01 * np.sin(t)), tables))

@@ -105,7 +105,10 @@ def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(
     (tmp_path / "taken").write_text("a file")
     code, _, err = study("", "", option, "taken")
     assert code == 2
-    assert err.strip() == f"ballplate: {option} taken: cannot be written: File exists"
+    assert (
+        err.strip()
+        == f"ballplate: {option} taken: cannot be written: a file is where a folder should be"
+    )
 
 
 def test_samples_given_by_option_are_checked_like_those_of_the_file(study) -> None:

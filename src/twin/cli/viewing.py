@@ -109,7 +109,8 @@ class Viewing:
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
-        from twin.shadow.live import Shown, beside
+        from twin.shadow.live import beside
+        from twin.shadow.shown import Shown
 
         return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
 

@@ -30,9 +30,10 @@ class Diagnosis:
 
     Attributes:
         rms: Root mean square distance of ball and reference.
-        lag: Delay of the reference at which, scaled, it fits the ball best; None if it rests.
-        gain: The scale about the plate's centre: below 1 the path is smaller; None if it rests.
-        rest: Root mean square distance from the reference so delayed and scaled; None if it rests.
+        lag: Delay of the reference at which, scaled, it fits the ball best; None if it rests, or
+            no delay fits.
+        gain: The scale about the plate's centre: below 1 the path is smaller; None without a lag.
+        rest: Root mean square distance from the reference so delayed and scaled; None likewise.
         estimation: Root mean square error of the estimated position; None if the truth is unknown.
         cut: Share of time in which a limit reduced the control effort; None if not recorded.
         angle: Largest plate angle over its limit.
@@ -100,7 +101,10 @@ def _stuck(motion: Motion) -> float | None:
 def _timing(
     run: Replay, time: Array, ball: Array
 ) -> tuple[float | None, float | None, float | None]:
-    """Delay and scale of the reference that fit the ball best, and the error that is left."""
+    """Delay and scale of the reference that fit the ball best, and the error that is left.
+
+    Nothing if the best delay is the longest of those tried, up to half the time that is judged.
+    """
     reference = run.reference
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
         return None, None, None
@@ -112,8 +116,10 @@ def _timing(
         gain = float((desired * ball).sum() / max((desired**2).sum(), 1e-12))
         return gain, _rms(gain * desired - ball)
 
-    coarse = np.linspace(-0.2, LONGEST_LAG, 69)
+    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), 0.025)
     best = coarse[int(np.argmin([fit(delay)[1] for delay in coarse]))]
+    if best == coarse[-1]:
+        return None, None, None
     around = (best - 0.03, best + 0.03)
     lag = float(minimize_scalar(lambda delay: fit(delay)[1], bounds=around, method="bounded").x)
     return lag, *fit(lag)

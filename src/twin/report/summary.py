@@ -19,6 +19,8 @@ ENDINGS = {
 }
 
 
+LEAST = 1e-6
+"""Distance in m below which a number of it says nothing."""
 SMALL = 1e-4
 """Error in m, less than the screen can tell, of which nothing needs to be said."""
 CUT = 0.001
@@ -60,7 +62,7 @@ def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:
     percent = run.metrics.get("tracking_error_percent")
     beside = f" ({clean:.3g} % on the clean model)" if clean is not None else ""
     share = f"Tracking error e_tt {percent:.3g} %{beside}, " if percent is not None else ""
-    rms = f"{1000 * found.rms:.3g} mm RMS over x and y"
+    rms = f"{_mm(found.rms)} RMS over x and y"
     start = run.scenario.metrics.start
     since = f" from {start:.4g} s on" if start else ""
     return f"{share}{rms}{since}: {'; '.join(_limits(run, found))}."
@@ -130,12 +132,17 @@ def _counted(number: int, word: str) -> str:
     return f"{number} {plural} {rest}".strip()
 
 
+def _mm(distance: float) -> str:
+    """A distance in m, in words; nothing that no rig could tell from none."""
+    return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
+
+
 def _error(run: Replay, found: Diagnosis) -> str:
     start = run.scenario.metrics.start
     since = f"From {start:.4g} s on the" if start else "The"
     percent = run.metrics.get("tracking_error_percent")
     share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
-    return f"{since} ball was {1000 * found.rms:.3g} mm (RMS) from its reference{share}."
+    return f"{since} ball was {_mm(found.rms)} (RMS) from its reference{share}."
 
 
 def _rested(found: Diagnosis) -> list[str]:

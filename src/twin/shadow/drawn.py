@@ -7,7 +7,7 @@ import numpy as np
 from twin.identify.replay import STEP
 from twin.scenario.schema import Scenario
 from twin.shadow.horizon import DRAWN, Replays
-from twin.shadow.live import Shown, Tell
+from twin.shadow.shown import Shown, Tell
 from twin.view.recording import add_twin, begin_twin, new_stream
 from twin.view.twin_stream import Scores, TwinStream
 

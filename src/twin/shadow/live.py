@@ -7,14 +7,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
-from typing import NamedTuple
 
 import numpy as np
 
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import SETTLING, Alarm
 from twin.shadow.follow import MARGIN, Follower
-from twin.shadow.horizon import BAND, Replays
+from twin.shadow.horizon import BAND
+from twin.shadow.shown import Shown, Tell
 from twin.view.live_process import Address, LiveProcess, step_back
 from twin.view.shared_ring_buffer import SharedRingBuffer
 
@@ -24,17 +24,6 @@ MOST = 1000
 """Rows taken at a time, so that one sees a twin that is behind a fast run go on."""
 SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
-
-Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
-"""Is given new replays, and times and texts of what happened."""
-
-
-class Shown(NamedTuple):
-    """Where the twin is drawn beside the run: the viewer, its recording, the run's name there."""
-
-    url: str
-    recording: str
-    name: str
 
 
 def beside(scenario: Scenario, shown: Shown | None = None) -> LiveProcess:
