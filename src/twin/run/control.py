@@ -14,6 +14,7 @@ from controllers.ballplate import BallPlate
 from controllers.held import HeldLaw
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
+from controllers.probe import wrong_answer
 from controllers.smith import Smith
 from controllers.stack import Controller, needed
 from twin.errors import ScenarioError
@@ -73,7 +74,7 @@ def build_law(scenario: Scenario) -> Law:
     """The law of a scenario.
 
     Raises:
-        ScenarioError: If it refuses its settings.
+        ScenarioError: If it refuses its settings, or does not answer as a law does.
     """
     choice = scenario.controller
     cls = choices("controller")[choice.kind]
@@ -85,6 +86,8 @@ def _designed(cls: type, choice: str, ticks: int) -> Law:
     """A law has no state: one object serves all runs of this process."""
     chosen = ControllerChoice.model_validate_json(choice)
     law: Law = _build("controller", chosen, model=BallPlate())
+    if problem := wrong_answer(law):
+        raise ScenarioError(problem)
     return law if ticks == 1 else HeldLaw(law, ticks)
 
 
