@@ -21,15 +21,15 @@ QUICK = {
     "a misspelt scenario": ("run", "cirle"),
 }
 """Commands that are to answer in the time of the import."""
+OURS = ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS")
+"""What a user's own environment does not say."""
 WHOLE = {"run circle": ("run", "circle", "--out", ".")}
 """A run with all its files."""
 
 
 def spent(*command: str, folder: str) -> float:
     """Processor seconds, user and system, of a Python process."""
-    environment = {
-        name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
-    }
+    environment = {name: value for name, value in os.environ.items() if name not in OURS}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         (sys.executable, *command), cwd=folder, env=environment, capture_output=True, check=False
