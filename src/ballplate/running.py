@@ -181,6 +181,8 @@ def _parallel(scenario: Scenario) -> bool:
 
 def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[], Run]:
     """Begin the run of the clean model in the second process, if there is one; what ends it."""
+    import scipy.linalg  # noqa: F401  both processes need it: once, where the second is a fork
+
     from twin.run import execute
     from twin.scenario.clean import clean
 

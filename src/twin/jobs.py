@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -26,6 +27,8 @@ Result = TypeVar("Result")
 
 
 WORKER = Path(__file__).with_name("worker.py")
+LOOKED = 0.5
+"""Seconds between two looks whether the process that began this one is still there."""
 AHEAD = 2
 """Jobs handed out for each process, so that none waits for its next one."""
 
@@ -144,7 +147,8 @@ class _Pool(ProcessPoolExecutor):
     """Processes that Ctrl-C, which reaches all of a terminal, leaves to the one that began them.
 
     They do not run the program again that began them, as processes of Python do: what they work on
-    lies in modules, and a script needs no guard ``if __name__ == "__main__"``.
+    lies in modules, and a script needs no guard ``if __name__ == "__main__"``. Where that is safe
+    they are forks, which have what this process has imported.
     """
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
@@ -171,7 +175,7 @@ class _Pool(ProcessPoolExecutor):
 def _pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    pool = _Pool(processes, multiprocessing.get_context("spawn"), run_path, (str(WORKER),))
+    pool = _Pool(processes, multiprocessing.get_context(_start_method()), run_path, (str(WORKER),))
     try:
         yield pool
     finally:
@@ -179,6 +183,12 @@ def _pool(processes: int) -> Iterator[_Pool]:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
+
+
+def _start_method() -> str:
+    """``fork``, which imports nothing anew, where it is safe: Linux, and no thread but this one."""
+    alone = sys.platform == "linux" and len(list(Path("/proc/self/task").iterdir())) == 1
+    return "fork" if alone else "spawn"
 
 
 def let_go(process: BaseProcess, patience: float = 1.0) -> None:
@@ -206,5 +216,9 @@ def settle() -> None:
 def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
-    parent.join()
+    if sys.platform == "win32":
+        parent.join()
+    # a forked process itself holds open what would tell it of its parent's end
+    while os.getppid() == parent.pid:
+        time.sleep(LOOKED)
     os._exit(1)

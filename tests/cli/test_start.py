@@ -12,11 +12,11 @@ from twin.cli import COMMANDS, HELP, ballplate, main
 
 UNUSED = {
     "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
-    "scipy.stats",
+    "scipy.stats", "scipy.interpolate", "scipy.optimize",
 }  # fmt: skip
 """What no run with a nonlinear law needs, whatever it writes."""
-LATE = {"matplotlib", "mujoco", "pyarrow", "PIL", "scipy.interpolate"}
-"""What a run needs for its plant, its cams and its files, but not to be imported."""
+LATE = {"matplotlib", "mujoco", "pyarrow", "PIL"}
+"""What a run needs for its plant and its files, but not to be imported."""
 HEAVY = UNUSED | LATE | {"numpy", "scipy", "pydantic"}
 """What help, lists and mistakes never need."""
 SHORT = ("--set", "duration=0.2", "--set", "metrics.start=0")

@@ -7,18 +7,16 @@ import json
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from functools import partial
-from math import factorial
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
 from twin.errors import ModelError
+from twin.hal.cubic import cubic
 from twin.paths import model_path
 
 _ORDER = 3
@@ -69,20 +67,17 @@ class CamTable:
             raise ModelError(f"cam table: {self.angles.shape} angles on a grid of {n} lines")
         if not (np.isfinite(self.angles).all() and np.all(np.diff(self.grid) > 0)):
             raise ModelError("cam table: angles must be finite and the grid rising")
-        spline = partial(scipy.interpolate.make_interp_spline, self.grid, k=_ORDER)
-        corners, powers = self.grid[:-1], range(_ORDER + 1)
-        # Taylor coefficients at the corners, first along phi, then of these along theta
-        along_phi = spline(self.angles, axis=0)
-        rows = np.array([along_phi(corners, nu=i) / factorial(i) for i in powers])
-        along_theta = spline(rows, axis=2)
-        pieces = np.array([along_theta(corners, nu=j) / factorial(j) for j in powers])
-        pieces = pieces.transpose(4, 1, 0, 2, 3).copy()
+        rows = np.moveaxis(cubic(self.grid, self.angles), 2, 0)
+        pieces = cubic(self.grid, rows).transpose(4, 2, 0, 3, 1).copy()
         cells = np.moveaxis(pieces, (3, 4), (0, 1)).tolist()
         object.__setattr__(self, "_pieces", pieces)
         object.__setattr__(self, "_lists", (self.grid.tolist(), cells))
-        level = along_phi(0.0), along_phi(0.0, nu=1)
-        slopes = spline(level[1][:, 0])(0.0), spline(level[0][:, 1])(0.0, nu=1)
-        object.__setattr__(self, "ratio", float(np.mean(slopes)))
+        i = int(np.clip(self.grid.searchsorted(0.0, "right"), 1, n - 1)) - 1
+        u = -float(self.grid[i])
+        value, slope = np.array([1.0, u, u**2, u**3]), np.array([0.0, 1.0, 2 * u, 3 * u**2])
+        phi, theta = pieces[..., i, i]
+        ratio = np.mean((slope @ phi @ value, value @ theta @ slope))
+        object.__setattr__(self, "ratio", float(ratio))
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for plate angles in rad, both (..., 2) in the order phi, theta."""

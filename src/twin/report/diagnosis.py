@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from controllers.arrays import Array
 from twin.run.metrics import Motion
@@ -14,6 +13,8 @@ from twin.run.replay import Replay, columns
 
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
+COARSE, FINE = 0.025, 0.005
+"""Steps in s in which it is looked for, first everywhere and then about the best."""
 CUT = 0.01
 """Difference of requested and applied acceleration in rad/s^2 that counts as cut by a limit."""
 REST = 1.0
@@ -111,17 +112,22 @@ def _timing(
     some = slice(None, None, max(1, len(time) // 2000))
     time, ball = time[some], ball[some]
 
-    def fit(delay: float) -> tuple[float, float]:
-        desired = reference(np.maximum(time - delay, 0.0))[0]
-        gain = float((desired * ball).sum() / max((desired**2).sum(), 1e-12))
-        return gain, _rms(gain * desired - ball)
+    def fit(delay: float, every: int = 1) -> tuple[float, float]:
+        desired = reference(np.maximum(time[::every] - delay, 0.0))[0]
+        gain = float((desired * ball[::every]).sum() / max((desired**2).sum(), 1e-12))
+        return gain, _rms(gain * desired - ball[::every])
 
-    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), 0.025)
-    best = coarse[int(np.argmin([fit(delay)[1] for delay in coarse]))]
+    coarse = np.arange(-0.2, min(LONGEST_LAG, float(np.ptp(time)) / 2), COARSE)
+    every = max(1, len(time) // 400)
+    best = coarse[int(np.argmin([fit(delay, every)[1] for delay in coarse]))]
     if best == coarse[-1]:
         return None, None, None
-    around = (best - 0.03, best + 0.03)
-    lag = float(minimize_scalar(lambda delay: fit(delay)[1], bounds=around, method="bounded").x)
+    fine = best + np.arange(-COARSE, 1.5 * COARSE, FINE)
+    squares = np.array([fit(delay)[1] ** 2 for delay in fine])
+    i = int(np.clip(np.argmin(squares), 1, len(fine) - 2))
+    before, least, after = squares[i - 1 : i + 2]
+    bend = before - 2 * least + after  # of the parabola through the three: its vertex is the lag
+    lag = float(fine[i] + FINE * (0.5 * (before - after) / bend if bend > 0 else 0.0))
     return lag, *fit(lag)
 
 
