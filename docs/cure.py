@@ -30,15 +30,17 @@ class Cell(NamedTuple):
     """What a law reached on a task."""
 
     nominal: float | None
-    """None if the ball was lost, or it never settled."""
+    """Mean of the runs of the nominal rig; None if the ball was lost, or it never settled."""
     worst: float | None
     """Of the rigs of the family; None if one of them was lost or never settled."""
     missing: int
     """How many rigs that holds for."""
+    span: tuple[float, float]
+    """Least and largest of the runs of the nominal rig."""
 
 
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
-    """Of every law in turn: the nominal rig, then those of the family."""
+    """Of every law in turn: the nominal rig with several noises, then those of the family."""
     from twin.study.build import Builder  # noqa: PLC0415
     from twin.study.family import drawn, read  # noqa: PLC0415
 
@@ -52,7 +54,7 @@ def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
             for text in law["set"]
         ]
         fixed = [*plan["set"], *task["set"], *texts]
-        found.append(build(fixed, {}))
+        found += [build([*fixed, f"seed={noise}"], {}) for noise in range(plan["noises"])]
         found += [build([*fixed, f"seed={rig.seed}"], rig.point) for rig in rigs]
     return found
 
@@ -119,9 +121,18 @@ def cells(plan: dict[str, Any], values: list[float | None]) -> list[Cell]:
     """What every law reached."""
     rows = []
     for each in np.array(values, dtype=object).reshape(len(plan["laws"]), -1).tolist():
-        family = [value for value in each[1:] if value is not None]
-        missing = len(each) - 1 - len(family)
-        rows.append(Cell(each[0], None if missing else max(family), missing))
+        first, rigs = each[: plan["noises"]], each[plan["noises"] :]
+        family = [value for value in rigs if value is not None]
+        missing = len(rigs) - len(family)
+        lost = None in first
+        rows.append(
+            Cell(
+                None if lost else float(np.mean(first)),
+                None if missing else max(family),
+                missing,
+                (np.nan, np.nan) if lost else (min(first), max(first)),
+            )
+        )
     return rows
 
 
@@ -130,9 +141,11 @@ def said(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def verdict(value: float | None, goal: float) -> str:
-    """Whether a goal was reached."""
-    return f"{said(value)} ({'reached' if value is not None and value <= goal else 'missed'})"
+def verdict(value: float | None, goal: float, span: tuple[float, float] = (np.nan, np.nan)) -> str:
+    """Whether a goal was reached, and what noise did to it."""
+    scatter = "" if np.isnan(span[0]) else f" ({said(span[0])} to {said(span[1])})"
+    word = "reached" if value is not None and value <= goal else "missed"
+    return f"{said(value)}{scatter}, {word}"
 
 
 def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
@@ -145,7 +158,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "",
         "Made by `uv run python docs/regenerate.py cure`; what it runs is `docs/cure.toml`.",
         "",
-        f"Each law meets the nominal rig (one run) and the same {plan['rigs']} rigs of the family "
+        f"Each law meets the nominal rig, with the same {plan['noises']} noises (told is the mean, "
+        f"in brackets least and largest), and the same {plan['rigs']} rigs of the family "
         f"`{plan['family']}` (draw {plan['draw']}), on the mechanism in MuJoCo with all effects "
         "on, at a physics step of 2 ms. Judged is the true ball. That few rigs say little of the "
         "worst of many: `--rigs 60` asks for more. The gains of the thesis's laws are those of its "
@@ -179,7 +193,7 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         )
         lines.append(
             f"| {task['name']} | {word}, {unit} | {nominal:g} "
-            f"| {verdict(found[-1].nominal, nominal)} | {worst:g} "
+            f"| {verdict(found[-1].nominal, nominal, found[-1].span)} | {worst:g} "
             f"| {verdict(found[-1].worst, worst)} | {first} | {last} |"
         )
     lines += ["", "## Every law", "", "Nominal / worst rig; -: ball lost, or never settled.", ""]
