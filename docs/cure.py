@@ -19,6 +19,8 @@ import numpy as np
 HERE = Path(__file__).parent
 EVERY = 5
 BAND = 0.005
+FLOOR = "circle 0.75 rad/s"
+"""Task for which the cure is compared with the least that is possible."""
 KINDS = {
     "tracking": ("e_tt", "%"),
     "median": ("median distance", "mm"),
@@ -37,6 +39,8 @@ class Cell(NamedTuple):
     """How many rigs that holds for."""
     span: tuple[float, float]
     """Least and largest of the runs of the nominal rig."""
+    rigs: list[float | None]
+    """Every rig of the family."""
 
 
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
@@ -131,6 +135,7 @@ def cells(plan: dict[str, Any], values: list[float | None]) -> list[Cell]:
                 None if missing else max(family),
                 missing,
                 (np.nan, np.nan) if lost else (min(first), max(first)),
+                rigs,
             )
         )
     return rows
@@ -196,6 +201,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
             f"| {verdict(found[-1].nominal, nominal, found[-1].span)} | {worst:g} "
             f"| {verdict(found[-1].worst, worst)} | {first} | {last} |"
         )
+    if FLOOR in table:
+        lines += floors(plan, table[FLOOR][-1])
     lines += ["", "## Every law", "", "Nominal / worst rig; -: ball lost, or never settled.", ""]
     heads = [task["name"] for task in tasks]
     lines += [f"| law | {' | '.join(heads)} |", "|---" + "|--:" * len(heads) + "|"]
@@ -207,6 +214,45 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         lines += ["", f"Not simulated for this page: {'; '.join(left)}."]
     lines.append("")
     return "\n".join(lines)
+
+
+def floors(plan: dict[str, Any], cell: Cell) -> list[str]:
+    """What the cure reached on every rig, beside what an uneven screen leaves to anybody."""
+    from cure_floor import Screen, floor  # noqa: PLC0415
+
+    task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
+    radius = 0.15
+    lines = [
+        "",
+        "## How far the floor is",
+        "",
+        f"What the cure reaches on each of these rigs ({FLOOR}), beside the least that any "
+        "controller could reach in the mean over screens as uneven, which it does not know: the "
+        "linear-quadratic Gaussian bound of `docs/cure_floor.py`, with level, mean friction and "
+        "dead time known, ideal drives and any effort. So much is the screen's alone; the rest is "
+        "play, slow drives, gains that suit all rigs, and this screen instead of the mean. At the "
+        "edge of the family (0.27 mm, 20 % uneven, 58 frames a second) it is "
+        f"{floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task['omega']) / radius:.1%}.",
+        "",
+        "| rig | rolling, mm | uneven, % | frames/s | dead time, ms | floor, % | the cure, % |",
+        "|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for number, (scenario, value) in enumerate(zip(rigs_of(plan, task), cell.rigs, strict=True)):
+        touch, friction = scenario.sensors.touch, scenario.plant.friction.rolling_mm
+        spread = scenario.plant.surface.spread_percent
+        screen = Screen(friction, spread / 100, touch.frame_rate, touch.dead_time)
+        least = 100 * floor(screen, radius * task["omega"]) / radius
+        every = f"{touch.frame_rate:.0f}" if touch.frame_rate else "500"
+        lines.append(
+            f"| {number + 1} | {friction:.2f} | {spread:.0f} | {every} "
+            f"| {1000 * touch.dead_time:.0f} | {least:.2f} | {said(value)} |"
+        )
+    return lines
+
+
+def rigs_of(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
+    """Scenarios of the last law on the rigs of the family."""
+    return scenarios(plan | {"laws": plan["laws"][-1:]}, task)[plan["noises"] :]
 
 
 def told(cell: Cell, rigs: int) -> str:
