@@ -170,7 +170,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "worst of many: `--rigs 60` asks for more. The gains of the thesis's laws are those of its "
         "chapter 9, those of the others their defaults, none of them found by `ballplate tune`; "
         "those of `mpc` and `internal_model` were chosen by hand so that a raw step ends, those of "
-        "`stable_inversion` on 12 rigs of draw 101; `tvlqr` and `iterative_learning` are softer. "
+        "`stable_inversion` and the random walks of its observer on 12 rigs of draw 101; `tvlqr` "
+        "and `iterative_learning` are softer. "
         "Lap learning has learnt from one to three laps when it is judged. What holds on another "
         "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md); "
         "every law tuned with the same budget is in [tuned.md](tuned.md).",

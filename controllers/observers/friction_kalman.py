@@ -26,8 +26,12 @@ KNOWN = (
 """What the filter knows beyond the state; tilt gains are errors, spreads standard deviations."""
 F = 8
 """Where the friction stands in the filter's state."""
+DISTURBANCE = [4, 5]
+"""Where the disturbance along x and y stands there."""
 LEARNT = slice(6, 9)
 """Tilt gain and friction, which are learnt in motion alone."""
+RESTING = 0.004
+"""Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
 
@@ -77,6 +81,9 @@ class FrictionKalman(LateBall):
     walk: tuple[float, float, float, float] = (0.01, 0.02, 0.005, 0.0005)
     """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
     as standard deviation after a second."""
+    resting_walk: float | None = None
+    """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
+    up to the breakaway. None for the same as in motion."""
     spread: tuple[float, float, float] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
     R: tuple[float, float] = (NOISE[0], NOISE[2])
@@ -102,6 +109,10 @@ class FrictionKalman(LateBall):
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
+        self._at_rest = 0.0
+        if self.resting_walk is not None:
+            check_positive("resting_walk", [self.resting_walk], 1)
+            self._at_rest = self.resting_walk**2 * T - disturbance
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
         self._A = np.eye(9)
@@ -139,6 +150,10 @@ class FrictionKalman(LateBall):
         A[:, 2, 6], A[:, 3, 7] = step.gain
         P = A @ self._P @ A.swapaxes(1, 2)
         P[:, self._diagonal, self._diagonal] += self._Q
+        if self._at_rest:
+            vx, vy = self._ball.velocity(self._s, then)
+            rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
+            P[:, DISTURBANCE, DISTURBANCE] += np.reshape(rest * self._at_rest, (-1, 1))
         self._P = P
 
     def correct(self, measurement: Measurement) -> Array:

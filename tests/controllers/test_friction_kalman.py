@@ -192,6 +192,22 @@ def test_friction_is_not_learnt_from_a_ball_that_lies_still():
     assert observer.further[0, 1] < -0.01  # what holds the ball is taken for a disturbance
 
 
+def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_rest():
+    quick, slow = FrictionKalman(resting_walk=0.1), FrictionKalman()
+    spreads = {}
+    for speed in (0.0, 0.1):
+        for observer in (quick, slow):
+            x = np.array([[0.0, speed, 0, 0, 0, 0, 0, 0]])
+            observer.start(np.tile(x, (2, 1)))
+            for _ in range(100):  # the plate is felt, the ball is not
+                observer.correct(Measurement(0.0, np.zeros((2, 4)), np.zeros(2), np.zeros(2, bool)))
+                observer.predict(np.zeros((2, 2)))
+            spreads[speed, observer is quick] = observer.P[:, 4, 4]
+    walked = 100 * T * (0.1**2 - 0.02**2)
+    assert spreads[0.0, True] - spreads[0.0, False] == pytest.approx(np.full(2, walked))
+    assert np.all(spreads[0.1, True] - spreads[0.1, False] < 0.01 * walked)
+
+
 def test_a_frame_is_taken_once_and_as_old_as_it_is():
     observer = FrictionKalman()
     observer.start(np.zeros((1, 8)))
@@ -225,7 +241,14 @@ def test_a_predictor_around_it_is_refused():
 
 
 @pytest.mark.parametrize(
-    "setting", [{"believed_mm": -0.1}, {"walk": (1, 1, 1)}, {"delay": -1.0}, {"R": (0.0, 1.0)}]
+    "setting",
+    [
+        {"believed_mm": -0.1},
+        {"walk": (1, 1, 1)},
+        {"delay": -1.0},
+        {"R": (0.0, 1.0)},
+        {"resting_walk": 0.0},
+    ],
 )
 def test_settings_that_cannot_be_are_refused(setting):
     with pytest.raises(ValueError, match="must be"):
