@@ -61,7 +61,7 @@ FAULTS = (
     ),
     Fault(
         "last_stage_of_rk4",
-        f"{PLANT}/exact.py",
+        f"{PLANT}/ball_motion.py",
         "acceleration(end, x + h * vx3",
         "acceleration(middle, x + h * vx3",
         "plant: the last stage of RK4 looks at the middle of the step",

@@ -99,7 +99,7 @@ def test_energy_is_never_created():
     energies = []
     for _ in range(1000):
         plant.advance(np.zeros((20, 2)), 4)
-        v, bend = plant.state[:, 1::4], plant._bend
+        v, bend = plant.state[:, 1::4], plant._balls.bend
         energies.append((v**2).sum(axis=1) / 2 + FULL / WAY * (bend**2).sum(axis=1) / 2)
     energies = np.array(energies)
     growth = np.diff(energies, axis=0).max(axis=0) / energies[0]

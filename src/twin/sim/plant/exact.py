@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, Number, put
+from controllers.arrays import Array, Mask, Number, put
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.sim.plant.friction import Friction, resisted
+from twin.sim.plant.ball_motion import BallMotion
+from twin.sim.plant.friction import Friction
 from twin.sim.plant.level import tilted_gravity
 from twin.sim.plant.rolling import Rolling, rolling
 
@@ -52,42 +53,21 @@ class ExactPlant:
     ) -> None:
         self.rigs = rigs
         self.step = step
-        self._age: Array | None = None
-        self._bend: Array = np.zeros((rigs, 2))
-        """How far each contact is bent, m; stays 0 of one that does not."""
         self._equip(model or BallPlate(), friction, level)
         self.start(np.zeros((rigs, 4)))
 
     def change(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
         """Go on with another ball, friction and level; arguments as when it was made."""
+        before = self._balls
         self._equip(model, friction, level)
-        ageing = friction is not None and friction.ageing
-        if not ageing:
-            self._age = None
-        elif self._age is None:
-            self._age = self._settled()
+        self._balls.go_on(before, self._x)
 
     def _equip(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
         self.model, self.friction = model, friction
-        surface = None if friction is None else friction.map
-        self._slope = surface if surface is not None and surface.sloping else None
-        self._gravity: Any = tilted_gravity(level, self.model.gravity).T
-        self._bending = friction is not None and friction.bending
-        self._grip: Any = None
-        """Deceleration by friction over the normal acceleration, where it is constant."""
-        if friction is not None and friction.constant:
-            self._grip = self.model.c1 * (np.asarray(friction.rolling) / self.model.radius)
-        self._single = self.rigs == 1 and (friction is None or friction.constant)
-        """Whether plain numbers do."""
-        self._by = NUMBERS if self._single else ARRAYS
-        if self._single:
-            self._gravity = self._gravity.ravel().tolist()
-            self._grip = None if self._grip is None else self._grip.item()
-
-    def _settled(self) -> Array:
-        """Age of contacts that have long been as they are, shape (N,)."""
-        assert self.friction is not None
-        return self.friction.settled(np.hypot(self._x[:, 1], self._x[:, 5]))
+        self._balls = BallMotion(model, friction, rigs=self.rigs, step=self.step)
+        self._single = self._balls.single
+        gravity = tilted_gravity(level, model.gravity).T
+        self._gravity: Any = gravity.ravel().tolist() if self._single else gravity
 
     def start(self, ball: Array, spin: Number = 0.0) -> None:
         """Put every plate level and at rest with its ball at (x, x', y, y'), shape (N, 4).
@@ -101,10 +81,7 @@ class ExactPlant:
             raise ModelError("the exact equations have a ball that never spins")
         self._x: Array = np.zeros((self.rigs, 8))
         self._x[:, (0, 1, 4, 5)] = ball
-        self._age = None
-        if self.friction is not None and self.friction.ageing:
-            self._age = self._settled()
-        self._bend = np.zeros((self.rigs, 2))
+        self._balls.start(self._x)
         self._fallen = np.zeros(self.rigs, bool)
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
@@ -118,16 +95,14 @@ class ExactPlant:
         fresh = np.zeros((len(rigs), 8))
         fresh[:, (0, 1, 4, 5)] = ball
         self._x = put(self._x, rigs, fresh)
-        if self._age is not None:
-            self._age = put(self._age, rigs, self._settled()[rigs])
-        self._bend = put(self._bend, rigs, np.zeros((len(rigs), 2)))
+        self._balls.begin(rigs, self._x)
         self._fallen[rigs] = False
 
     def place(self, ball: Array) -> None:
         """Put the balls at (x, x', y, y') on plates that stay as they are, shape (N, 4)."""
         self._x = self._x.copy()
         self._x[:, (0, 1, 4, 5)] = ball
-        self._bend = np.zeros((self.rigs, 2))
+        self._balls.straighten()
         self._fallen = np.zeros(self.rigs, bool)
 
     def resume(self, x: Array, age: Array | None = None) -> None:
@@ -139,13 +114,12 @@ class ExactPlant:
         """
         self._x = np.array(x, float)
         self._fallen = np.zeros(self.rigs, bool)
-        if self.friction is not None and self.friction.ageing:
-            self._age = self._settled() if age is None else np.array(age, float)
+        self._balls.settle(self._x, None if age is None else np.array(age, float))
 
     @property
     def age(self) -> Array | None:
         """Ages of the contacts, shape (N,), where friction has them."""
-        return self._age
+        return self._balls.age
 
     def advance(self, motor_rate: Array, steps: int) -> None:
         """Ramp to the plate rates (rad/s, shape (N, 2)) over a number of physics steps."""
@@ -156,11 +130,11 @@ class ExactPlant:
         plate = (phi, theta), (phi_rate, theta_rate), u
         equations = self._along(plate, [half * i for i in range(2 * steps + 1)])
         for i in range(0, 2 * steps, 2):
-            x, vx, y, vy = self._step((x, vx, y, vy), *equations[i : i + 3])
+            x, vx, y, vy = self._balls.step((x, vx, y, vy), *equations[i : i + 3])
         (phi, theta), (phi_rate, theta_rate) = _turned(plate, period)
         self._x = self._state(x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         off = (abs(x) > EDGES[0]) | (abs(y) > EDGES[1])
-        if self._by.any(off):
+        if self._balls.by.any(off):
             self._fallen |= off
 
     @property
@@ -208,85 +182,6 @@ class ExactPlant:
         all_angles = np.array(angles)
         trig = zip(np.sin(all_angles).tolist(), np.cos(all_angles).tolist(), rates, strict=True)
         return [rolling(self.model, *each, plate[2], self._gravity) for each in trig]
-
-    def _step(self, ball: Any, begin: Rolling, middle: Rolling, end: Rolling) -> tuple[Any, ...]:
-        """One step of RK4, from (x, x', y, y') to the next."""
-        h, half = self.step, self.step / 2
-        x, vx, y, vy = ball
-        self._bend_on(ball, half)
-        acceleration = self._free if self.friction is None else self._resisted
-        ax, ay = acceleration(begin, x, vx, y, vy)
-        vx2, vy2 = vx + half * ax, vy + half * ay
-        ax2, ay2 = acceleration(middle, x + half * vx, vx2, y + half * vy, vy2)
-        vx3, vy3 = vx + half * ax2, vy + half * ay2
-        ax3, ay3 = acceleration(middle, x + half * vx2, vx3, y + half * vy2, vy3)
-        vx4, vy4 = vx + h * ax3, vy + h * ay3
-        ax4, ay4 = acceleration(end, x + h * vx3, vx4, y + h * vy3, vy4)
-        after_x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4)
-        after_y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4)
-        after_vx = vx + h / 6 * (ax + 2 * (ax2 + ax3) + ax4)
-        after_vy = vy + h / 6 * (ay + 2 * (ay2 + ay3) + ay4)
-        if self.friction is not None:
-            held, where = self._held(ball, begin), self._by.where
-            after_vx, after_vy = where(held, 0.0, after_vx), where(held, 0.0, after_vy)
-            self._bend_on((after_x, after_vx, after_y, after_vy), half)
-            if self._age is not None:
-                speed = np.hypot(vx + after_vx, vy + after_vy) / 2
-                self._age = self.friction.aged(self._age, speed, h)
-        return after_x, after_vx, after_y, after_vy
-
-    def _resisted(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
-        """Acceleration of the ball with resistance."""
-        assert self.friction is not None
-        ax, ay = self._free(at, x, vx, y, vy)
-        limit = self._limit(at, x, vx, y, vy)
-        stiff = resisted(limit, (vx, vy), (ax, ay), self._by)
-        if not self._bending:
-            return stiff
-        share, bends = self.friction.share(self._bend).T, np.asarray(self.friction.presliding) > 0
-        soft = ax - limit * share[0], ay - limit * share[1]
-        return np.where(bends, soft[0], stiff[0]), np.where(bends, soft[1], stiff[1])
-
-    def _bend_on(self, ball: Any, time: float) -> None:
-        """Bend the contacts for a time in s at the speed of balls (x, x', y, y')."""
-        if self._bending:
-            assert self.friction is not None
-            velocity = np.array(ball[1::2]).reshape(2, self.rigs).T
-            self._bend = self.friction.bent(self._bend, velocity, time)
-
-    def _free(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
-        """Acceleration of the ball without resistance."""
-        xx, xy, yx, yy, turn, px, py, normal = at
-        ax = xx * x + xy * y + turn * vy + px
-        ay = yx * x + yy * y - turn * vx + py
-        if self._slope is not None:
-            slope = self.model.c1 * normal * self._slope(np.stack((x, y), axis=-1))[1].T
-            return ax - slope[0], ay - slope[1]
-        return ax, ay
-
-    def _limit(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> Any:
-        """Largest acceleration in m/s^2 that friction can take away."""
-        if self._grip is not None:
-            return self._grip * at.normal
-        assert self.friction is not None
-        level = 0.0 * x
-        state = self._state(x, vx, level, level, y, vy, level, level)
-        return self.friction.deceleration(self.model, state, self._age, at.normal)
-
-    def _held(self, ball: Any, at: Rolling) -> Any:
-        """Whether friction takes away a ball's last speed within this step and holds the ball."""
-        x, vx, y, vy = ball
-        reach = self._limit(at, x, vx, y, vy) * self.step
-        slow = vx * vx + vy * vy <= reach * reach
-        if self._bending:
-            assert self.friction is not None
-            slow = slow & (np.asarray(self.friction.presliding) == 0)
-        if not self._by.any(slow):
-            return slow
-        rest = 0.0 * x
-        ax, ay = self._free(at, x, rest, y, rest)
-        hold = self._limit(at, x, rest, y, rest)
-        return slow & (ax * ax + ay * ay <= hold * hold)
 
 
 def _turned(plate: Any, time: Any) -> tuple[Any, Any]:
