@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify.log import Log
+from twin.identify.samples import ball_samples
 
 SLOWEST = 0.05
 """Longest time in s between rows."""
@@ -138,7 +138,7 @@ def prepare(log: Log) -> PreparedLog:
     lifted = _long_runs(~log.touched, time, LIFTED)
     if lifted.any():
         notes.append(f"ball off the screen for {period * lifted.sum():.2f} s: left out")
-    fresh, sigma = _ball_samples(log, period, notes)
+    fresh, sigma = ball_samples(log, period, notes)
     good = ~lifted
     good[:-1] &= ~gap
     segments = [
@@ -165,13 +165,6 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     """First index and one past the last of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def resolution(measured: Array) -> float:
-    """Smallest step between two different readings, 0 if there is none."""
-    steps = np.diff(np.unique(measured))
-    steps = steps[steps > 1e-9]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def _complete_rows(log: Log, notes: list[str]) -> Log:
@@ -210,49 +203,6 @@ def _long_runs(mask: Mask, time: Array, least: float) -> Mask:
         if time[stop - 1] - time[first] >= least:
             out[first:stop] = True
     return out
-
-
-def _ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array]:
-    """Rows that bring a usable ball sample, and the standard deviation of one in m, shape (2,)."""
-    usable = log.touched & np.isfinite(log.ball).all(axis=-1)
-    if (log.touched & ~usable).any():
-        missing = int((log.touched & ~usable).sum())
-        notes.append(f"{missing} rows without ball position left out")
-    fresh = usable & _new_position(log.age, log.ball, period)
-    sigma = _noise(log.ball[fresh])
-    spikes = np.zeros_like(fresh)
-    spikes[fresh] = _spikes(log.ball[fresh], sigma)
-    if spikes.any():
-        notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
-    return fresh & ~spikes, sigma
-
-
-def _new_position(age: Array, ball: Array, period: float) -> Mask:
-    """Rows that bring a new ball position, not one held from before."""
-    if np.ptp(age) > period / 2:
-        return np.concatenate(([True], np.diff(age) < period / 2))
-    change = np.concatenate(([True], (np.diff(ball, axis=0) != 0).any(axis=-1)))
-    at = np.flatnonzero(change)
-    lengths = np.diff(at)
-    lengths = lengths[lengths * period < 0.1]
-    held = int(np.median(lengths)) if len(lengths) else 1
-    if held <= 1:
-        return np.ones_like(change)
-    since = np.arange(len(ball)) - at[np.cumsum(change) - 1]
-    return np.asarray(since % held == 0)
-
-
-def _noise(ball: Array) -> Array:
-    """Standard deviation of one sample, from how three in a row differ from a line."""
-    bend = np.diff(ball, n=2, axis=0)
-    spread = np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6))
-    grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
-    return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
-
-
-def _spikes(ball: Array, sigma: Array) -> Mask:
-    usual = median_filter(ball, size=(9, 1), mode="nearest")
-    return np.asarray((np.abs(ball - usual) > np.maximum(8 * sigma, 0.003)).any(axis=-1))
 
 
 def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:
