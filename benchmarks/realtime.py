@@ -27,12 +27,13 @@ from twin.devices.lumio.screen import LumioScreen
 from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import real_time
 from twin.devices.timing import LatencyHistogram, TimingLog
-from twin.emulator.can_bus import BusServer, EmulatedBus
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_server import BusServer
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.process import come_forward
 from twin.emulator.screen import EmulatedScreen, ScreenLine
-from twin.emulator.serve import come_forward
 
 PERIOD = 0.002
 PATIENT = MonitorConfig(stale=250, unsteady=51, lag_time=2.0, frozen=10.0, answer=10.0)

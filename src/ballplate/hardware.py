@@ -62,7 +62,7 @@ def connected(
         yield connect(scenario, read_rig(Path(on)), reset=reset)
         return
     from twin.emulator.changes import follow_changes
-    from twin.emulator.serve import emulated
+    from twin.emulator.process import emulated
     from twin.run.plants import build_plant
 
     # what a virtual rig knows of its cams is part of its scenario

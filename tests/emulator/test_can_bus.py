@@ -9,8 +9,9 @@ import pytest
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import BusServer, EmulatedBus, ErrorFrames, message
+from twin.emulator.can_bus import EmulatedBus, ErrorFrames, message
 from twin.emulator.can_faults import BusFaults, Frame, Towards
+from twin.emulator.can_server import BusServer
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
@@ -127,7 +128,7 @@ def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
 
 FORWARD = """
 import os
-from twin.emulator.serve import PRIORITY, come_forward
+from twin.emulator.process import PRIORITY, come_forward
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     allowed = True

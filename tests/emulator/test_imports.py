@@ -13,8 +13,8 @@ import twin.emulator
 from twin.cli.emulate import emulate
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
+from twin.emulator.process import emulated
 from twin.emulator.screen import EmulatedScreen, ScreenLine
-from twin.emulator.serve import emulated
 from twin.errors import RigError
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))

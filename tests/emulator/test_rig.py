@@ -17,7 +17,8 @@ import pytest
 
 from twin.cli.emulate import toml
 from twin.emulator.drive_power import MASTER_SILENT
-from twin.emulator.serve import VirtualRig, emulated
+from twin.emulator.process import emulated
+from twin.emulator.serve import VirtualRig
 from twin.emulator.virtual import TICK
 from twin.run.record_file import read_run
 from twin.scenario.rig import check_rig, read_rig

@@ -13,7 +13,8 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.devices.akd.slcan_bus import PromptSlcanBus
-from twin.emulator.can_bus import BusServer, EmulatedBus
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_server import BusServer
 from twin.emulator.can_slcan import SlcanAdapter, SlcanPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power

@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd.slcan_bus import PromptSlcanBus
-from twin.emulator.can_bus import BusServer, EmulatedBus
+from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_faults import Frame
+from twin.emulator.can_server import BusServer
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from twin.view.axis import shown_range
 from twin.view.layout import blueprint
-from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range
+from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained
 
 ANGLE = {
     "phi": Signal(np.array([-1.0, np.nan, 3.0]), BLUE),

@@ -84,7 +84,7 @@ def _print(result: CheckResult) -> None:
 @contextmanager
 def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
     """The rig file, and who puts and lifts the ball."""
-    from twin.emulator.serve import emulated
+    from twin.emulator.process import emulated
     from twin.scenario.rig import check_rig, read_rig
 
     if name != EMULATED:

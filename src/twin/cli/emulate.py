@@ -45,7 +45,8 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     far it is behind the clock; Ctrl-C ends it.
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
-    from twin.emulator.serve import VirtualRig, come_forward
+    from twin.emulator.process import come_forward
+    from twin.emulator.serve import VirtualRig
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:

@@ -1,39 +1,27 @@
-"""The virtual rig in real time, or in a separate process: its adapter and screen are ports."""
+"""The virtual rig in real time: its adapter and screen are ports."""
 
 from __future__ import annotations
 
 import gc
-import multiprocessing
-import os
-import signal
-import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import partial
-from multiprocessing.connection import Connection
-from typing import Any
 
-from twin.emulator.can_bus import BusServer, EmulatedBus
+from twin.emulator.can_bus import EmulatedBus
+from twin.emulator.can_server import BusServer
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.pseudo_terminal import check_pseudo_terminals
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.virtual import TICK, EmulatedPlant
-from twin.errors import RigError
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
 STARVED = 0.001
 """Lag in s of every hundredth round from which the emulator is too slow for periods of 2 ms."""
-PRIORITY = 70
-"""Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
 BEGIN = "begin"
 """Word that says that the run's time is zero now; it has no answer."""
-START = 60.0
-"""Longest time in s that the process may take to start."""
 
 
 class VirtualRig:
@@ -165,125 +153,3 @@ class VirtualRig:
     def _ball(self) -> tuple[tuple[float, float], ...]:
         with self.server.lock:
             return self.plant.ball() if self._finger is None else (self._finger,)
-
-
-@contextmanager
-def _apart(process: int) -> Iterator[None]:
-    """Meanwhile, keep a process and this one on different processors, where that is possible."""
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-    if len(allowed) < 2:
-        yield
-        return
-    own = max(allowed)
-    os.sched_setaffinity(process, {own})
-    os.sched_setaffinity(0, allowed - {own})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, allowed)
-
-
-def come_forward() -> None:
-    """Raise this process's priority where that is permitted: real devices need no processor.
-
-    Its later threads have it, too. Otherwise a busy machine would let the emulated drives answer
-    late, which looks like an overloaded host.
-    """
-    if sys.platform == "linux":
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-            return
-    with suppress(OSError, AttributeError):
-        os.nice(-10)
-
-
-def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
-    """The body of the process: serve until the pipe is closed, obeying what comes through it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
-    come_forward()
-    with VirtualRig(scenario, protocol) as rig:
-        pipe.send(rig.tables())
-        listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
-        listener.start()
-        rig.server.run()
-
-
-def _listen(pipe: Connection, rig: VirtualRig) -> None:
-    """Obey what comes through the pipe until its other end is closed."""
-    while True:
-        try:
-            word = pipe.recv()
-            answer = rig.obey(word)
-            if word != BEGIN:
-                pipe.send(answer)
-        except (EOFError, OSError):
-            rig.server.stop()
-            return
-
-
-class Emulator:
-    """A virtual rig in another process.
-
-    Args:
-        process: The process.
-        pipe: The way to it.
-        tables: The rig file that a host needs.
-    """
-
-    def __init__(
-        self, process: multiprocessing.context.SpawnProcess, pipe: Connection, tables: Tables
-    ) -> None:
-        self.tables = tables
-        self._process, self._pipe = process, pipe
-
-    def tell(self, word: str) -> str:
-        """Do something to the rig, as ``VirtualRig.obey`` says; what was done."""
-        self._pipe.send(word)
-        answer: Any = self._pipe.recv()
-        return str(answer)
-
-    def begin(self) -> None:
-        """Say that the run's time is zero now; waits for nothing."""
-        self._pipe.send(BEGIN)
-
-    @property
-    def pid(self) -> int:
-        """Its process."""
-        return self._process.pid or os.getpid()
-
-
-@contextmanager
-def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> Iterator[Emulator]:
-    """A virtual rig in a separate process, for as long as the context lasts.
-
-    Raises:
-        RigError: It does not start, or this system has no pseudo-terminals.
-    """
-    check_pseudo_terminals()
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        with _apart(process.pid or 0):
-            yield Emulator(process, ours, _rig_file(ours))
-    finally:
-        ours.close()
-        process.join(2.0)
-        if process.is_alive():
-            process.kill()
-            process.join()
-
-
-def _rig_file(pipe: Connection) -> Tables:
-    """What the process sends when it serves.
-
-    Raises:
-        RigError: It has ended, or takes too long.
-    """
-    with suppress(EOFError):
-        if pipe.poll(START):
-            tables: Tables = pipe.recv()
-            return tables
-    raise RigError("emulated rig: its process did not start; run ballplate emulate to see why")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -94,14 +93,6 @@ GROUPS = (
     Group("torque_Nm", "motor torques [N m]"),
 )
 
-ROOM = 0.01
-"""Room above and below the lines of a plot, at least, as a share of its height."""
-STEPS = (1.0, 2.0, 5.0, 10.0)
-"""A plot begins and ends at multiples of one of these, times a power of ten."""
-FINE = 20
-"""Such steps in the height of a plot, about."""
-LEAST = 0.05
-"""Least half of the height of a plot, in its unit."""
 FORCES = (
     ("wheel_force_N", "wheel_", "_N"),
     ("ball_force_N", "ball_", "_N"),
@@ -205,33 +196,6 @@ def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> st
         f"{name.removesuffix('_high').replace('_', ' ')} {WORDS[signal.colour]}"
         for name, signal in lines.items()
         if not name.endswith("_saturated")
-    )
-
-
-def shown_range(plots: Sequence[Mapping[str, Signal]]) -> tuple[float, float]:
-    """What the axis of a plot of one or several runs shows: its lines, but not their limits.
-
-    It begins and ends at round numbers, because the viewer labels powers of ten and their multiples
-    only, of which a low plot has one or none. Of several runs the tracking error is drawn as a
-    distance alone.
-    """
-    lines = [
-        signal.values[np.isfinite(signal.values)]
-        for plot in plots
-        for name, signal in plot.items()
-        if not name.startswith("limit")
-        and not (len(plots) > 1 and "distance" in plot and name != "distance")
-    ]
-    values = np.concatenate([*lines, np.empty(0)])
-    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
-    margin = max(ROOM * (high - low), LEAST - (high - low) / 2)
-    low, high = low - margin, high + margin
-    power = 10.0 ** math.floor(math.log10((high - low) / FINE))
-    step = next(power * each for each in STEPS if power * each * FINE >= (high - low) * (1 - 1e-9))
-    places = max(0, -math.floor(math.log10(step * (1 + 1e-9))))
-    return (
-        round(step * math.floor(low / step + 1e-9), places),
-        round(step * math.ceil(high / step - 1e-9), places),
     )
 
 
