@@ -5,24 +5,10 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from twin.cli import main
 from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import request
 from twin.devices.lumio.panels import UDEV_RULES
 from twin.scenario.rig import read_rig
-
-
-@pytest.fixture
-def call(capsys, tmp_path, monkeypatch):
-    """Calls the command line in an empty folder; its code, output and errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def called(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(list(arguments))
-        return caught.value.code, *capsys.readouterr()
-
-    return called
 
 
 @pytest.fixture
@@ -45,16 +31,18 @@ def rig(tmp_path):
         ((), "/dev/null: not a serial port"),
     ],
 )
-def test_what_cannot_be_calibrated_is_one_line_and_no_file(call, rig, tmp_path, options, words):
-    code, out, err = call("calibrate", "touch", "--rig", rig, *options)
+def test_what_cannot_be_calibrated_is_one_line_and_no_file(
+    ballplate, rig, tmp_path, options, words
+):
+    code, out, err = ballplate("calibrate", "touch", "--rig", rig, *options)
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1
     assert words in err
     assert not (tmp_path / "touch-of-rig.json").exists()
 
 
-def test_the_udev_rules_are_printed_and_nothing_else_is_done(call, tmp_path):
-    assert call("doctor", "--udev") == (0, UDEV_RULES.read_text(encoding="utf-8"), "")
+def test_the_udev_rules_are_printed_and_nothing_else_is_done(ballplate, tmp_path):
+    assert ballplate("doctor", "--udev") == (0, UDEV_RULES.read_text(encoding="utf-8"), "")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 from twin.devices.lumio.decoder import Contact, Decoder, Report
-from twin.devices.lumio.hid_descriptor import ReportDescriptor, ReportField
+from twin.devices.lumio.hid_report import ReportDescriptor, ReportField
 
 TOUCH_SCREEN = 0x000D_0004
 _FINGER = 0x000D_0022

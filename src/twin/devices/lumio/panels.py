@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.devices.lumio.hid_descriptor import DescriptorError, ReportDescriptor, parse
+from twin.devices.lumio.hid_descriptor import DescriptorError, parse
+from twin.devices.lumio.hid_report import ReportDescriptor
 from twin.devices.lumio.hid_touch import TouchLayout, application
 from twin.devices.lumio.protocols import Hid0006Decoder, Hid0007Decoder
 

@@ -1,0 +1,157 @@
+"""The run command: what it prints and what it leaves."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from twin.run import overview_plot
+from twin.run.execute import run as run_scenario
+from twin.run.overview_plot import picture
+from twin.scenario.title import titled
+
+QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
+KEYS = {
+    "outcome", "outcome_time", "tracking_error_percent", "rms_error", "mean_error",
+    "max_steady_error", "overshoot_percent", "settling_time", "steady_error", "phi_max_deg",
+    "theta_max_deg", "u1_max", "u2_max", "real_time_factor",
+}  # fmt: skip
+
+
+def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
+    code, out, _ = ballplate("run", "circle", *QUICK)
+    assert code == 0
+    assert "tracking error" in out
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert folder.name == "circle-duration=0.2-metrics.start=0-plant=lagrange"
+    written = {path.name for path in folder.iterdir()}
+    assert written == {"run.parquet", "metrics.json", "picture.png"}
+
+
+@pytest.mark.long
+def test_run_shows_another_scenario_beside(ballplate):
+    code, out, _ = ballplate("run", "circle", *QUICK, "--beside", "cure")
+    assert code == 0
+    assert re.search(r"exact equations\s*┃\s*cure\s*┃", out)
+    code, _, err = ballplate("run", "circle", *QUICK, "--beside", "crue")
+    assert code == 2
+    assert "did you mean 'cure'" in err
+
+
+def test_run_json_prints_one_object_with_every_indicator_and_nothing_else(ballplate):
+    code, out, _ = ballplate("run", "step", *QUICK, "--json")
+    assert code == 0
+    assert set(json.loads(out)) >= KEYS
+
+
+NO_UNIT = {"scenario", "outcome", "reason", "units"}
+
+
+def test_run_json_has_the_unit_of_every_number_a_verdict_and_the_baseline(ballplate):
+    short = ("--set", "duration=0.2", "--set", "metrics.start=0")
+    code, out, _ = ballplate("run", "circle", *short, "--json")
+    assert code == 0
+    found = json.loads(out)
+    verdict, model = found.pop("verdict"), found.pop("baseline")
+    assert found.keys() - NO_UNIT == found["units"].keys()
+    assert found["units"]["rms_distance"] == "m"
+    assert model.keys() == found.keys()
+    assert model["outcome"] == "finished"
+    assert model["u_rms"] != found["u_rms"]
+    own, clean = (each["tracking_error_percent"] for each in (found, model))
+    assert f"e_tt {own:.3g} % ({clean:.3g} % on the clean model)" in verdict
+    (folder,) = Path("runs").iterdir()
+    assert json.loads((folder / "metrics.json").read_text()) == found
+    code, out, _ = ballplate("run", "circle", *QUICK, "--json")
+    assert json.loads(out)["baseline"] is None
+    code, out, _ = ballplate("compare", str(folder), "--json")
+    (opened,) = json.loads(out).values()
+    kept = ("judged_from", "real_time_factor")  # of a run just made
+    assert opened == {key: value for key, value in found.items() if key not in kept}
+
+
+def test_run_writes_where_it_is_told(ballplate, tmp_path):
+    ballplate("run", "hold", *QUICK, "--out", "elsewhere/deep")
+    assert (tmp_path / "elsewhere" / "deep" / "metrics.json").is_file()
+
+
+def test_a_run_that_fell_exits_with_one_and_keeps_its_record(ballplate, tmp_path):
+    code, out, _ = ballplate(
+        "run", "hold", "--plant", "lagrange", "--set", "duration=2",
+        "--set", "plant.start.x=0.3", "--set", "plant.start.x_rate=1.0", "--out", "fell",
+    )  # fmt: skip
+    assert code == 1
+    assert "fell" in out
+    assert (tmp_path / "fell" / "run.parquet").is_file()
+
+
+def test_a_rig_unlike_the_clean_model_is_compared_with_it_all_the_same(ballplate, tmp_path):
+    unlike = ("--set", "plant.spring.preload=60.0", "--set", "rig.cams=ratio")
+    code, out, err = ballplate("run", "circle", *QUICK[2:], *unlike, "--out", "unlike")
+    assert code == 0, err
+    assert "clean model" in out
+    assert (tmp_path / "unlike" / "run.parquet").is_file()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("changes", "more"),
+    [
+        ((), ""),
+        (("controller.rho=90.0", "reference.x=0.1"), ", controller.rho=90.0, reference.x=0.1"),
+    ],
+)
+def test_what_was_changed_is_in_the_title_of_everything_a_run_leaves(
+    ballplate, tmp_path, monkeypatch, changes, more
+):
+    drawn = []
+    monkeypatch.setattr(overview_plot.Figure, "suptitle", lambda _, text, **__: drawn.append(text))
+    title = f"Step to (150, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
+    asked = [word for change in changes for word in ("--set", change)]
+    _, out, _ = ballplate("run", "step", *QUICK, *asked, "--out", "made")
+    assert out.splitlines()[0] == title
+    folder = tmp_path / "made"
+    assert json.loads((folder / "metrics.json").read_text())["scenario"] == title
+    assert [" ".join(text.split()) for text in drawn] == [title]
+    ballplate("report", str(folder))
+    assert f"<h1>{title}</h1>" in (folder / "report.html").read_text()
+
+
+def test_a_run_as_it_is_shipped_keeps_its_title(ballplate, tmp_path, scenario):
+    chosen = scenario("duration=0.2")
+    assert titled(chosen, ()).title == chosen.title
+    assert titled(chosen, ("title=mine", "duration=0.2")).title == f"{chosen.title} (duration=0.2)"
+    assert titled(chosen, ("duration=0.2",)).model_copy(update={"title": chosen.title}) == chosen
+
+
+def test_a_long_title_is_broken_and_cut_to_fit_the_picture(scenario):
+    motion = run_scenario(scenario()).motion
+    drawn = picture({"one": motion}, "word " * 200, (0.25, 0.15))
+    lines = drawn.get_suptitle().splitlines()
+    assert len(lines) == 3
+    assert lines[-1].endswith(" ...")
+    box = drawn._suptitle.get_window_extent()
+    assert 0 < box.x0 < box.x1 < drawn.bbox.x1
+
+
+@pytest.mark.long
+def test_the_tracking_error_comes_first_in_a_table(ballplate):
+    def rows(*more):
+        _, out, _ = ballplate("run", "circle", *QUICK, *more)
+        return [line.split("│")[1].strip() for line in out.splitlines() if line.startswith("│")]
+
+    first = ["tracking error e_tt", "RMS error, x"]
+    assert rows() == first
+    every = rows("--all")
+    assert every[:3] == [*first, "outcome"]
+    assert len(every) > 10
+    assert len(set(every)) == len(every)
+
+
+def test_the_two_runs_of_a_scenario_are_told_apart_while_they_go_on(ballplate):
+    _, _, err = ballplate("run", "circle", *QUICK[2:])
+    assert [line for line in err.splitlines() if line.endswith("...")] == [
+        "honest twin ...",
+        "clean model ...",
+    ]
