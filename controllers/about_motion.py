@@ -12,7 +12,7 @@ import scipy
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
-from controllers.motion import Motion
+from controllers.motion import MotionPlan
 from controllers.two_sided import Tilts
 
 
@@ -61,7 +61,7 @@ class AboutMotion(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> Any:
         """The motion of ball and plate, its first slice laid."""
-        return Motion(self.model, x, reference, period, self.preview, self.spread)
+        return MotionPlan(self.model, x, reference, period, self.preview, self.spread)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""

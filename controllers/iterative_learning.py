@@ -12,7 +12,7 @@ from controllers.about_motion import AboutMotion, check
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Feedback, Reference
-from controllers.motion import Motion, Wanted
+from controllers.motion import MotionPlan, Setpoint
 from controllers.two_sided import Tilts
 
 ALIKE = 1e-3
@@ -68,7 +68,7 @@ class IterativeLearning(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> Laps:
         """The motion, and a table with nothing learnt."""
-        motion = Motion(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
         return Laps(self, motion, x, reference)
 
     def command(self, now: Feedback) -> Array:
@@ -87,7 +87,7 @@ class Laps:
     """
 
     def __init__(
-        self, law: IterativeLearning, motion: Motion, x: Array, reference: Reference
+        self, law: IterativeLearning, motion: MotionPlan, x: Array, reference: Reference
     ) -> None:
         self._law, self._motion, self._reference = law, motion, reference
         order = np.arange(law.harmonics + 1)
@@ -99,7 +99,7 @@ class Laps:
         self._since = 0.0
         self._count = self._lap = 0
 
-    def at(self, t: float, x: Array) -> Wanted:
+    def at(self, t: float, x: Array) -> Setpoint:
         """What is wanted at a time in s, and take in the error of then."""
         wanted = self._motion.at(t)
         lap = math.floor(t * self._law.omega / (2 * math.pi) + 1e-9)
@@ -111,7 +111,7 @@ class Laps:
         self._sum = self._sum + np.multiply.outer(turn.conj(), error)
         self._count += 1
         slope = wanted.slope
-        return Wanted(
+        return Setpoint(
             wanted.position + share[0],
             wanted.velocity + share[1],
             Tilts(slope.angle + share[2], slope.rate + share[3], slope.acceleration + share[4]),

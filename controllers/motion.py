@@ -13,7 +13,7 @@ from controllers.preview import Preview
 from controllers.two_sided import Tilts, TwoSided
 
 
-class Wanted(NamedTuple):
+class Setpoint(NamedTuple):
     """What ball and plate are to do at one tick."""
 
     position: Array
@@ -54,7 +54,7 @@ class Slices(ABC):
         """Lay the next slice from the path of its ticks and of all that are previewed."""
 
 
-class Motion(Slices):
+class MotionPlan(Slices):
     """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
 
     Args:
@@ -80,16 +80,16 @@ class Motion(Slices):
         self._inverse = inverse(model, ahead, period)
         super().__init__(ahead, period)
 
-    def at(self, t: float) -> Wanted:
+    def at(self, t: float) -> Setpoint:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
         position, velocity, slope = self._laid
-        return Wanted(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
+        return Setpoint(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
 
     def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         count = self._preview.count
         slope = self._inverse.lay(acceleration / self._k1)
-        self._laid = Wanted(position[:count], velocity[:count], slope)
+        self._laid = Setpoint(position[:count], velocity[:count], slope)
 
 
 def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:

@@ -13,7 +13,7 @@ from controllers.about_motion import AboutMotion, check, flat_axis
 from controllers.arrays import Array
 from controllers.ballplate import SIGN
 from controllers.interfaces import Feedback, Reference
-from controllers.motion import Motion
+from controllers.motion import MotionPlan
 
 MOST = 100
 """Iterations of the solver, to bound its time; three times what references far beyond the limits
@@ -105,7 +105,7 @@ class Predictive(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> Horizon:
         """The motion over the first horizon."""
-        motion = Motion(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
         return Horizon(self, motion, period)
 
     def command(self, now: Feedback) -> Array:
@@ -181,7 +181,7 @@ class Horizon:
         period: Control period in s.
     """
 
-    def __init__(self, law: Predictive, motion: Motion, period: float) -> None:
+    def __init__(self, law: Predictive, motion: MotionPlan, period: float) -> None:
         self._law, self._motion, self._period = law, motion, period
         self._program = Program(law)
         self._ticks = max(1, round(law.step / period))

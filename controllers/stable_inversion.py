@@ -111,7 +111,7 @@ class StableInversion(AboutMotion):
             slope = self._shaken(slope, now.time, wanted.velocity)
         return self.about(now.x, wanted.position, wanted.velocity, slope)
 
-    def _dragged(self, wanted: Wanted, x: Array) -> Tilts:
+    def _dragged(self, wanted: InverseSetpoint, x: Array) -> Tilts:
         """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
         if not self.resting_speed:
             return wanted.drag
@@ -135,7 +135,7 @@ class StableInversion(AboutMotion):
         )
 
 
-class Wanted(NamedTuple):
+class InverseSetpoint(NamedTuple):
     """What ball and plate are to do at one tick."""
 
     position: Array
@@ -166,19 +166,21 @@ class InversePlan(Slices):
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 
-    def at(self, t: float) -> Wanted:
+    def at(self, t: float) -> InverseSetpoint:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
         laid = self._laid
         free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
-        return Wanted(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
+        return InverseSetpoint(
+            laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag
+        )
 
     def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         k1, count = self._law.model.k1, self._preview.count
         square = (velocity**2).sum(axis=-1, keepdims=True)
         pace = square + (acceleration**2).sum(axis=-1, keepdims=True)
         speed = np.sqrt(square + self._law.smooth**2)
-        self._laid = Wanted(
+        self._laid = InverseSetpoint(
             position[:count],
             velocity[:count],
             pace[:count],

@@ -12,7 +12,7 @@ from controllers.about_motion import AboutMotion, check
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
-from controllers.motion import Motion
+from controllers.motion import MotionPlan
 
 KNOT = 0.02
 """Time in s from one gain to the next."""
@@ -52,7 +52,7 @@ class TimeVaryingLQR(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> VaryingGain:
         """The motion and the gains of the first half second."""
-        motion = Motion(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
         return VaryingGain(self, motion, reference, period)
 
     def command(self, now: Feedback) -> Array:
@@ -111,7 +111,7 @@ class VaryingGain:
     """
 
     def __init__(
-        self, law: TimeVaryingLQR, motion: Motion, reference: Reference, period: float
+        self, law: TimeVaryingLQR, motion: MotionPlan, reference: Reference, period: float
     ) -> None:
         self.motion = motion
         self._law, self._reference, self._period = law, reference, period

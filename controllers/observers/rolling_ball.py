@@ -60,7 +60,7 @@ class Tilt(NamedTuple):
         return Tilt(*[a + share * (b - a) for a, b in zip(self, other, strict=True)])
 
 
-class Step(NamedTuple):
+class Derivatives(NamedTuple):
     """What a period does to the velocity (eta_x', eta_y')."""
 
     slope: tuple[Any, Any, Any]
@@ -169,7 +169,7 @@ class RollingBall:
         length = self._sqrt(vx * vx + vy * vy + self._smooth)
         return vx / length, vy / length, length
 
-    def step(self, s: Any, begin: Tilt, then: Tilt) -> tuple[list[Any], Step]:
+    def step(self, s: Any, begin: Tilt, then: Tilt) -> tuple[list[Any], Derivatives]:
         """The state a period on, from the plate at its time and a period later."""
         T = self._period
         ex, ey, vx, vy, dx, dy, kx, ky, F = s
@@ -188,7 +188,7 @@ class RollingBall:
         ]
         stiff = T * F / length
         slope = stiff * (hx * hx - 1), stiff * hx * hy, stiff * (hy * hy - 1)
-        return after, Step(slope, (-T * hx, -T * hy), (sx, sy))
+        return after, Derivatives(slope, (-T * hx, -T * hy), (sx, sy))
 
     def carry(self, s: Any) -> tuple[Any, Any, Any, Any]:
         """Eta and eta' of now from the filter's state a dead time ago."""

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
-from controllers.motion import Motion
+from controllers.motion import MotionPlan
 from controllers.predictive import MOST, Predictive, Program
 from controllers.references import Circle, Hold
 
@@ -121,7 +121,7 @@ def test_with_no_plan_and_no_answer_the_limits_are_kept(monkeypatch):
 def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
     law, path = Predictive(), Circle(amplitude=0.1, omega=1.5)
     plan = law.start(np.zeros((1, 8)), path, T)
-    fresh = Motion(MODEL, np.zeros((1, 8)), path, T, law.preview, law.spread)
+    fresh = MotionPlan(MODEL, np.zeros((1, 8)), path, T, law.preview, law.spread)
     none, still = np.zeros((1, 0)), np.zeros((1, 2))
     for tick in range(1500):
         wanted = fresh.at(tick * T)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.emulator.drive_power import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE, Power
-from twin.emulator.trace import Motion, PowerChange
+from twin.emulator.trace import PowerChange, TrueMotion
 from twin.safety.reaction import LEVEL, Stopper, reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED
@@ -24,7 +24,7 @@ class Seen:
     def between(self, begin, end):
         at = (begin <= TIME) & (end >= TIME)
         parts = (TIME, self._plate, self._rate, self._ball, self._ball)
-        return Motion(*(part[at] for part in parts))
+        return TrueMotion(*(part[at] for part in parts))
 
     def state(self, axis, time):
         return ENABLED

@@ -74,12 +74,12 @@ class MotionTrace:
         """Whether a drive has torque."""
         return any(drive.power.live for drive in self._drives)
 
-    def between(self, begin: float, end: float = np.inf) -> Motion:
+    def between(self, begin: float, end: float = np.inf) -> TrueMotion:
         """The motion from one bus time to another, both in s."""
         rows = [(time, state) for time, state in self._rows if begin <= time <= end]
         state = np.array([state for _, state in rows]).reshape(len(rows), 8)
         time = np.array([time for time, _ in rows])
-        return Motion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL, _VELOCITY)))
+        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL, _VELOCITY)))
 
     def _step(self, dt: float) -> None:
         self._moved(dt)
@@ -98,7 +98,7 @@ class MotionTrace:
                 self.changes.append(change)
 
 
-class Motion(NamedTuple):
+class TrueMotion(NamedTuple):
     """The true motion of plate and ball, one row per step of the bus.
 
     Attributes:

@@ -91,7 +91,7 @@ class Replay:
     @cached_property
     def motion(self) -> Motion:
         """What ball and plate did."""
-        state = motion_of(self.rows)
+        state = states_of(self.rows)
         applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
         time = self.rows["time"]
         known = "true_x" in self.rows and always_friction(self.scenario)
@@ -111,7 +111,7 @@ def columns(rows: Mapping[str, Array], kind: str) -> Array:
     return np.stack([rows[f"{kind}_{name}"] for name in names], axis=1)
 
 
-def motion_of(rows: Mapping[str, Array]) -> Array:
+def states_of(rows: Mapping[str, Array]) -> Array:
     """The true states (K, 8); of a real rig, where nobody knows them, the estimated ones."""
     return columns(rows, "true" if "true_x" in rows else "estimated")
 

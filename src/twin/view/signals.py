@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.hal.limits import Limits
-from twin.run.replay import motion_of
+from twin.run.replay import states_of
 
 Colour = tuple[int, int, int]
 
@@ -119,7 +119,7 @@ def signals(
         limits: Limits of the rig's commands.
         dead_time: Dead time of the simulated screen, s.
     """
-    state = motion_of(rows)
+    state = states_of(rows)
     true = "true_x" in rows
     found: dict[str, dict[str, Signal]] = {}
     error = 1000 * (reference - state[:, 0::4])

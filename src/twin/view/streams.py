@@ -17,7 +17,7 @@ from twin.paths import model_path
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.plants import build_friction
-from twin.run.replay import columns, motion_of
+from twin.run.replay import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.model import load_model
@@ -122,7 +122,7 @@ class RunStream:
         keep = self._frames(time)
         if len(keep):
             frames = {name: column[keep] for name, column in rows.items()}
-            ball = motion_of(frames)[:, 0::4]
+            ball = states_of(frames)[:, 0::4]
             before = ball[:1] if self._last is None else self._last
             turns = rolled(self._turn, np.concatenate((before, ball)), self.scene.radius)[1:]
             self._last, self._turn = ball[-1:], turns[-1]
@@ -203,7 +203,7 @@ class RunStream:
             )
 
     def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
-        time, state = rows["time"], motion_of(rows)
+        time, state = rows["time"], states_of(rows)
         if "motor_phi_rad" in rows:
             motor = np.stack((rows["motor_phi_rad"], rows["motor_theta_rad"]), axis=1)
         else:
@@ -222,7 +222,7 @@ class RunStream:
             yield _arrows(f"{self.scene.plate}/force_ball", time, at, push)
 
     def _on_plate(self, rows: Mapping[str, Array], reference: Array) -> Iterator[Batch]:
-        time, ball = rows["time"], motion_of(rows)[:, 0::4]
+        time, ball = rows["time"], states_of(rows)[:, 0::4]
         self._trail = np.concatenate((self._trail, np.column_stack((time, ball))))
         starts = np.searchsorted(self._trail[:, 0], time - TRAIL)
         ends = np.searchsorted(self._trail[:, 0], time, side="right")

@@ -18,7 +18,7 @@ from rich.table import Table
 from controllers.arrays import Array
 from twin.hal.states import State
 from twin.run.control import build_reference
-from twin.run.replay import motion_of
+from twin.run.replay import states_of
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, step_back
 from twin.view.shared_ring_buffer import SharedRingBuffer
@@ -54,7 +54,7 @@ class Summary:
             return
         if not self.rows:
             self._begun, self._first = time.monotonic(), float(rows["time"][-1])
-        ball = motion_of(rows)[:, 0::4]
+        ball = states_of(rows)[:, 0::4]
         distance = np.hypot(*(self._reference(rows["time"])[0] - ball).T)
         last = round(1.0 / self.scenario.rig.period)
         self._error = np.concatenate((self._error, distance))[-last:]
@@ -67,7 +67,7 @@ class Summary:
             return {}
         now = float(self.rows["time"][0]) + self.scenario.rig.period
         end = self.scenario.duration
-        state = motion_of(self.rows)[0]
+        state = states_of(self.rows)[0]
         shown = {
             "progress": f"{now:.1f} of {end:g} s ({now / end:.0%})",
             "error": f"{1000 * self._error[-1]:.1f} mm (last second "
