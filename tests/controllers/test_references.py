@@ -75,11 +75,11 @@ def test_each_derivative_integrates_to_the_one_below(reference, k):
 @settings(max_examples=100)
 @given(reference=st.one_of(circles, figures, transitions, paths()))
 def test_position_and_four_derivatives_are_continuous_where_formulas_meet(reference):
+    scale = np.abs(reference(np.linspace(0, 25, 501))).max(axis=(1, 2))
+    # The next derivative up may move a value by its size times the gap.
+    gap = 1e-7 * np.append(scale[1:], 10 * scale[4]) + 1e-8 * scale + 1e-12
     for joint in joints(reference):
         before, after = reference(joint - 1e-9), reference(joint + 1e-9)
-        scale = np.abs(reference(np.linspace(0, 25, 501))).max(axis=(1, 2))
-        # The next derivative up may move a value by its size times the gap.
-        gap = 1e-7 * np.append(scale[1:], 10 * scale[4]) + 1e-8 * scale + 1e-12
         assert (np.abs(after - before).max(axis=1) < gap).all()
 
 

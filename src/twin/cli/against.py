@@ -24,6 +24,9 @@ AGAINST = click.option(
     shell_complete=tab.scenarios,
     help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
 )
+RIGS = click.option(
+    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
+)
 
 
 def opened(

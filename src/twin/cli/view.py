@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.against import AGAINST
+from twin.cli.against import AGAINST, RIGS
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
@@ -27,9 +27,7 @@ LAYOUTS = ("showing", "tuning")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
-@click.option(
-    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
-)
+@RIGS
 @click.option(
     "--layout",
     type=click.Choice(LAYOUTS),

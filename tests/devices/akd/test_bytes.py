@@ -176,15 +176,15 @@ PRINTED = {
 """Status words as CiA 402 prints them, bit 15 first; x is either."""
 
 
-def matches(pattern, word):
-    bits = pattern.replace(" ", "")
-    fixed = int(bits.replace("0", "1").replace("x", "0"), 2)
-    return word & fixed == int(bits.replace("x", "0"), 2)
-
-
 def test_every_status_word_means_the_state_that_cia_402_prints():
+    digits = {pattern.replace(" ", ""): state for pattern, state in PRINTED.items()}
+    # the bits that are fixed, their values, and the state
+    rows = [
+        (int(bits.replace("0", "1").replace("x", "0"), 2), int(bits.replace("x", "0"), 2), state)
+        for bits, state in digits.items()
+    ]
     for status in range(1 << 16):
-        printed = [state for pattern, state in PRINTED.items() if matches(pattern, status)]
+        printed = [state for fixed, value, state in rows if status & fixed == value]
         assert [cia402.state(status)] == (printed or [DriveState.UNKNOWN])
 
 
