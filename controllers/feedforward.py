@@ -12,7 +12,8 @@ from controllers.poles import Pole, stable_poles
 from controllers.state_feedback import optimal, placed, weights
 
 STEEPEST = 0.5
-"""Sine of the steepest plate angle fed forward, 30 deg: beyond the plate's range, short of none."""
+"""Sine of the steepest plate angle fed forward, 30 deg: more than the plate reaches, and far from
+90 deg, where the rate would be divided by zero."""
 
 
 @dataclass(frozen=True, kw_only=True)

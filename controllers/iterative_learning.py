@@ -12,7 +12,7 @@ from controllers.about_motion import AboutMotion, check
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Feedback, Reference
-from controllers.motion import MotionPlan, Setpoint
+from controllers.motion import DesiredMotion, MotionPlan
 from controllers.two_sided import Tilts
 
 ALIKE = 1e-3
@@ -99,7 +99,7 @@ class Laps:
         self._since = 0.0
         self._count = self._lap = 0
 
-    def at(self, t: float, x: Array) -> Setpoint:
+    def at(self, t: float, x: Array) -> DesiredMotion:
         """What is wanted at a time in s, and take in the error of then."""
         wanted = self._motion.at(t)
         lap = math.floor(t * self._law.omega / (2 * math.pi) + 1e-9)
@@ -111,7 +111,7 @@ class Laps:
         self._sum = self._sum + np.multiply.outer(turn.conj(), error)
         self._count += 1
         slope = wanted.slope
-        return Setpoint(
+        return DesiredMotion(
             wanted.position + share[0],
             wanted.velocity + share[1],
             Tilts(slope.angle + share[2], slope.rate + share[3], slope.acceleration + share[4]),

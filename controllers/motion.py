@@ -13,7 +13,7 @@ from controllers.preview import Preview
 from controllers.two_sided import Tilts, TwoSided
 
 
-class Setpoint(NamedTuple):
+class DesiredMotion(NamedTuple):
     """What ball and plate are to do at one tick."""
 
     position: Array
@@ -80,16 +80,16 @@ class MotionPlan(Slices):
         self._inverse = inverse(model, ahead, period)
         super().__init__(ahead, period)
 
-    def at(self, t: float) -> Setpoint:
+    def at(self, t: float) -> DesiredMotion:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
         position, velocity, slope = self._laid
-        return Setpoint(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
+        return DesiredMotion(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
 
     def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         count = self._preview.count
         slope = self._inverse.lay(acceleration / self._k1)
-        self._laid = Setpoint(position[:count], velocity[:count], slope)
+        self._laid = DesiredMotion(position[:count], velocity[:count], slope)
 
 
 def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:

@@ -77,7 +77,7 @@ class StableInversion(AboutMotion):
     @property
     def dither_effort(self) -> float:
         """RMS of the plate acceleration that the dither costs at rest, rad/s^2 on each axis."""
-        return math.radians(self.dither_deg) * self._pulsation**2 / math.sqrt(2)
+        return math.radians(self.dither_deg) * self._dither_omega**2 / math.sqrt(2)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -90,7 +90,8 @@ class StableInversion(AboutMotion):
         )
 
     @property
-    def _pulsation(self) -> float:
+    def _dither_omega(self) -> float:
+        """Angular frequency of the dither in rad/s."""
         return 2 * math.pi * self.dither_frequency
 
     def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
@@ -111,7 +112,7 @@ class StableInversion(AboutMotion):
             slope = self._shaken(slope, now.time, wanted.velocity)
         return self.about(now.x, wanted.position, wanted.velocity, slope)
 
-    def _dragged(self, wanted: InverseSetpoint, x: Array) -> Tilts:
+    def _dragged(self, wanted: InverseMotion, x: Array) -> Tilts:
         """Slopes against a friction of 1 m/s^2: as planned, at rest by the ball's own heading."""
         if not self.resting_speed:
             return wanted.drag
@@ -125,7 +126,7 @@ class StableInversion(AboutMotion):
 
     def _shaken(self, slope: Tilts, t: float, velocity: Array) -> Tilts:
         """Slopes with the dither on them."""
-        w = self._pulsation
+        w = self._dither_omega
         speed = (velocity * velocity).sum(axis=-1, keepdims=True)
         size = math.radians(self.dither_deg) / (1 + speed / self.dither_speed**2)
         circle = size * np.array([math.cos(w * t), math.sin(w * t)])
@@ -135,8 +136,8 @@ class StableInversion(AboutMotion):
         )
 
 
-class InverseSetpoint(NamedTuple):
-    """What ball and plate are to do at one tick."""
+class InverseMotion(NamedTuple):
+    """What the ball is to do at one tick, and the slopes that the inverse says it takes."""
 
     position: Array
     """Of the ball, m, shape (..., 2)."""
@@ -166,21 +167,19 @@ class InversePlan(Slices):
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 
-    def at(self, t: float) -> InverseSetpoint:
+    def at(self, t: float) -> InverseMotion:
         """What is wanted at a time in s that does not lie before the one asked for last."""
         tick = self._tick(t)
         laid = self._laid
         free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
-        return InverseSetpoint(
-            laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag
-        )
+        return InverseMotion(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
 
     def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
         k1, count = self._law.model.k1, self._preview.count
         square = (velocity**2).sum(axis=-1, keepdims=True)
         pace = square + (acceleration**2).sum(axis=-1, keepdims=True)
         speed = np.sqrt(square + self._law.smooth**2)
-        self._laid = InverseSetpoint(
+        self._laid = InverseMotion(
             position[:count],
             velocity[:count],
             pace[:count],

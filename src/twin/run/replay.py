@@ -85,7 +85,7 @@ class Replay:
 
     @property
     def limits(self) -> Limits:
-        """What might be commanded of the rig."""
+        """Limits of what might be commanded of the rig."""
         return build_limits(self.scenario.rig.limits)
 
     @cached_property
