@@ -11,7 +11,15 @@ from twin.shadow.matrix_page import goals, page
 
 
 def trial(seed, kind, alarm=None, causes=(), largest=1.0):
-    return Trial(seed, kind, largest, alarm, causes, np.array([1.0, 7.0]), np.array([5e-4, 7e-4]))
+    return Trial(
+        seed,
+        kind,
+        (largest, 0.3 * largest),
+        alarm,
+        causes,
+        np.array([1.0, 7.0]),
+        np.array([5e-4, 7e-4]),
+    )
 
 
 def test_alarms_count_in_time_right_wrong_and_early():
@@ -35,6 +43,7 @@ def test_alarms_count_in_time_right_wrong_and_early():
     assert cells[3].startswith("75 ")  # 3 of 4, one of them among those not told apart
     assert cells[4].startswith("25 ")
     assert cells[5] == "1"
+    assert cells[6] == "19, 21"  # 5, 6, 19, 19 and 21 s
     assert "1 in 0.03 h" in text
     assert "50.0 % of 4" in text
     assert "0.60 mm" in text

@@ -10,6 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.identify.windows import Windows
+from twin.shadow import dead_time
 from twin.shadow.belief import Belief
 from twin.shadow.causes import Cause, in_words, likely
 from twin.shadow.diagnosis import Suspicion, Weighing, weigh, weighed
@@ -17,7 +18,7 @@ from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
 THRESHOLD = 13.0
-"""Log-likelihood ratio at which an alarm is raised."""
+"""Log-likelihood ratio of any cause at which an alarm is raised; ``dead_time`` has its own."""
 SETTLING = 15.0
 """Seconds after an alarm that are looked at for its cause."""
 STRADDLING = 2.0
@@ -33,7 +34,7 @@ class Alarm:
     Attributes:
         time: When it was noticed, s.
         since: The most likely time of the change, s.
-        ratio: Log-likelihood ratio of a change against none.
+        ratio: Log-likelihood ratio of a change against none, in the test that raised it.
         causes: All hypotheses, the most probable first.
     """
 
@@ -66,6 +67,7 @@ class Findings:
         soft: All of it, softened, in the order of time.
         factors: Learned of the scatter from window to window, shape (W, P).
         ratio: The statistic of the sequential test after each window of it, shape (W,).
+        delayed: That of the test for the dead time alone, shape (W,).
         ball: Windows in which the ball moves, not softened; None if there are none.
         windows: The same, as they are replayed.
         other: Evidence of plate and screen, not softened.
@@ -74,9 +76,21 @@ class Findings:
     soft: Evidence
     factors: Array
     ratio: Array
+    delayed: Array
     ball: Evidence | None
     windows: Windows | None
     other: Evidence
+
+    @property
+    def crossings(self) -> list[int]:
+        """Windows at which a test comes to exceed its threshold, both having been far below it."""
+        share = np.maximum(self.ratio / THRESHOLD, self.delayed / dead_time.THRESHOLD)
+        return crossings(share)
+
+    def crossed(self, crossing: int) -> float:
+        """The log-likelihood ratio of the test that a window raises an alarm by."""
+        of_all = float(self.ratio[crossing])
+        return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
 
     def begun(self, crossing: int, belief: Belief) -> tuple[float, Weighing]:
         """Since when, in s, and why there is an alarm after a window of ``soft``.
@@ -115,16 +129,20 @@ def raised(wanted: Sequence[tuple[Findings, int, Belief]]) -> list[Alarm]:
     begun = [findings.begun(crossing, belief) for findings, crossing, belief in wanted]
     causes = weighed([weighing for _, weighing in begun])
     return [
-        Alarm(float(findings.soft.end[crossing]), begin, float(findings.ratio[crossing]), (*named,))
+        Alarm(float(findings.soft.end[crossing]), begin, findings.crossed(crossing), (*named,))
         for (findings, crossing, _), (begin, _), named in zip(wanted, begun, causes, strict=True)
     ]
 
 
-def crossings(ratio: Array) -> list[int]:
-    """Windows at which the statistic comes to exceed the threshold, having been far below it."""
+def crossings(share: Array) -> list[int]:
+    """Windows at which a statistic comes to exceed its threshold, having been far below it.
+
+    Args:
+        share: The statistic over its threshold, shape (W,).
+    """
     found, armed = [], True
-    for window, value in enumerate(ratio):
-        if armed and value > THRESHOLD:
+    for window, value in enumerate(share):
+        if armed and value > 1:
             found.append(window)
-        armed = value < THRESHOLD / 3 if not armed or value > THRESHOLD else armed
+        armed = value < 1 / 3 if not armed or value > 1 else armed
     return found

@@ -81,6 +81,7 @@ class Belief:
         constant: Standard deviations of ``PARAMETERS`` over a whole log, shape (P,).
         changing: The same from window to window, while the ball rolls and where it stops,
             shape (2, P).
+        uneven: The part of it that an uneven screen makes, shape (P,).
         drift: The same of what changes in the course of minutes on a healthy rig, shape (P,).
         rough: Standard deviation in m/s^2 of the acceleration that is unknown from place to place.
         sloped: The part of it that the screen's slope makes, which acts in any direction.
@@ -99,6 +100,7 @@ class Belief:
     disturbance: Array
     constant: Array
     changing: Array
+    uneven: Array
     drift: Array
     rough: float
     sloped: float
@@ -163,6 +165,7 @@ class Belief:
             disturbance=_pair(drives.disturbance),
             constant=scale * np.array([CONSTANT[name] for name in PARAMETERS]),
             changing=scale * np.hypot(windows, uneven),
+            uneven=scale * uneven,
             drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
             rough=float(np.hypot(braking * spread, sloped)),
             sloped=sloped,

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from controllers.arrays import Array
 from twin.run.overview_plot import COLOURS, LOOK
+from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.shadow import Shadow
 
@@ -74,8 +75,12 @@ def _error(panel: Axes, found: Shadow, axis: int) -> None:
 
 
 def _test(panel: Axes, found: Shadow) -> None:
-    panel.semilogy(found.time, np.maximum(found.ratio, 0.1), color=COLOURS[0], lw=1.2)
-    panel.axhline(THRESHOLD, color=ALARM, lw=1, ls="--")
+    every, late = np.maximum(found.ratio, 0.1), np.maximum(found.delayed, 0.1)
+    panel.semilogy(found.time, every, color=COLOURS[0], lw=1.2, label="all causes")
+    panel.semilogy(found.time, late, color=COLOURS[1], lw=1, label="dead time alone")
+    for threshold in (THRESHOLD, dead_time.THRESHOLD):
+        panel.axhline(threshold, color=ALARM, lw=1, ls="--")
+    panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
 
 

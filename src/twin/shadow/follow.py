@@ -18,9 +18,10 @@ from twin.identify.log import COLUMNS, Log, of_columns
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import BIN, Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import SETTLING, Alarm, Findings, crossings, raised
+from twin.shadow.alarms import SETTLING, Alarm, Findings, raised
 from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief
+from twin.shadow.dead_time import delayed, limited, narrowed
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
 from twin.shadow.horizon import Replays, replays
@@ -51,12 +52,16 @@ class Said:
         replays: At the horizon of one second; None before the first.
         soft: Windows of all kinds, as the sequential test takes them; None before the first.
         ratio: The statistic of the sequential test after each.
+        limited: The same windows as the test for the dead time takes them.
+        delayed: Its statistic after each.
         alarms: In the order of time; the causes of the last one may not be settled yet.
     """
 
     replays: Replays | None = None
     soft: Evidence | None = None
     ratio: Array = field(default_factory=lambda: np.zeros(0))
+    limited: Evidence | None = None
+    delayed: Array = field(default_factory=lambda: np.zeros(0))
     alarms: list[Alarm] = field(default_factory=list)
 
 
@@ -185,6 +190,10 @@ class Follower:
             said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
             ratio = statistic(said.soft, belief, after=count)
             said.ratio = np.concatenate((said.ratio, ratio[count:]))
+            narrow = narrowed(self._every, belief)
+            said.limited = _joined(said.limited, limited(narrow, belief, after=count))
+            late_ratio = delayed(said.limited, belief, after=count)
+            said.delayed = np.concatenate((said.delayed, late_ratio[count:]))
         return count
 
     def _moving(
@@ -214,12 +223,12 @@ class Follower:
         if said.soft is None or self._other is None:
             return []
         shown = (self._ball, self._windows, self._other)
-        findings = Findings(said.soft, self._factors, said.ratio, *shown)
-        for window in crossings(said.ratio):
+        findings = Findings(said.soft, self._factors, said.ratio, said.delayed, *shown)
+        for window in findings.crossings:
             if window >= first:
                 end = float(said.soft.end[window])
                 self._unsettled[window] = len(said.alarms)
-                said.alarms.append(Alarm(end, end, float(said.ratio[window]), ()))
+                said.alarms.append(Alarm(end, end, findings.crossed(window), ()))
         told = []
         for window, place in list(self._unsettled.items()):
             if whole or now - MARGIN >= said.alarms[place].time + SETTLING:

@@ -58,7 +58,7 @@ class Trial:
     Attributes:
         seed: Which rig.
         kind: What happened to it.
-        largest: Largest log-likelihood ratio.
+        largest: Largest log-likelihood ratio, of all causes and of the dead time alone.
         alarm: When there was the first alarm, s; None for never.
         causes: What it was held to be.
         squares: Squared replay errors in units of their spread, shape (W,).
@@ -67,7 +67,7 @@ class Trial:
 
     seed: int
     kind: Kind
-    largest: float
+    largest: tuple[float, float]
     alarm: float | None
     causes: tuple[str, ...]
     squares: Array
@@ -107,7 +107,7 @@ def carry_out(job: Job) -> list[Trial]:
             Trial(
                 each.seed,
                 kind,
-                float(said.ratio.max(initial=0.0)),
+                (float(said.ratio.max(initial=0.0)), float(said.delayed.max(initial=0.0))),
                 None if first is None else first.time,
                 () if first is None else tuple(cause.name for cause in likely(first.causes)),
                 np.zeros(0) if run is None else run.square[counted],

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.horizon import MEDIAN
 from twin.shadow.injections import AT, DURATION, HEALTHY, KINDS, RAMP
@@ -62,10 +63,12 @@ def page(found: Sequence[Trial], command: str) -> str:
         f"While the ball follows the path of `excite`; at 20 s, half of them along a ramp of "
         f"{RAMP:g} s where there can be one. In time: an alarm within {IN_TIME:g} s of the "
         "complete change. Right: the right cause is named, or among those not told apart; wrong: "
-        "it is not. Early: an alarm before anything had happened.",
+        "it is not. Early: an alarm before anything had happened. After: seconds from the complete "
+        "change by which half and 95 % of the others have had their alarm, if they have.",
         "",
-        "| what happens | rigs | alarm in time [%] | right, of these [%] | wrong [%] | early |",
-        "|---|--:|--:|--:|--:|--:|",
+        "| what happens | rigs | alarm in time [%] | right, of these [%] | wrong [%] | early | "
+        "after [s] |",
+        "|---|--:|--:|--:|--:|--:|--:|",
         *[_row(kind.name, [each for each in found if each.kind == kind]) for kind in KINDS],
         "",
         "## What each is held to be",
@@ -81,7 +84,11 @@ def page(found: Sequence[Trial], command: str) -> str:
 def _healthy(learned: Sequence[Trial], judged: Sequence[Trial]) -> list[str]:
     hours = len(judged) * DURATION / 3600
     alarms = sum(each.alarm is not None for each in judged)
-    rate = hours_between_alarms([each.largest for each in learned], THRESHOLD, DURATION)
+    every, late = (
+        hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
+        for test, threshold in enumerate((THRESHOLD, dead_time.THRESHOLD))
+    )
+    both = 1 / (1 / every + 1 / late)
     squares = np.concatenate([each.squares for each in judged])
     errors = np.concatenate([each.errors for each in judged])
     low, high = rates(alarms, hours)
@@ -92,7 +99,9 @@ def _healthy(learned: Sequence[Trial], judged: Sequence[Trial]) -> list[str]:
         "",
         "| | |",
         "|---|--:|",
-        f"| hours between false alarms, by the extreme-value fit | {_short(rate)} |",
+        f"| hours between false alarms, by the extreme-value fit | {_short(both)} |",
+        f"| of the test of all causes alone | {_short(every)} |",
+        f"| of the test of the dead time alone | {_short(late)} |",
         f"| false alarms on the others | {said} |",
         f"| median score (1: as predicted) | {np.sqrt(np.median(squares) / MEDIAN):.2f} |",
         f"| replays of 1 s inside their 95 % band | {inside(judged):.1f} % of {len(squares)} |",
@@ -161,8 +170,17 @@ def _row(name: str, some: Sequence[Trial]) -> str:
     return (
         f"| {name} | {len(some)} | {interval(len(timely), len(rest))} | "
         f"{interval(right, len(timely))} | {interval(len(timely) - right, len(timely))} | "
-        f"{len(early)} |"
+        f"{len(early)} | {_after(rest)} |"
     )
+
+
+def _after(some: Sequence[Trial]) -> str:
+    """Seconds from the complete change to the alarm, for half and 95 % of the rigs."""
+    if not some:
+        return "-"
+    late = np.array([np.inf if each.alarm is None else each.alarm - each.complete for each in some])
+    half, most = np.quantile(late, (0.5, 0.95), method="inverted_cdf")
+    return ", ".join("never" if np.isinf(each) else f"{each:.0f}" for each in (half, most))
 
 
 def _confusion(found: Sequence[Trial]) -> list[str]:

@@ -8,6 +8,7 @@ off before the change is learned from the windows before it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.shadow.belief import Belief
-from twin.shadow.causes import changes
+from twin.shadow.causes import CAUSES, changes
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 
 LOOKBACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -38,15 +39,19 @@ class _Sums:
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change; its uncertainty is the unit of every parameter.
+        causes: What may have changed.
     """
 
-    def __init__(self, evidence: Evidence, belief: Belief) -> None:
+    def __init__(
+        self, evidence: Evidence, belief: Belief, causes: Sequence[str] = tuple(CAUSES)
+    ) -> None:
         unit = belief.constant
         none = np.zeros((1, *evidence.information.shape[1:]))
         information = np.concatenate((none, np.cumsum(evidence.information, axis=0)))
         self._A = information * unit * unit[:, None]
         self._b = np.concatenate((none[:, 0], np.cumsum(evidence.score, axis=0))) * unit
-        moved = changes(belief) / unit / unit[:, None]
+        chosen = [list(CAUSES).index(name) for name in causes]
+        moved = changes(belief)[chosen] / unit / unit[:, None]
         self._alternatives = np.concatenate((np.zeros((1, *moved.shape[1:])), moved))
         self._eye = np.eye(len(unit))
         self._drift = np.diag((belief.drift / unit) ** 2)
@@ -73,30 +78,41 @@ class _Sums:
         return np.asarray((logs[..., 1:] - logs[..., :1]).max(axis=-1))
 
 
-def bounded(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
+def bounded(
+    evidence: Evidence,
+    belief: Belief,
+    after: int = 0,
+    causes: Sequence[str] = tuple(CAUSES),
+    at_most: float = AT_MOST,
+) -> Evidence:
     """The windows, each of them weakened to what one may say for a change.
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         after: Windows that are left out.
+        causes: What may have changed.
+        at_most: Log-likelihood ratio that one window may speak for it.
     """
     begin = np.arange(after, len(evidence))
-    sums, weaker = _Sums(evidence, belief), np.ones(len(begin))
+    sums, weaker = _Sums(evidence, belief, causes), np.ones(len(begin))
     for _ in range(ROUNDS):  # the ratio falls less than in proportion, as a rig may have drifted
-        weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / AT_MOST, 1.0)
+        weaker *= np.maximum(sums.ratio(begin, begin + 1, weaker) / at_most, 1.0)
     return evidence.take(begin).tempered(weaker)
 
 
-def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
+def statistic(
+    evidence: Evidence, belief: Belief, after: int = 0, causes: Sequence[str] = tuple(CAUSES)
+) -> Array:
     """After each window the largest log-likelihood ratio of a change so far, shape (W,).
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         after: Windows for which it is not worked out, but left at zero.
+        causes: What may have changed.
     """
-    sums = _Sums(evidence, belief)
+    sums = _Sums(evidence, belief, causes)
     largest = np.zeros(len(evidence))
     for first in range(after, len(evidence), BLOCK):
         last = 1 + np.arange(first, min(first + BLOCK, len(evidence)))

@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.html import inline, render
 from twin.identify.replay import STEP
+from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.causes import likely
 from twin.shadow.figures import picture
@@ -75,6 +76,7 @@ def page(found: Shadow, proposal: Proposal | None) -> str:
         alarms=alarms,
         changed=changed,
         threshold=f"{THRESHOLD:g}",
+        late_threshold=f"{dead_time.THRESHOLD:g}",
         notes=found.log.notes,
     )
 
@@ -118,6 +120,7 @@ def _scores(found: Shadow, path: Path) -> None:
         "band": ("m", run.band),
         "told": ("1", run.counted.astype(float)),
         "log_likelihood_ratio": ("1", np.where(before >= 0, found.ratio[before], 0.0)),
+        "dead_time_ratio": ("1", np.where(before >= 0, found.delayed[before], 0.0)),
     }
     fields = [pa.field(name, pa.float64(), metadata={"unit": u}) for name, (u, _) in values.items()]
     paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}

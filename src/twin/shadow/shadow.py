@@ -14,9 +14,10 @@ from twin.identify.log import Log
 from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import Windows
-from twin.shadow.alarms import Alarm, Findings, crossings, raised
+from twin.shadow.alarms import Alarm, Findings, raised
 from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
+from twin.shadow.dead_time import delayed, limited, narrowed
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
 from twin.shadow.horizon import BAND, Replays, replays
@@ -41,6 +42,7 @@ class Shadow:
         one_second: The same 1 s ahead.
         time: When the statistic of the sequential test was worked out, s, shape (W,).
         ratio: The statistic, shape (W,).
+        delayed: That of the test for the dead time alone, shape (W,).
         alarms: In the order of time.
         told: Seconds in which the ball moved.
         gaps: Begin and end in s of what is missing or late in the log, shape (G, 2).
@@ -53,6 +55,7 @@ class Shadow:
     one_second: Replays | None
     time: Array
     ratio: Array
+    delayed: Array
     alarms: tuple[Alarm, ...]
     told: float
     gaps: Array
@@ -133,7 +136,7 @@ def shadows(pairs: Sequence[tuple[Log, Belief]], horizon: float = 1.0) -> list[S
     wanted = [Expansion(w, usable[place][1]) for place, w in enumerate(cut) if w is not None]
     ball = dict(zip(moving, ball_evidence(wanted), strict=True))
     findings = [_findings(*each, ball.get(place), cut[place]) for place, each in enumerate(usable)]
-    found = [(place, each) for place, say in enumerate(findings) for each in crossings(say.ratio)]
+    found = [(place, each) for place, say in enumerate(findings) for each in say.crossings]
     alarms = raised([(findings[place], each, usable[place][1]) for place, each in found])
     at = replays(usable, horizon, horizon)
     one_second = at if horizon == 1.0 else replays(usable, 1.0, horizon)
@@ -145,6 +148,7 @@ def shadows(pairs: Sequence[tuple[Log, Belief]], horizon: float = 1.0) -> list[S
             one_second=one_second[place],
             time=findings[place].soft.end,
             ratio=findings[place].ratio,
+            delayed=findings[place].delayed,
             alarms=tuple(a for (whose, _), a in zip(found, alarms, strict=True) if whose == place),
             told=float((ball[place].end - ball[place].begin).sum()) if place in ball else 0.0,
             gaps=holes,
@@ -171,7 +175,8 @@ def _findings(
     every = other if calm is None else Evidence.join([calm, other])
     factors = scatter(every, belief)
     soft = bounded(every.softened(belief.changing, factors), belief)
-    return Findings(soft, factors, statistic(soft, belief), ball, windows, other)
+    late = delayed(limited(narrowed(every, belief), belief), belief)
+    return Findings(soft, factors, statistic(soft, belief), late, ball, windows, other)
 
 
 def _median(found: Replays | None, of: Any) -> float | None:
