@@ -35,6 +35,7 @@ WRITTEN = {
     "bring-up.template.md",
     "cure.py",
     "cure.toml",
+    "cure_floor.py",
     "cure_attacks.py",
     "cure_attacks.toml",
     "tuned.py",
@@ -59,17 +60,19 @@ def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
     cure = script("cure")
     plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8"))
     plan = {**plan, "laws": plan["laws"][:2], "tasks": plan["tasks"][:2], "rigs": 2}
-    first, last = cure.cells(plan, [0.2, 0.3, None, 5.0, 1.5, 0.9])
-    assert first == (0.2, None, 1)
-    assert last == (5.0, 1.5, 0)
+    plan["noises"] = 2
+    first, last = cure.cells(plan, [0.1, 0.3, 0.3, None, 6.0, 4.0, 1.5, 0.9])
+    assert first == (0.2, None, 1, (0.1, 0.3), [0.3, None])
+    assert last == (5.0, 1.5, 0, (4.0, 6.0), [1.5, 0.9])
+    assert cure.cells(plan, [None, 0.3, 0.3, 0.3] * 2)[0].nominal is None
     page = cure.page(plan, {plan["tasks"][0]["name"]: [first, last]})
     assert "0.20 / - (1 of 2)" in page
     assert "5.00 / 1.50" in page
-    assert "5.00 (missed)" in page
-    assert "1.50 (missed)" in page
+    assert "5.00 (4.00 to 6.00), missed" in page
+    assert "1.50, missed" in page
     assert "Not simulated for this page: circle 0.75 rad/s." in page
-    assert cure.verdict(1.0, 1.0) == "1.00 (reached)"
-    assert cure.verdict(None, 1.0) == "- (missed)"
+    assert cure.verdict(1.0, 1.0) == "1.00, reached"
+    assert cure.verdict(None, 1.0) == "-, missed"
 
 
 def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_a_scenario():
@@ -128,7 +131,7 @@ def test_every_law_of_the_page_about_the_cure_is_made_for_a_task(number):
     cure = script("cure")
     plan = tomllib.loads((ROOT / "docs" / "cure.toml").read_text(encoding="utf-8")) | {"rigs": 1}
     runs = cure.scenarios(plan, plan["tasks"][number])
-    assert len(runs) == 2 * len(plan["laws"])
+    assert len(runs) == (plan["noises"] + 1) * len(plan["laws"])
     kinds = {run.controller.kind for run in runs}
     assert {"stable_inversion", "tvlqr", "internal_model", "iterative_learning", "mpc"} < kinds
 
