@@ -104,27 +104,25 @@ def ticking(rounds: int) -> Iterator[Figure]:
         )
 
 
-def studying(before: Path | None, seconds: float) -> Iterator[Figure]:
+def studying(before: Path | None, seconds: float, rounds: int) -> Iterator[Figure]:
     """Physics at the step of studies, and their runs per hour."""
     for rigs, span in ((1, 2.0), (64, 0.2)):
         found = physics_step.ratio(rigs, span)
         name = "one rig" if rigs == 1 else f"{rigs} rigs"
         yield Figure(f"physics at 2 ms of {name}, share of the time at 1 ms", found)
-    now, fine = (study_speed.here(seconds, *step) for step in ((), ("plant.step=0.001",)))
+    now, fine, *earlier = study_speed.most(before, seconds, rounds)
     yield Figure(
         f"runs of {seconds:g} s of a study, times those at a step of 1 ms",
         now / fine,
         note=f"{now:.0f} and {fine:.0f} an hour of one core",
     )
-    if before is not None:
-        python = str((before / ".venv" / "bin" / "python").absolute())
-        earlier = study_speed.runs_per_hour(python, before, seconds)
+    for then in earlier:
         yield Figure(
             "the same, times those of commit 95b7a20",
-            now / earlier,
+            now / then,
             1.8,
             most=False,
-            note=f"{now:.0f} and {earlier:.0f} an hour of one core",
+            note=f"{now:.0f} and {then:.0f} an hour of one core",
         )
 
 
@@ -140,4 +138,4 @@ def figures(before: Path | None, *, quick: bool) -> Iterator[Figure]:
     if not quick:
         yield from running()
     yield from ticking(rounds)
-    yield from studying(before, seconds)
+    yield from studying(before, seconds, 1 if quick else 3)
