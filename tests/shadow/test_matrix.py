@@ -44,7 +44,7 @@ def test_alarms_count_in_time_right_wrong_and_early():
     assert cells[4].startswith("25 ")
     assert cells[5] == "1"
     assert cells[6] == "19, 21"  # 5, 6, 19, 19 and 21 s
-    assert "1 in 0.03 h" in text
+    assert "2 in 0.07 h" in text  # the early one is false, too; 2 times 60 s and 6 times 20 s
     assert "50.0 % of 4" in text
     assert "0.60 mm" in text
 
@@ -73,6 +73,11 @@ def test_a_goal_is_met_or_missed_only_where_the_interval_says_so():
     # no alarm in one hour is no proof of less than one a day
     (hours,) = [line for line in goals(many, healthy) if "24 h" in line]
     assert "too few hours to tell" in hours
+    # an alarm before anything happens is a false one, whatever happens then
+    early = [trial(INJECTED + 2 * k, KINDS[0], 12.0, ("rolling friction",)) for k in range(4)]
+    (hours,) = [line for line in goals(many + early, healthy) if "24 h" in line]
+    assert f"| {24 * 4 / (1 + 104 * 20 / 3600):.2g} (" in hours
+    assert "**not met**" in hours
 
 
 def test_a_rig_of_a_family_is_what_was_drawn_and_believed_but_for_the_errors_of_a_fit():
