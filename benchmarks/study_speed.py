@@ -4,12 +4,14 @@
     uv run python -m benchmarks.study_speed --before ../before
 
 The first chunk of the shipped study ``tournament``, as it would be handed out, in one process each,
-turn by turn; told in processor time, set-up and evaluation of the runs included.
+turn by turn; told in processor time, set-up and evaluation of the runs included. Each has as many
+threads of linear algebra as its own commands give it: one here, all that there are before.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,7 +50,12 @@ def runs_per_hour(python: str, folder: Path, seconds: float = SECONDS, *given: s
         given: Further settings of all runs.
     """
     command = (python, "-c", PIECE, str(seconds), *given)
-    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    own = folder == Path(__file__).parent.parent
+    threads = {"OPENBLAS_NUM_THREADS": "1"} if own else {}
+    others = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    found = subprocess.run(
+        command, cwd=folder, env=others | threads, capture_output=True, text=True, check=True
+    )
     return float(found.stdout)
 
 
