@@ -86,6 +86,18 @@ def test_a_second_process_leaves_ctrl_c_to_the_first_even_while_it_starts():
         assert result() == process.pid
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+def test_a_second_process_ends_without_a_word_although_the_first_ends_in_order(capfd):
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # as every command does
+    try:
+        with SecondProcess(wanted=True) as beside:
+            process = beside.begin(os.getpid)()
+        assert gone(process)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.long
 def test_a_second_process_does_not_outlive_the_first():
     first = subprocess.Popen([sys.executable, "-c", ORPHAN], stdout=subprocess.PIPE, text=True)

@@ -31,6 +31,7 @@ LOOKED = 0.5
 """Seconds between two looks whether the process that began this one is still there."""
 AHEAD = 2
 """Jobs handed out for each process, so that none waits for its next one."""
+_ENDING = {getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
 
 
 def results(
@@ -164,7 +165,7 @@ class _Pool(ProcessPoolExecutor):
         if sys.platform == "win32":
             return super().submit(work, *args, **kwargs)
         # a process keeps the mask it is started with: it is safe even before it runs a line
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_ENDING})
         try:
             return super().submit(work, *args, **kwargs)
         finally:
@@ -208,8 +209,12 @@ def let_go(process: BaseProcess, patience: float = 1.0) -> None:
 
 
 def settle() -> None:
-    """Leave Ctrl-C to the process that began this one, and end when it has died."""
+    """Leave Ctrl-C to the process that began this one, end when told to or when it has died."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in _ENDING:  # a fork has what the process that began it does on them
+        signal.signal(number, signal.SIG_DFL)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     Thread(target=_end_with_parent, daemon=True).start()
 
 
