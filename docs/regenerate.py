@@ -54,7 +54,7 @@ PAGES = {
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
     "shadow": Page(
         ("shadow.md",),
-        ("shadow", "--matrix", "--each", "40", "--hours", "5", "--doc", "docs/shadow.md"),
+        ("shadow", "--matrix", "--doc", "docs/shadow.md"),
     ),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(

@@ -34,9 +34,9 @@ HORIZON = click.Choice(["0.5", "1", "2"])
 @click.option(
     "--hours",
     type=click.FloatRange(min=0.1),
-    default=48.0,
+    default=24.0,
     show_default=True,
-    help="With --matrix: of healthy running, half of it to judge on.",
+    help="With --matrix: of healthy running to judge on.",
 )
 @click.option("--doc", type=click.Path(path_type=Path), help="With --matrix: the page to write.")
 @PROCESSES
@@ -101,10 +101,13 @@ def _matrix(each: int, hours: float, doc: Path | None, processes: int | None) ->
     if doc is not None:
         check_writable(doc.parent, "--doc")
         command += f" --doc {doc}"
-    family, count = read(FAMILY), healthy_rigs(hours)
-    halves = [[rig.point for rig in drawn(family, draw, count)] for draw in DRAWS]
+    family = read(FAMILY)
+    healthy = [
+        [rig.point for rig in drawn(family, draw, count)]
+        for draw, count in zip(DRAWS, healthy_rigs(hours), strict=True)
+    ]
     with progress("rigs that something happens to, and healthy ones", 1.0) as advance:
-        text = page(trials(each, halves, processes or cores(), advance), command)
+        text = page(trials(each, healthy, processes or cores(), advance), command)
     if doc is None:
         console.print(text, markup=False)
     else:

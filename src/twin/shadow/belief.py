@@ -58,6 +58,9 @@ STOPPING = {
 }  # fmt: skip
 """The same of windows in which the ball comes to rest or begins there."""
 
+UNEVEN_DELAY = 0.03
+"""Seconds by which the dead time seems another on a screen as uneven as its friction is large: the
+drives answer, a dead time later, what such a screen does to the ball."""
 ROUGH = 0.001
 """Share of the rolling friction that differs from place to place where it is held to be even."""
 
@@ -141,8 +144,12 @@ class Belief:
         # a window crosses a few patches of an uneven screen, which average out in part
         uneven = np.array(
             [
-                {"rolling": surface.spread_percent / 200}.get(name, 0.0)
-                + (np.radians(surface.slope_deg) / 2 if name.startswith("level") else 0.0)
+                {
+                    "rolling": surface.spread_percent / 200,
+                    "delay": UNEVEN_DELAY * surface.spread_percent / 100,
+                    "level_phi": np.radians(surface.slope_deg) / 2,
+                    "level_theta": np.radians(surface.slope_deg) / 2,
+                }.get(name, 0.0)
                 for name in PARAMETERS
             ]
         )

@@ -21,7 +21,7 @@ from twin.scenario.schema import Scenario
 from twin.shadow.alarms import SETTLING, Alarm, Findings, raised
 from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief
-from twin.shadow.dead_time import delayed, limited, narrowed
+from twin.shadow.dead_time import delayed, limited, standing
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
 from twin.shadow.horizon import Replays, replays
@@ -52,15 +52,13 @@ class Said:
         replays: At the horizon of one second; None before the first.
         soft: Windows of all kinds, as the sequential test takes them; None before the first.
         ratio: The statistic of the sequential test after each.
-        limited: The same windows as the test for the dead time takes them.
-        delayed: Its statistic after each.
+        delayed: That of the test for the dead time alone.
         alarms: In the order of time; the causes of the last one may not be settled yet.
     """
 
     replays: Replays | None = None
     soft: Evidence | None = None
     ratio: Array = field(default_factory=lambda: np.zeros(0))
-    limited: Evidence | None = None
     delayed: Array = field(default_factory=lambda: np.zeros(0))
     alarms: list[Alarm] = field(default_factory=list)
 
@@ -91,6 +89,8 @@ class Follower:
         self._every: Evidence | None = None
         self._soft: Evidence | None = None
         self._factors: Array = np.zeros((0, 0))
+        self._limited: Evidence | None = None
+        self._late: Array = np.zeros(0)
         self._unsettled: dict[int, int] = {}
         self._judged = 0.0
         begin = -np.inf
@@ -132,7 +132,7 @@ class Follower:
         if self._belief is None:
             self._belief = Belief.of(self._scenario, log)
         try:
-            usable = self._late(log, now)
+            usable = self._of_late(log, now)
         except LogError:  # too little yet, or the ball is off the screen
             return []
         until = np.inf if whole else now - MARGIN
@@ -141,7 +141,7 @@ class Follower:
         first = self._judge(usable, self._belief, holes, until)
         return self._alarms(self._belief, first, now, whole=whole)
 
-    def _late(self, log: Log, now: float) -> PreparedLog:
+    def _of_late(self, log: Log, now: float) -> PreparedLog:
         """The part of the log that has to be looked at."""
         assert self._belief is not None
         usable = prepare(replace(log, model=self._belief.model))
@@ -190,10 +190,12 @@ class Follower:
             said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
             ratio = statistic(said.soft, belief, after=count)
             said.ratio = np.concatenate((said.ratio, ratio[count:]))
-            narrow = narrowed(self._every, belief)
-            said.limited = _joined(said.limited, limited(narrow, belief, after=count))
-            late_ratio = delayed(said.limited, belief, after=count)
-            said.delayed = np.concatenate((said.delayed, late_ratio[count:]))
+            known = 0 if self._limited is None else len(self._limited)
+            self._limited = _joined(self._limited, limited(self._every, belief, after=count))
+            again = delayed(self._limited, belief, after=known)
+            self._late = np.concatenate((self._late, again[known:]))
+            at_end = standing(self._limited, self._late, said.soft.end[count:])
+            said.delayed = np.concatenate((said.delayed, at_end))
         return count
 
     def _moving(

@@ -25,8 +25,10 @@ CALIBRATED = 10_000
 """Seeds of healthy rigs: from here on those from which the false-alarm rate is worked out,"""
 JUDGED = 20_000
 """and those on which it is judged, with all that is said of healthy running."""
-INJECTED = 30_000
+INJECTED = 80_000
 """Seeds of rigs that something happens to."""
+CALIBRATION = 5
+"""So many hours are judged for one from which the false-alarm rate is worked out."""
 HEALTHY_SCENARIOS = ("excite", "circle", "sine")
 
 
@@ -63,6 +65,8 @@ class Trial:
         causes: What it was held to be.
         squares: Squared replay errors in units of their spread, shape (W,).
         errors: Replay errors after 1 s in m, shape (W,).
+        uneven: Standard deviation in percent by which the screen's friction differs from place to
+            place.
     """
 
     seed: int
@@ -72,6 +76,7 @@ class Trial:
     causes: tuple[str, ...]
     squares: Array
     errors: Array
+    uneven: float = 0.0
 
     @property
     def complete(self) -> float:
@@ -99,7 +104,7 @@ def carry_out(job: Job) -> list[Trial]:
     ]
     recorded = logs(pairs)
     beside = shadows([(log, believed(log)) for log in recorded])
-    for each, kind, said in zip(job.rigs, kinds, beside, strict=True):
+    for each, kind, (_, truth), said in zip(job.rigs, kinds, pairs, beside, strict=True):
         first = said.alarms[0] if said.alarms else None
         run = said.one_second
         counted = np.zeros(0, int) if run is None else np.flatnonzero(run.counted)
@@ -112,14 +117,20 @@ def carry_out(job: Job) -> list[Trial]:
                 () if first is None else tuple(cause.name for cause in likely(first.causes)),
                 np.zeros(0) if run is None else run.square[counted],
                 np.zeros(0) if run is None else np.hypot(*run.error[counted].T),
+                truth.plant.surface.spread_percent,
             )
         )
     return found
 
 
-def healthy_rigs(hours: float) -> int:
-    """How many healthy rigs make up some hours, in each half."""
-    return max(len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION / 2))
+def healthy_rigs(hours: float) -> tuple[int, int]:
+    """How many healthy rigs the false-alarm rate is worked out from, and how many are judged.
+
+    Args:
+        hours: Of healthy running to judge on.
+    """
+    least, judged = len(HEALTHY_SCENARIOS), round(hours * 3600 / DURATION)
+    return max(least, judged // CALIBRATION), max(least, judged)
 
 
 def trials(

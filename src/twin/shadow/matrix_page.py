@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
@@ -25,6 +26,8 @@ from twin.shadow.matrix import (
     interval,
 )
 
+UNEVEN = (0, 2.5, 5, 10, 15, 20.1)
+"""Percent by which screens are uneven, between which replays are told apart."""
 GOALS = 4
 """Kinds, the first ones, that have goals."""
 
@@ -120,7 +123,16 @@ def _healthy(
         f"| median score (1: as predicted) | {np.sqrt(np.median(squares) / MEDIAN):.2f} |",
         f"| replays of 1 s inside their 95 % band | {inside(judged):.1f} % of {len(squares)} |",
         f"| replay error after 1 s, median | {1000 * np.median(errors):.2f} mm |",
+        *[_by_screen(judged, *between) for between in itertools.pairwise(UNEVEN)],
     ]
+
+
+def _by_screen(judged: Sequence[Trial], least: float, most: float) -> str:
+    """The replay error on screens of some unevenness in percent."""
+    some = [each.errors for each in judged if least <= each.uneven < most]
+    errors = np.concatenate([np.zeros(0), *some])
+    median = f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
+    return f"| on screens uneven by {least:g} to {most:g} % ({len(some)} rigs), median | {median} |"
 
 
 def rates(alarms: int, hours: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from twin.identify.windows import Windows
 from twin.shadow.alarms import Alarm, Findings, raised
 from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
-from twin.shadow.dead_time import delayed, limited, narrowed
+from twin.shadow.dead_time import delayed, limited, standing
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import gaps
 from twin.shadow.horizon import BAND, Replays, replays
@@ -175,8 +175,9 @@ def _findings(
     every = other if calm is None else Evidence.join([calm, other])
     factors = scatter(every, belief)
     soft = bounded(every.softened(belief.changing, factors), belief)
-    late = delayed(limited(narrowed(every, belief), belief), belief)
-    return Findings(soft, factors, statistic(soft, belief), late, ball, windows, other)
+    late = limited(every, belief)
+    at_end = standing(late, delayed(late, belief), soft.end)
+    return Findings(soft, factors, statistic(soft, belief), at_end, ball, windows, other)
 
 
 def _median(found: Replays | None, of: Any) -> float | None:
