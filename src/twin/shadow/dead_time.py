@@ -25,7 +25,7 @@ ADDED = 1.5
 """and on top of what the windows before it have said."""
 ROOM = 0.3
 """Share of what else is expected to differ between windows in which the ball stops."""
-THRESHOLD = 4.0
+THRESHOLD = 3.6
 """Log-likelihood ratio at which this test raises an alarm."""
 
 
