@@ -50,9 +50,8 @@ def page(found: Sequence[Trial], command: str) -> str:
         "something happens to are like the one the project describes, friction, breakaway, dead "
         "time and level drawn. The twin of each knows it but for the errors of an "
         "identification. Shares in percent with their 95 % interval (Clopper and Pearson). The "
-        "alarm's threshold, and by how much a healthy rig may scatter and drift, were chosen on "
-        "other rigs of the family and on the first four of each kind; those of the test for the "
-        "dead time on rigs that are not counted here.",
+        "alarms' thresholds, and by how much a healthy rig may scatter and drift, were chosen on "
+        "rigs that are not counted here.",
         "",
         "## Against the goals",
         "",
