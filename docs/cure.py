@@ -172,7 +172,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "those of `mpc` and `internal_model` were chosen by hand so that a raw step ends, those of "
         "`stable_inversion` and the random walks of its observer on 12 rigs of draw 101; `tvlqr` "
         "and `iterative_learning` are softer. "
-        "Lap learning has learnt from one to three laps when it is judged. What holds on another "
+        "Lap learning has learnt from one to three laps when it is judged, and the cure's map of "
+        "the friction has seen the way three times, at 2 rad/s five times. What holds on another "
         "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md); "
         "every law tuned with the same budget is in [tuned.md](tuned.md).",
         "",
@@ -183,8 +184,8 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
         "",
         "## Goals",
         "",
-        "Of the cure: law `stable_inversion` behind observer `friction_kalman`; beside it whoever "
-        "did best.",
+        "Of the cure: law `stable_inversion` behind observer `friction_map_kalman`; beside it "
+        "whoever did best.",
         "",
         "| task | judged | goal | the cure, nominal | goal | the cure, worst | best nominal "
         "| best worst |",
@@ -228,11 +229,12 @@ def floors(plan: dict[str, Any], cell: Cell) -> list[str]:
         "## How far the floor is",
         "",
         f"What the cure reaches on each of these rigs ({FLOOR}), beside the least that any "
-        "controller could reach in the mean over screens as uneven, which it does not know: the "
-        "linear-quadratic Gaussian bound of `docs/cure_floor.py`, with level, mean friction and "
-        "dead time known, ideal drives and any effort. So much is the screen's alone; the rest is "
-        "play, slow drives, gains that suit all rigs, and this screen instead of the mean. At the "
-        "edge of the family (0.27 mm, 20 % uneven, 58 frames a second) it is "
+        "controller could reach on its first way over a screen as uneven, in the mean over such "
+        "screens: the linear-quadratic Gaussian bound of `docs/cure_floor.py`, with level, mean "
+        "friction and dead time known, ideal drives and any effort. On a way that comes again a "
+        "map of the friction may go below it. What is left is noise, play, slow drives, and a dead "
+        "time that is not the one believed. At the edge of the family (0.27 mm, 20 % uneven, 58 "
+        "frames a second) it is "
         f"{floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task['omega']) / radius:.1%}.",
         "",
         "| rig | rolling, mm | uneven, % | frames/s | dead time, ms | floor, % | the cure, % |",

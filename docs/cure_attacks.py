@@ -33,7 +33,7 @@ def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:
         "Made by `uv run python docs/regenerate.py cure_attacks`; what it runs is "
         "`docs/cure_attacks.toml`.",
         "",
-        "Law `stable_inversion` behind observer `friction_kalman`, gains as shipped, on the "
+        "Law `stable_inversion` behind observer `friction_map_kalman`, gains as shipped, on the "
         "nominal rig, one run a cell, judged by the true ball. Laws and observer know nothing of "
         "presliding, by which the contact bends before friction resists in full (Dahl's model). "
         "`-`: ball lost.",

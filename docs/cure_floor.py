@@ -1,5 +1,5 @@
 # ruff: noqa: N803, N806  matrices have the letters of the field
-"""How well any controller could do on an uneven screen that it does not know: the floor of cure.md.
+"""How well any controller could do at first on an uneven screen: the floor of cure.md.
 
 uv run python docs/cure_floor.py
 
@@ -12,7 +12,7 @@ and a screen tells x with its noise, a dead time late. Of all controllers that k
 it did so far, the linear-quadratic Gaussian one has the least mean square of x. It is given all
 else: the statistics of w, mean friction, level, the slope without error, drives without lag or
 play, and any effort. On one screen a controller may do better than that mean over screens, on the
-worst of many it does worse.
+worst of many it does worse; on a way that comes again, one that remembers w may do better.
 
 w: the friction's relative deviations are drawn at the points of a grid and are straight between
 them. Averaged over the places in a cell their variance is 4/9 of that at the points, and half of

@@ -3,6 +3,7 @@
 from controllers.observers.disturbance_observer import DisturbanceObserver
 from controllers.observers.ekf import ExtendedKalman
 from controllers.observers.friction_kalman import FrictionKalman
+from controllers.observers.friction_map_kalman import FrictionMapKalman
 from controllers.observers.ideal import Ideal
 from controllers.observers.kalman import Kalman
 from controllers.observers.luenberger import Luenberger
@@ -12,6 +13,7 @@ __all__ = [
     "DisturbanceObserver",
     "ExtendedKalman",
     "FrictionKalman",
+    "FrictionMapKalman",
     "Ideal",
     "Kalman",
     "Luenberger",

@@ -11,7 +11,7 @@ from controllers.arrays import Array, Mask, every, some
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.kalman import NOISE, check_positive
 from controllers.observers.late_ball import LateBall
-from controllers.observers.rolling_ball import Tilt, components, together
+from controllers.observers.rolling_ball import Derivatives, Tilt, components, together
 
 KNOWN = (
     Quantity("friction", "m/s^2"),
@@ -28,7 +28,7 @@ F = 8
 """Where the friction stands in the filter's state."""
 DISTURBANCE = [4, 5]
 """Where the disturbance along x and y stands there."""
-LEARNT = slice(6, 9)
+LEARNT = slice(6, None)
 """Tilt gain and friction, which are learnt in motion alone."""
 RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
@@ -129,7 +129,7 @@ class FrictionKalman(LateBall):
     @property
     def P(self) -> Array:
         """Covariance of eta, eta', d, kappa, F at the touch sample's time, shape (..., 9, 9)."""
-        return self._P.reshape(*self._shape, 9, 9)
+        return self._P.reshape(*self._shape, *self._P.shape[1:]).copy()
 
     @property
     def further(self) -> Array:
@@ -141,20 +141,26 @@ class FrictionKalman(LateBall):
 
     def _advance(self, begin: Tilt, then: Tilt) -> None:
         """One period of the filter, from one touch sample's time to the next."""
-        self._s, step = self._ball.step(self._s, begin, then)
-        A = np.empty_like(self._P)
+        s = self._at(self._ball.position(self._s, begin))
+        s, step = self._ball.step(s, begin, then)
+        self._s = [*s[:F], self._s[F]]
+        A = np.empty((self._rigs, 9, 9))
         A[:] = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
         A[:, 2, F], A[:, 3, F] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
-        P = A @ self._P @ A.swapaxes(1, 2)
+        self._P = P = self._propagated(A, step)
         P[:, self._diagonal, self._diagonal] += self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
             P[:, DISTURBANCE, DISTURBANCE] += np.reshape(rest * self._at_rest, (-1, 1))
-        self._P = P
+
+    def _propagated(self, A: Array, step: Derivatives) -> Array:
+        """Covariance a period on, from what the period does to the nine states."""
+        P: Array = A @ self._P @ A.swapaxes(1, 2)
+        return P
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
@@ -164,11 +170,12 @@ class FrictionKalman(LateBall):
 
     def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
         """Correct by a touch sample, axis by axis."""
-        aged, whole, P = some(age), every(new), self._P
+        aged, whole = some(age), every(new)
         vx, vy = self._ball.velocity(self._s, then)
         moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)
         for axis in range(2):
             h = np.reshape(self._ball.position(self._s, then)[axis], -1)
+            P = self._P
             hP = P[:, axis]
             variance = hP[:, axis]
             if aged:
@@ -180,18 +187,25 @@ class FrictionKalman(LateBall):
             gain = hP / S[:, None]
             if not whole:
                 gain = np.where(new[:, None], gain, 0.0)
-            fall = gain[:, :, None] * hP[:, None, :]
+            self._reduce(gain, hP, moving)
             if not every(moving):
-                fall[~moving, LEARNT, LEARNT] = 0.0
                 gain[~moving, LEARNT] = 0.0
-            P = P - fall
-            change = components(gain * e[:, None])
-            self._s = [a + b for a, b in zip(self._s, change, strict=True)]
+            self._correct_by(gain * e[:, None])
             self.innovation[:, axis] = np.where(new, e, np.nan)
             self.innovation_variance[:, axis] = S
-        self._P = P
         least, most = self._by.least, self._by.most
         *_, kx, ky, friction = self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
+
+    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
+        """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
+        fall = gain[:, :, None] * hP[:, None, :]
+        if not every(moving):
+            fall[~moving, LEARNT, LEARNT] = 0.0
+        self._P = self._P - fall
+
+    def _correct_by(self, change: Array) -> None:
+        """Add to the estimate what a touch sample says of it, shape (N, 9)."""
+        self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +79,7 @@ class LateBall(DelayedObserver):
         self._age = age
         if some(new):
             self._take(y, age, new, then)
-        ex, ey, vx, vy = self._ball.carry(self._s)
+        ex, ey, vx, vy = self._ball.carry(self._at(self._ball.position(self._s, then)))
         (phi, theta), (phi_rate, theta_rate) = components(angle), components(rate)
         c2 = self.model.c2
         self._state = (
@@ -97,6 +98,10 @@ class LateBall(DelayedObserver):
     def predict(self, u: Array) -> None:
         """Carry the plate one period ahead; the ball follows when the plate is measured."""
         self._plate.predict(u.reshape(-1, 2))
+
+    def _at(self, place: Sequence[Any]) -> Any:
+        """The filter's state with the friction of a place (x, y) in m: one for all by default."""
+        return self._s
 
     @abstractmethod
     def _advance(self, begin: Tilt, then: Tilt) -> None:
@@ -122,6 +127,8 @@ class LateBall(DelayedObserver):
     def equivalent(self) -> Array:
         """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
         x, vx, *_, y, vy, _, _ = self._state
-        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._s, self._state)
+        phi, phi_rate, theta, theta_rate = self._ball.equivalent(
+            self._at(self._state[0::4]), self._state
+        )
         found = (x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         return together(found, self._rigs).reshape(self.x.shape)

@@ -7,6 +7,7 @@ from controllers.interfaces import Measurement
 from controllers.observers import (
     ExtendedKalman,
     FrictionKalman,
+    FrictionMapKalman,
     Kalman,
     Luenberger,
     NonlinearLuenberger,
@@ -21,6 +22,7 @@ EVERY = pytest.mark.parametrize(
         NonlinearLuenberger,
         lambda: NonlinearLuenberger(plate_observer=True),
         lambda: FrictionKalman(delay=0.005),
+        lambda: FrictionMapKalman(delay=0.005, map_pitch=0.1, map_length=0.08),
     ],
     ids=[
         "luenberger",
@@ -29,6 +31,7 @@ EVERY = pytest.mark.parametrize(
         "nonlinear",
         "nonlinear with plate observer",
         "friction_kalman",
+        "friction_map_kalman",
     ],
 )
 
