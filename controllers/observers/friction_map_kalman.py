@@ -111,7 +111,8 @@ class FrictionMapKalman(FrictionKalman):
         a, b, first = u - i, v - j, i * (m + 1) + j
         corners = together((first, first + 1, first + m + 1, first + m + 2), self._rigs)
         shares = together(((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b), self._rigs)
-        return corners.astype(int), shares
+        # a ball that has run away is nowhere, and all that follows from it not a number
+        return np.where(corners >= 0, corners, 0).astype(int), shares
 
     def _at(self, place: Sequence[Any]) -> Any:
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
@@ -124,16 +125,16 @@ class FrictionMapKalman(FrictionKalman):
         corners, shares = self._here
         P, by = self._P, np.zeros((self._rigs, 9))
         by[:, 2], by[:, 3] = step.friction
-        across = (P[self._rows, 9 + corners] * shares[:, :, None]).sum(axis=1)
-        top = A @ P[:, :9] + by[:, :, None] * across[:, None]
-        along = (top.swapaxes(1, 2)[self._rows, 9 + corners] * shares[:, :, None]).sum(axis=1)
-        top[:, :, :9] = top[:, :, :9] @ A.swapaxes(1, 2) + along[:, :, None] * by[:, None]
+        part = shares[:, None]
+        top = A @ P[:, :9] + by[:, :, None] * (part @ P[self._rows, 9 + corners])
+        along = part @ top.swapaxes(1, 2)[self._rows, 9 + corners]
+        top[:, :, :9] = top[:, :, :9] @ A.swapaxes(1, 2) + along.swapaxes(1, 2) * by[:, None]
         P[:, :9], P[:, 9:, :9] = top, top[:, :, 9:].swapaxes(1, 2)
         return P
 
     def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
         """Rig by rig and in place, as the covariance of one is as much as stays near at hand."""
-        for rig in np.flatnonzero(gain.any(axis=1)):
+        for rig in np.flatnonzero(gain.any(axis=1)).tolist():
             np.multiply(gain[rig, :, None], hP[rig], out=self._fall)
             if not moving[rig]:
                 self._fall[LEARNT, LEARNT] = 0.0

@@ -255,6 +255,21 @@ def test_nothing_is_learnt_from_a_ball_that_lies_still():
     assert np.array_equal(observer.friction_map, before)
 
 
+def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
+    together, alone = FrictionMapKalman(**COARSE), FrictionMapKalman(**COARSE)
+    together.start(np.zeros((2, 8)))
+    alone.start(np.zeros(8))
+    for tick in range(5):
+        y = np.array([[0.01, 0.0, 0.02, 0.0], [np.nan if tick > 2 else 0.01, 0.0, 0.02, 0.0]])
+        x = together.correct(Measurement(0.0, y, np.zeros(2), np.ones(2, bool)))
+        single = alone.correct(Measurement(0.0, y[1], np.zeros(()), np.ones((), bool)))
+        together.predict(np.zeros((2, 2)))
+        alone.predict(np.zeros(2))
+    assert np.isfinite(x[0]).all()
+    assert np.isnan(x[1, 0])
+    assert np.isnan(single[0])
+
+
 @pytest.mark.parametrize(
     "setting",
     [
