@@ -40,6 +40,8 @@ class Windows:
     Attributes:
         begin: When the replay of each begins, s, shape (W,).
         resting: Whether the ball then rests, shape (W,).
+        rested: For how long it then has rested, s, shape (W,): 0 where it rolls, infinite where
+            nobody saw it come to rest.
         field: What accelerates the ball.
         time: When the samples were taken, s from ``begin``, shape (W, B).
         ball: x and y in m, shape (W, B, 2).
@@ -48,6 +50,7 @@ class Windows:
 
     begin: Array
     resting: Mask
+    rested: Array
     field: AccelerationField
     time: Array
     ball: Array
@@ -95,6 +98,7 @@ class Windows:
         return cls(
             begin,
             spans.resting,
+            rested(segment, begin),
             AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
@@ -109,6 +113,7 @@ class Windows:
         return Windows(
             self.begin[which],
             self.resting[which],
+            self.rested[which],
             field,
             self.time[which],
             self.ball[which],
@@ -126,7 +131,7 @@ class Windows:
         )
         rest = {
             name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("begin", "resting", "time", "ball", "weight")
+            for name in ("begin", "resting", "rested", "time", "ball", "weight")
         }
         return cls(field=field, **rest)
 
@@ -201,9 +206,7 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     """
     time = segment.time
     moving = speed(time, segment.even_ball)
-    rests = [
-        (time[a], time[b - 1]) for a, b in runs(moving < REST) if time[b - 1] - time[a] > SPEED_SPAN
-    ]
+    rests = _rests(time, moving)
     found: list[tuple[float, float, bool]] = []
     at = begin
     while at < end - SPEED_SPAN:
@@ -222,6 +225,23 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
+
+
+def rested(segment: Segment, at: Array) -> Array:
+    """For how long the ball has rested at times in s, as ``Windows.rested`` has it, shape (W,)."""
+    time = segment.time
+    rests = _rests(time, speed(time, segment.even_ball))
+    # before all of them it is at rest from nothing until nothing
+    begin, end = np.array([(-np.inf, -np.inf), *rests]).T
+    last = np.searchsorted(begin, at, side="right") - 1
+    since = np.where(begin[last] > time[0], begin[last], -np.inf)
+    return np.where(at < end[last], at - since, 0.0)
+
+
+def _rests(time: Array, moving: Array) -> list[tuple[float, float]]:
+    """When the ball rests, from its speed in m/s: first and last time of each, s."""
+    found = [(float(time[a]), float(time[b - 1])) for a, b in runs(moving < REST)]
+    return [(first, last) for first, last in found if last - first > SPEED_SPAN]
 
 
 def speed(time: Array, ball: Array) -> Array:
