@@ -10,8 +10,8 @@ from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.identify.replay import STEP, AccelerationField, replay
+from twin.identify.rests import SPEED_SPAN, rested
 from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
-from twin.identify.windows import SPEED_SPAN, rested
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction

@@ -7,22 +7,18 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.plate_motion import PlateMotion, plate_motion
-from twin.identify.prepare import PreparedLog, Segment, runs
+from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.replay import STEP, AccelerationField
+from twin.identify.rests import ROLL, SPEED_SPAN, rested, rests_of, speed
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
-REST, ROLL = 0.004, 0.008
-"""Measured speeds in m/s below which the ball rests and above which it rolls."""
-SPEED_SPAN = 0.3
-"""Time in s over which the speed is measured, and shortest rest."""
 
 
 class Spans(NamedTuple):
@@ -206,7 +202,7 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     """
     time = segment.time
     moving = speed(time, segment.even_ball)
-    rests = _rests(time, moving)
+    rests = rests_of(time, moving)
     found: list[tuple[float, float, bool]] = []
     at = begin
     while at < end - SPEED_SPAN:
@@ -225,28 +221,3 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
-
-
-def rested(segment: Segment, at: Array) -> Array:
-    """For how long the ball has rested at times in s, as ``Windows.rested`` has it, shape (W,)."""
-    time = segment.time
-    rests = _rests(time, speed(time, segment.even_ball))
-    # before all of them it is at rest from nothing until nothing
-    begin, end = np.array([(-np.inf, -np.inf), *rests]).T
-    last = np.searchsorted(begin, at, side="right") - 1
-    since = np.where(begin[last] > time[0], begin[last], -np.inf)
-    return np.where(at < end[last], at - since, 0.0)
-
-
-def _rests(time: Array, moving: Array) -> list[tuple[float, float]]:
-    """When the ball rests, from its speed in m/s: first and last time of each, s."""
-    found = [(float(time[a]), float(time[b - 1])) for a, b in runs(moving < REST)]
-    return [(first, last) for first, last in found if last - first > SPEED_SPAN]
-
-
-def speed(time: Array, ball: Array) -> Array:
-    """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
-    period = float(time[1] - time[0])
-    samples = max(5, round(SPEED_SPAN / period) | 1)
-    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
-    return np.hypot(velocity[:, 0], velocity[:, 1])
