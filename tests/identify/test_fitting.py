@@ -8,9 +8,7 @@ import pytest
 from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.plate_motion import servo_response
-from twin.identify.prepare import Segment
 from twin.identify.replay import STEP, AccelerationField, replay
-from twin.identify.rests import SPEED_SPAN, rested
 from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
@@ -56,46 +54,6 @@ def test_a_replay_rolls_as_the_exact_plant_does():
     way = np.abs(np.diff(states[:, 0::4], axis=0)).sum()
     assert way > 0.1
     assert np.abs(places[:, :, 0, 0] - states[:, 0::4]).max() < 0.005 * way
-
-
-def test_a_ball_that_has_rested_a_while_starts_as_one_that_was_watched_all_the_while():
-    model = BallPlate()
-    friction = Friction(rolling=2e-4, breakaway_ratio=2.0, stribeck_speed=0.005, dwell_time=1.5)
-    # the plate rises so slowly that how old the contact is decides when the ball starts
-    count, later = 1000, 200
-    angle = np.zeros((1, count, 2))
-    angle[..., 0] = 0.004 + 0.01 * STEP * np.arange(count)
-    rate = np.full_like(angle, 0.0)
-    rate[..., 0] = 0.01
-
-    def replayed(first, rested):
-        field = AccelerationField.of(model, angle[:, first:], rate[:, first:])
-        start = np.zeros((4, 1, 1))
-        return replay(
-            field, model, friction, np.zeros((2, 1, 1)), start, rested=np.array([rested])
-        )[0][:, 0, 0, 0]
-
-    watched = replayed(0, 0.2)
-    assert watched[later] == 0  # it still rests
-    assert watched[-1] > 0.01
-    np.testing.assert_allclose(
-        replayed(later, 0.2 + later * STEP), watched[later:], rtol=1e-9, atol=1e-12
-    )
-    # one that was never seen to come to rest is held longer
-    assert np.argmax(replayed(later, np.inf) > 0) > 20 + np.argmax(watched[later:] > 0)
-
-
-def test_how_long_a_ball_has_rested_is_counted_from_when_it_was_seen_to_stop():
-    time = np.arange(0, 20, 0.01)
-    # at rest, rolls from 4 s to 8 s, rests, rolls again from 11 s to 15 s, rests
-    rolls = ((time > 4) & (time < 8)) | ((time > 11) & (time < 15))
-    x = np.cumsum(np.where(rolls, 0.05, 0.0)) * 0.01
-    ball = np.stack((x, 0 * x), axis=-1)
-    segment = Segment(time, np.zeros((len(time), 2)), None, time, ball)
-    at = np.array([2.0, 6.0, 9.0, 10.5, 13.0, 19.0])
-    np.testing.assert_allclose(
-        rested(segment, at), [np.inf, 0, 1, 2.5, 0, 4], atol=SPEED_SPAN / 2 + 0.02
-    )
 
 
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():

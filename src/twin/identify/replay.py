@@ -78,7 +78,6 @@ def replay(
     start: Array,
     grip: float = 0.0,
     gain: Array | float = 1.0,
-    rested: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Positions and velocities of the ball, both shape (N, 2, C, W), in m and m/s.
 
@@ -95,19 +94,13 @@ def replay(
             for at once, as Coulomb's law has it.
         gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
             candidate, shape (C, 1).
-        rested: Seconds for which the ball has rested at the first step, shape (W,); 0 where it
-            rolls. A contact that ages is as old as that.
     """
     h, steps = STEP, len(field.push)
     p, v = start[:2], start[2:]
     places, speeds = np.empty((2, steps, *p.shape))
     places[0], speeds[0] = p, v
     speed = np.hypot(v[0], v[1])
-    age = None
-    if friction.ageing:
-        resting = np.asarray(rested) > 0
-        since = friction.aged(0.0 * speed, 0.0 * speed, np.where(resting, rested, np.inf))
-        age = np.where(resting, since, friction.settled(speed))
+    age = friction.settled(speed) if friction.ageing else None
     per_arm = (model.c1 / model.radius) * field.normal
     grip = max(grip, h)
     # arrays that are written again in every step: making them anew would cost as much as the sums

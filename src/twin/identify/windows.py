@@ -7,18 +7,22 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.plate_motion import PlateMotion, plate_motion
-from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.prepare import PreparedLog, Segment, runs
 from twin.identify.replay import STEP, AccelerationField
-from twin.identify.rests import ROLL, SPEED_SPAN, rested, rests_of, speed
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
+REST, ROLL = 0.004, 0.008
+"""Measured speeds in m/s below which the ball rests and above which it rolls."""
+SPEED_SPAN = 0.3
+"""Time in s over which the speed is measured, and shortest rest."""
 
 
 class Spans(NamedTuple):
@@ -36,8 +40,6 @@ class Windows:
     Attributes:
         begin: When the replay of each begins, s, shape (W,).
         resting: Whether the ball then rests, shape (W,).
-        rested: For how long it then has rested, s, shape (W,): 0 where it rolls, infinite where
-            nobody saw it come to rest.
         field: What accelerates the ball.
         time: When the samples were taken, s from ``begin``, shape (W, B).
         ball: x and y in m, shape (W, B, 2).
@@ -46,7 +48,6 @@ class Windows:
 
     begin: Array
     resting: Mask
-    rested: Array
     field: AccelerationField
     time: Array
     ball: Array
@@ -94,7 +95,6 @@ class Windows:
         return cls(
             begin,
             spans.resting,
-            rested(segment, begin),
             AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
@@ -109,7 +109,6 @@ class Windows:
         return Windows(
             self.begin[which],
             self.resting[which],
-            self.rested[which],
             field,
             self.time[which],
             self.ball[which],
@@ -127,7 +126,7 @@ class Windows:
         )
         rest = {
             name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("begin", "resting", "rested", "time", "ball", "weight")
+            for name in ("begin", "resting", "time", "ball", "weight")
         }
         return cls(field=field, **rest)
 
@@ -202,7 +201,9 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     """
     time = segment.time
     moving = speed(time, segment.even_ball)
-    rests = rests_of(time, moving)
+    rests = [
+        (time[a], time[b - 1]) for a, b in runs(moving < REST) if time[b - 1] - time[a] > SPEED_SPAN
+    ]
     found: list[tuple[float, float, bool]] = []
     at = begin
     while at < end - SPEED_SPAN:
@@ -221,3 +222,11 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
+
+
+def speed(time: Array, ball: Array) -> Array:
+    """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
+    period = float(time[1] - time[0])
+    samples = max(5, round(SPEED_SPAN / period) | 1)
+    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
+    return np.hypot(velocity[:, 0], velocity[:, 1])

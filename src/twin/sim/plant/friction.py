@@ -136,7 +136,7 @@ class Friction:
         share: Array = 1 / (1 + (speed / np.asarray(self.stribeck_speed)) ** 2)
         return share
 
-    def aged(self, age: Array, speed: Array, time: Number) -> Array:
+    def aged(self, age: Array, speed: Array, time: float) -> Array:
         """Age after a time in s at a constant speed in m/s, all shape (...)."""
         goal = self.settled(speed)
         dwell = np.asarray(self.dwell_time)
