@@ -214,7 +214,9 @@ def test_every_shipped_tune_can_be_carried_out(folder):
         trials = Trials(about, Store(folder / "shipped"))
         assert trials.loops([trials.start])[0] is not None
         assert not isinstance(trials.loops([trials.start])[0], str), "the beginning is refused"
-        equal = ("family", "tasks", "limits", "rigs", "candidates", "round", "certificate", "draw")
+        equal = ["family", "tasks", "limits", "rigs", "round", "certificate", "draw"]
+        if name != "cure":  # dearer a run, and not among those that docs/tuned.md compares
+            equal.append("candidates")
         assert all(getattr(about, key) == getattr(first, key) for key in equal), "equal terms"
 
 
