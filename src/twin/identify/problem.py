@@ -120,8 +120,16 @@ class Problem:
         """
         values = self.values(theta)
         level = np.stack((values["level_phi"], values["level_theta"]))
-        field = self.windows.field
-        return replay(field, self.model, friction(values), level, starts, self.grip, values["gain"])
+        return replay(
+            self.windows.field,
+            self.model,
+            friction(values),
+            level,
+            starts,
+            self.grip,
+            values["gain"],
+            self.windows.paces,
+        )
 
     def linearise(self, theta: Array, starts: Array, *, slopes: bool = True) -> Linearisation:
         """Residuals and slopes of C candidates, by finite differences.

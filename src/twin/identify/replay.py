@@ -12,6 +12,8 @@ from twin.sim.plant.friction import Friction
 
 STEP = 0.004
 """Step of the replay in s."""
+PACE = 0.02
+"""Seconds between the speeds before a replay that it is told of."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ def replay(
     start: Array,
     grip: float = 0.0,
     gain: Array | float = 1.0,
+    paces: Array | None = None,
 ) -> tuple[Array, Array]:
     """Positions and velocities of the ball, both shape (N, 2, C, W), in m and m/s.
 
@@ -94,13 +97,15 @@ def replay(
             for at once, as Coulomb's law has it.
         gain: Factor on what the plate's tilt and acceleration do to the ball: a number, or one per
             candidate, shape (C, 1).
+        paces: Speeds of the ball before the first step, ``PACE`` apart, m/s, shape (W, K), on which
+            depends how long it rested; None for one that has long gone at its first speed.
     """
     h, steps = STEP, len(field.push)
     p, v = start[:2], start[2:]
     places, speeds = np.empty((2, steps, *p.shape))
     places[0], speeds[0] = p, v
     speed = np.hypot(v[0], v[1])
-    age = friction.settled(speed) if friction.ageing else None
+    age = _age_at_start(friction, speed, paces) if friction.ageing else None
     per_arm = (model.c1 / model.radius) * field.normal
     grip = max(grip, h)
     # arrays that are written again in every step: making them anew would cost as much as the sums
@@ -148,6 +153,17 @@ def replay(
         v, speed = after, left
         places[n + 1], speeds[n + 1] = p, v
     return places, speeds
+
+
+def _age_at_start(friction: Friction, speed: Array, paces: Array | None) -> Array:
+    """Age of contacts of speeds in m/s, shape (C, W), that have gone at ``paces`` before."""
+    if paces is None:
+        return friction.settled(speed)
+    any_lane = np.zeros_like(speed)
+    age = friction.settled(any_lane + paces[:, 0])
+    for pace in paces.T:
+        age = friction.aged(age, any_lane + pace, PACE)
+    return age
 
 
 def _steps_first(values: Array) -> Array:

@@ -7,22 +7,18 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.plate_motion import PlateMotion, plate_motion
-from twin.identify.prepare import PreparedLog, Segment, runs
+from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.replay import STEP, AccelerationField
+from twin.identify.rests import ROLL, SPEED_SPAN, paces, rests, speed
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
-REST, ROLL = 0.004, 0.008
-"""Measured speeds in m/s below which the ball rests and above which it rolls."""
-SPEED_SPAN = 0.3
-"""Time in s over which the speed is measured, and shortest rest."""
 
 
 class Spans(NamedTuple):
@@ -40,6 +36,7 @@ class Windows:
     Attributes:
         begin: When the replay of each begins, s, shape (W,).
         resting: Whether the ball then rests, shape (W,).
+        paces: Speeds of the ball over the last seconds before, ``PACE`` apart, m/s, shape (W, K).
         field: What accelerates the ball.
         time: When the samples were taken, s from ``begin``, shape (W, B).
         ball: x and y in m, shape (W, B, 2).
@@ -48,6 +45,7 @@ class Windows:
 
     begin: Array
     resting: Mask
+    paces: Array
     field: AccelerationField
     time: Array
     ball: Array
@@ -95,6 +93,7 @@ class Windows:
         return cls(
             begin,
             spans.resting,
+            paces(segment, begin),
             AccelerationField.of(model, angle, rate),
             time,
             np.stack((x, y), axis=-1),
@@ -109,6 +108,7 @@ class Windows:
         return Windows(
             self.begin[which],
             self.resting[which],
+            self.paces[which],
             field,
             self.time[which],
             self.ball[which],
@@ -126,7 +126,7 @@ class Windows:
         )
         rest = {
             name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("begin", "resting", "time", "ball", "weight")
+            for name in ("begin", "resting", "paces", "time", "ball", "weight")
         }
         return cls(field=field, **rest)
 
@@ -201,13 +201,11 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     """
     time = segment.time
     moving = speed(time, segment.even_ball)
-    rests = [
-        (time[a], time[b - 1]) for a, b in runs(moving < REST) if time[b - 1] - time[a] > SPEED_SPAN
-    ]
+    still = rests(time, moving)
     found: list[tuple[float, float, bool]] = []
     at = begin
     while at < end - SPEED_SPAN:
-        rest = next(((a, b) for a, b in rests if a - 1e-9 <= at < b), None)
+        rest = next(((a, b) for a, b in still if a - 1e-9 <= at < b), None)
         if rest is None and moving[int(np.searchsorted(time, at))] <= ROLL:
             at += 0.02
             continue
@@ -215,18 +213,10 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
             break
         first = at if rest is None else max(at, rest[1] - SPEED_SPAN)
         after = first if rest is None else rest[1]
-        stop = next((a for a, _ in rests if a > after), end)
+        stop = next((a for a, _ in still if a > after), end)
         last = min(first + longest, stop + SPEED_SPAN, end)
         if last - first > SPEED_SPAN:
             found.append((first, last - first, rest is not None))
         at = last
     columns = np.array(found, dtype=float).reshape(-1, 3)
     return Spans(columns[:, 0], columns[:, 1], columns[:, 2] > 0)
-
-
-def speed(time: Array, ball: Array) -> Array:
-    """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
-    period = float(time[1] - time[0])
-    samples = max(5, round(SPEED_SPAN / period) | 1)
-    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
-    return np.hypot(velocity[:, 0], velocity[:, 1])

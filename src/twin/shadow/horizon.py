@@ -18,7 +18,8 @@ from controllers.arrays import Array, Mask
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.replay import STEP
-from twin.identify.windows import BIN, LOOKBACK, ROLL, Spans, Windows, cut, speed
+from twin.identify.rests import ROLL, speed
+from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.beside import Beside, alike
 from twin.shadow.gaps import clear
