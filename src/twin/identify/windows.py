@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -129,6 +129,11 @@ class Windows:
             for name in ("begin", "resting", "paces", "time", "ball", "weight")
         }
         return cls(field=field, **rest)
+
+    def resisted(self, share: Array) -> Windows:
+        """The windows if friction is more or less at times: by a share at each step, (W, N)."""
+        normal = self.field.normal * np.maximum(share, 0.0).T[: len(self.field.normal), None]
+        return replace(self, field=replace(self.field, normal=normal))
 
     @property
     def size(self) -> Array:

@@ -88,6 +88,8 @@ class Belief:
         drift: The same of what changes in the course of minutes on a healthy rig, shape (P,).
         rough: Standard deviation in m/s^2 of the acceleration that is unknown from place to place.
         sloped: The part of it that the screen's slope makes, which acts in any direction.
+        patchy: Standard deviation of the relative friction from place to place.
+        patch: Size in m of the places that differ.
     """
 
     scenario: Scenario
@@ -107,6 +109,8 @@ class Belief:
     drift: Array
     rough: float
     sloped: float
+    patchy: float
+    patch: float
 
     @classmethod
     def of(cls, scenario: Scenario, log: Log) -> Belief:
@@ -155,7 +159,7 @@ class Belief:
         )
         model = BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia)
         braking = model.k1 * values["rolling"] / model.radius
-        spread = np.hypot(ROUGH, surface.spread_percent / 100)
+        patchy = surface.spread_percent / 100
         sloped = float(model.k1 * np.radians(surface.slope_deg))
         windows = [[of[name] for name in PARAMETERS] for of in (CHANGING, STOPPING)]
         return cls(
@@ -174,8 +178,10 @@ class Belief:
             changing=scale * np.hypot(windows, uneven),
             uneven=scale * uneven,
             drift=scale * np.hypot([DRIFT[name] for name in PARAMETERS], uneven),
-            rough=float(np.hypot(braking * spread, sloped)),
+            rough=float(np.hypot(braking * np.hypot(ROUGH, patchy), sloped)),
             sloped=sloped,
+            patchy=patchy,
+            patch=surface.patch_mm / 1000,
         )
 
     @property
@@ -183,6 +189,11 @@ class Belief:
         """What ``CONSTANT`` and the sizes of causes are multiples of, shape (P,)."""
         rolling = self.values["rolling"]
         return np.array([rolling if name == "rolling" else 1.0 for name in PARAMETERS])
+
+    @property
+    def braking(self) -> float:
+        """What rolling friction slows the ball by on a level plate, m/s^2."""
+        return float(self.model.k1 * self.values["rolling"] / self.model.radius)
 
     @property
     def uncertainty(self) -> Array:

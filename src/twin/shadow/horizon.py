@@ -22,9 +22,10 @@ from twin.identify.rests import ROLL, speed
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.beside import Beside, alike
+from twin.shadow.friction_map import FrictionMap, Known, Ways, walked
 from twin.shadow.gaps import clear
-from twin.shadow.smoothing import LEAD, forces, smoothed
-from twin.shadow.unevenness import unforeseen
+from twin.shadow.smoothing import LEAD, Lead, braking, forces, smoothed
+from twin.shadow.unevenness import FINE, THINNED, unforeseen
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead that may be chosen."""
@@ -102,6 +103,8 @@ def replays(
     ahead: float,
     every: float,
     since: float = -np.inf,
+    until: float = np.inf,
+    maps: Sequence[FrictionMap] | None = None,
 ) -> list[Replays | None]:
     """Replays of logs from many starts, of each; None if it is too short for any.
 
@@ -110,12 +113,16 @@ def replays(
         ahead: Horizon in s.
         every: Seconds between the starts of two replays.
         since: The first start in s, where a log goes back further.
+        until: Seconds; of replays that end later there is none.
+        maps: Of the screen of each log, which learn on; by default of one nothing is known of.
     """
+    screens = [FrictionMap(belief) for _, belief, _ in logs] if maps is None else maps
 
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
             del segment, longest
-            begins = np.arange(max(begin, since - LEAD), end - (LEAD + ahead + BIN), every) + later
+            last = min(end, until) - (LEAD + ahead + BIN)
+            begins = np.arange(max(begin, since - LEAD), last, every) + later
             return Spans(begins, np.full(len(begins), length), np.zeros(len(begins), bool))
 
         return chosen
@@ -133,11 +140,19 @@ def replays(
         some = [places[each] for each in group]
         twins = Beside.of([(before[place], logs[place][1]) for place in some])
         windows = Windows.join([after[place] for place in some])
-        parts = [
-            _replayed(part, windows.take(which), ahead, [logs[place][0] for place in some])
-            for which, part in twins.portions()
+        portions = [(which, part, windows.take(which)) for which, part in twins.portions()]
+        leads = [Lead.of(part) for _, part, _ in portions]
+        ways = [
+            _way(part, lead, rest) for (_, part, rest), lead in zip(portions, leads, strict=True)
         ]
-        joined = Replays.join(parts)
+        known = walked(Ways.join(ways), twins.owner, [screens[place] for place in some])
+        recorded = [logs[place][0] for place in some]
+        joined = Replays.join(
+            [
+                _replayed(part, lead, known.take(which), rest, ahead, recorded)
+                for (which, part, rest), lead in zip(portions, leads, strict=True)
+            ]
+        )
         for number, place in enumerate(some):
             log, _, gaps = logs[place]
             of_log = joined.take(twins.owner == number)
@@ -148,11 +163,26 @@ def replays(
     return found
 
 
+def _way(before: Beside, lead: Lead, windows: Windows) -> Ways:
+    """Where balls went up to the begin of windows, and where the twin expects them to go on."""
+    whole = replace(before, windows=windows).problem
+    places, _ = whole.replayed(before.theta, lead.end.T[:, None])
+    information, score = lead.of_friction(before)
+    ahead = places[:-1:THINNED, :, 0].transpose(2, 0, 1)
+    return Ways(windows.begin + LOOKBACK, lead.places, information, score, ahead)
+
+
 def _replayed(
-    before: Beside, windows: Windows, ahead: float, logs: Sequence[PreparedLog]
+    before: Beside,
+    lead: Lead,
+    known: Known,
+    windows: Windows,
+    ahead: float,
+    logs: Sequence[PreparedLog],
 ) -> Replays:
     """Replays of windows from where the twin is at their begin; what they tell is left open."""
-    points, weights = _sigma_points(before)
+    points, weights = _sigma_points(before, lead, known)
+    windows = windows.resisted(1 + np.repeat(known.ahead, THINNED, axis=1))
     whole = replace(before, windows=windows).problem
     places, speeds = whole.replayed(*points)
     ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
@@ -168,9 +198,12 @@ def _replayed(
     noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
     spread = np.einsum("c,cwi,cwj->wij", weights, off, off)
     spread += noise[..., None] * np.eye(2)
-    first = round(LOOKBACK / STEP)
-    way = np.einsum("c,nicw->niw", weights, speeds[first : first + round(ahead / STEP) + 1])
-    spread += unforeseen(forces(before, way), ahead)
+    gone = LOOKBACK + ahead
+    way = np.einsum("c,nicw->niw", weights, speeds[: round(gone / STEP) + 1])
+    spread += unforeseen(forces(before, way), gone)
+    friction = braking(before, way)
+    among = known.unsure[:, : friction.shape[1], : friction.shape[1]]
+    spread += unforeseen(friction, gone, FINE, among)
     error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
     start = windows.begin + LOOKBACK
     path = np.einsum("c,nicw->wni", weights, places)[:, round(LOOKBACK / STEP) :]
@@ -178,13 +211,13 @@ def _replayed(
     return Replays(start, ahead, error, spread, np.zeros(len(start), bool), path)
 
 
-def _sigma_points(beside: Beside) -> tuple[tuple[Array, Array], Array]:
+def _sigma_points(beside: Beside, lead: Lead, known: Known) -> tuple[tuple[Array, Array], Array]:
     """Parameters (C, W, P) and starts (4, C, W) that stand for all that may be, and weights (C,).
 
-    Both are what the samples before the start, and what is believed of the parameters, make of
-    them: on a screen that differs from place to place, the friction here is best seen just before.
+    Both are what the samples before the start, and what is believed of the parameters and known of
+    the screen, make of them.
     """
-    mean, covariance, start = smoothed(beside)
+    mean, covariance = smoothed(lead, beside, known)
     windows, count = mean.shape
     side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
     sides = np.moveaxis(np.stack((side, -side)), 2, 1)
@@ -193,7 +226,7 @@ def _sigma_points(beside: Beside) -> tuple[tuple[Array, Array], Array]:
     every = np.repeat(beside.theta, len(moved), axis=0)
     for k, name in enumerate(BALL):
         every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
-    begun = start[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
+    begun = lead.end.T[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
     weights = np.full(len(moved), 1 / (2 * (count + KAPPA)))
     weights[0] = KAPPA / (count + KAPPA)
     return (every, begun), weights

@@ -2,71 +2,162 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
-from twin.shadow.belief import BALL, PARAMETERS
+from twin.shadow.belief import BALL, PARAMETERS, ROUGH
 from twin.shadow.beside import Beside
+from twin.shadow.friction_map import Known, unshown
 from twin.shadow.starts import settled
-from twin.shadow.unevenness import directed, state_moved, turned, unknown_motion
+from twin.shadow.unevenness import (
+    FINE,
+    THINNED,
+    braked,
+    directed,
+    state_moved,
+    turned,
+    unknown_motion,
+)
 
 LEAD = 1.2
 """Seconds of samples from which the state at a start is smoothed."""
 UNKNOWN = 4e-4
 """Standard deviation in m/s^2 of what the plate's play and cams, too, do to a ball unknown to the
 twin: as much as a tilt of 0.004 deg."""
+TINY = 1e-12
+"""Variance of a deviation without which that of several in one place would have no root."""
 STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 
 
-def smoothed(beside: Beside) -> tuple[Array, Array, Array]:
-    """What windows of ``LEAD`` say of the parameters and of the ball's state when it is over.
+@dataclass(frozen=True)
+class Lead:
+    """What W windows of ``LEAD`` say, as a likelihood of K unknowns around what the twin believes.
+
+    Unknown are the parameters of ``BALL``, the ball's state where the window begins, forces of all
+    kinds, and last by how much the friction differs in each of S stretches of the way.
+
+    Attributes:
+        information: Of the unknowns, shape (W, K, K).
+        score: Of the unknowns, shape (W, K).
+        onto: What each does to the state at the end of ``LEAD``, shape (W, 4, K).
+        end: That state if the twin is right, x, y, x', y', shape (W, 4).
+        places: Where the ball was at every ``THINNED`` steps but the last, m, shape (W, N, 2).
+        stretches: S.
+    """
+
+    information: Array
+    score: Array
+    onto: Array
+    end: Array
+    places: Array
+    stretches: int
+
+    @classmethod
+    def of(cls, beside: Beside) -> Lead:
+        """What windows say of their twins."""
+        problem, theta, windows = beside.problem, beside.theta, beside.windows
+        starts = settled(problem, theta, problem.initial_starts(), STEPS)
+        line = problem.linearise(theta, starts)
+        end, slopes, places, speeds = _end_state(problem, theta, starts)
+        pushes, friction = forces(beside, speeds), braking(beside, speeds)
+        moved = turned(unknown_motion(windows, beside.delay), pushes)
+        slowed = turned(unknown_motion(windows, beside.delay, FINE), friction)
+        ball = line.by_parameter[0, ..., : len(BALL)]
+        J = np.concatenate((ball, line.by_start[0], moved, slowed), axis=-1)  # noqa: N806
+        pushed = turned(state_moved(windows, LEAD), pushes)
+        held = turned(state_moved(windows, LEAD, FINE), friction)
+        return cls(
+            np.swapaxes(J, -1, -2) @ J,
+            -np.einsum("wmk,wm->wk", J, line.r[0]),
+            np.concatenate((slopes, pushed, held), axis=-1),
+            end.T,
+            places[:-1:THINNED].transpose(2, 0, 1),
+            friction.shape[1],
+        )
+
+    def of_friction(self, beside: Beside) -> tuple[Array, Array]:
+        """What is said of the friction alone, whatever all else is: (W, S, S) and (W, S)."""
+        others = slice(None, -self.stretches)
+        root = _root(beside, self.information.shape[-1] - self.stretches)
+        A, b = root @ self.information[:, others], root @ self.score[:, others, None]  # noqa: N806
+        both = np.concatenate((A[..., -self.stretches :], b), axis=-1)
+        inner = np.eye(root.shape[-1]) + A[..., others] @ root
+        taken = np.swapaxes(both[..., :-1], -1, -2) @ np.linalg.solve(inner, both)
+        own = slice(-self.stretches, None)
+        return self.information[:, own, own] - taken[..., :-1], self.score[:, own] - taken[..., -1]
+
+
+def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
+    """What windows say of the parameters and of the ball's state when they are over.
 
     The forces nobody knows are estimated along (a smoother), so that where the ball is at the end
     does not rest on how it came there.
 
+    Args:
+        lead: What the samples say.
+        beside: The windows and their twins.
+        known: What is known of the friction without them.
+
     Returns:
         Mean (W, K) and covariance (W, K, K) of the deviations of ``BALL`` and of the state's four
-        numbers, and the state (4, W) they are deviations from.
+        numbers from ``lead.end``.
     """
-    problem, theta, windows = beside.problem, beside.theta, beside.windows
-    starts = settled(problem, theta, problem.initial_starts(), STEPS)
-    line = problem.linearise(theta, starts)
-    end, slopes, way = _end_state(problem, theta, starts)
-    pushes = forces(beside, way)
-    unknown = turned(unknown_motion(windows, beside.delay), pushes)
-    J = np.concatenate((line.by_parameter[0, ..., : len(BALL)], line.by_start[0], unknown), axis=-1)  # noqa: N806
-    watched = [PARAMETERS.index(name) for name in BALL]
-    sd = beside.each(lambda belief: np.hypot(belief.constant, belief.changing[0])[watched])
-    count, others = len(BALL), unknown.shape[-1]
-    prior = np.tile(np.eye(count + 4 + others), (len(windows), 1, 1))
-    prior[:, :count, :count] = sd[:, None] ** -2 * np.eye(count)
-    prior[:, count : count + 4, count : count + 4] = START_PRIOR
-    Jt = np.swapaxes(J, -1, -2)  # noqa: N806
-    covariance = np.linalg.inv(Jt @ J + prior)
-    mean = -(covariance @ (Jt @ line.r[0][..., None]))[..., 0]
-    pushed = turned(state_moved(windows, LEAD), pushes)
-    keep = np.broadcast_to(np.eye(count, count + 4 + others), (len(mean), count, J.shape[-1]))
-    onto = np.concatenate((keep, np.concatenate((slopes, pushed), axis=-1)), axis=1)
-    spread = onto @ covariance @ np.swapaxes(onto, -1, -2)
-    return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2, end
+    count, all_of = len(BALL), lead.information.shape[-1]
+    root = np.zeros_like(lead.information)
+    others = all_of - lead.stretches
+    root[:, :others, :others] = _root(beside, others)
+    root[:, others:, others:] = np.linalg.cholesky(
+        known.covariance + 1e-12 * np.eye(lead.stretches)
+    )
+    expected = np.zeros_like(lead.score)
+    expected[:, others:] = known.mean
+    news = lead.score - (lead.information @ expected[..., None])[..., 0]
+    across = np.swapaxes(root, -1, -2)
+    covariance = np.linalg.inv(np.eye(all_of) + across @ lead.information @ root)
+    mean = expected + (root @ (covariance @ (across @ news[..., None])))[..., 0]
+    keep = np.broadcast_to(np.eye(count, all_of), (len(mean), count, all_of))
+    onto = np.concatenate((keep, lead.onto), axis=1)
+    spread = onto @ root @ covariance @ across @ np.swapaxes(onto, -1, -2)
+    return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2
 
 
 def forces(beside: Beside, velocity: Array) -> Array:
     """What nobody knows pushes balls of some velocities (N, 2, W) with, as ``directed``."""
-    sloped = beside.each(lambda belief: belief.sloped)
-    along = np.sqrt(np.maximum(beside.rough**2 - sloped**2, 0.0))
-    return directed(velocity, STEP, along, np.hypot(sloped, UNKNOWN))
+    along = beside.each(lambda belief: belief.braking * np.hypot(ROUGH, unshown(belief)))
+    return directed(velocity, STEP, along, np.hypot(beside.each(lambda b: b.sloped), UNKNOWN))
 
 
-def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array]:
-    """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and its velocity.
+def braking(beside: Beside, velocity: Array) -> Array:
+    """What twice the friction slows balls of some velocities (N, 2, W) with, as ``braked``."""
+    return braked(velocity, STEP, beside.each(lambda belief: belief.braking))
 
-    Slopes by the parameters of ``BALL`` and the start, by finite differences; velocity in m/s at
-    every step, shape (N, 2, W).
+
+def _root(beside: Beside, count: int) -> Array:
+    """Standard deviations of the first unknowns before anything is seen, (W, count, count).
+
+    What the friction differs by from place to place is none of the rolling friction's.
+    """
+    watched = [PARAMETERS.index(name) for name in BALL]
+    uneven = beside.each(lambda belief: belief.uneven)[:, watched]
+    uneven[:, [name != "rolling" for name in BALL]] = 0.0
+    changing = beside.each(lambda belief: np.hypot(belief.constant, belief.changing[0]))[:, watched]
+    sizes = np.ones((len(changing), count))
+    sizes[:, : len(BALL)] = np.sqrt(changing**2 - uneven**2)
+    sizes[:, len(BALL) : len(BALL) + 4] = np.diag(START_PRIOR) ** -0.5
+    return np.asarray(sizes[..., None] * np.eye(count))
+
+
+def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array, Array]:
+    """The ball's state (4, W) at the end of ``LEAD``, its slopes (W, 4, K), and the way to it.
+
+    Slopes by the parameters of ``BALL`` and the start, by finite differences; places in m and
+    velocities in m/s at every step, shape (N, 2, W).
     """
     steps = [BOUNDS[name].difference for name in BALL]
     size = np.array([*steps, *START_DIFFERENCES])
@@ -81,4 +172,4 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     states = np.concatenate((places[at], speeds[at]))
     size = np.where(size > 0, size, 1.0)
     slopes = np.moveaxis((states[:, 1:] - states[:, :1]) / size[:, None], 2, 0)
-    return states[:, 0], slopes, speeds[:, :, 0]
+    return states[:, 0], slopes, places[:, :, 0], speeds[:, :, 0]

@@ -11,24 +11,32 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
+from twin.identify.replay import STEP
+from twin.identify.rests import ROLL
 from twin.identify.windows import Windows
+from twin.shadow.friction_map import EACH
 
 STRETCH = 0.3
 """Seconds in which such a force stays the same: a ball crosses a patch of the screen in some."""
+FINE = 0.1
+"""Seconds in which the friction on the ball's way counts as the same, where a map shows it."""
+THINNED = round(FINE / STEP / EACH)
+"""Steps of a replay from one place on the way at which a map is asked to the next."""
 
 
-def unknown_motion(windows: Windows, delay: Array) -> Array:
+def unknown_motion(windows: Windows, delay: Array, stretch: float = STRETCH) -> Array:
     """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
 
     Args:
         windows: W windows of B samples.
         delay: Dead time of the screen in s, shape (W,).
+        stretch: Seconds in which an acceleration stays the same.
 
     Returns:
         Shape (W, 2 B, 2 S), samples as a ``Linearisation`` has them.
     """
     count, samples = windows.time.shape
-    edges = _edges(windows)
+    edges = _edges(windows, stretch)
     since = np.maximum((windows.time - delay[:, None])[..., None] - edges, 0.0)
     twice = since**2 / 2
     moved = twice[..., :-1] - twice[..., 1:]
@@ -36,20 +44,23 @@ def unknown_motion(windows: Windows, delay: Array) -> Array:
     return np.asarray(both.reshape(count, 2 * samples, 2 * moved.shape[-1]))
 
 
-def state_moved(windows: Windows, at: float) -> Array:
+def state_moved(windows: Windows, at: float, stretch: float = STRETCH) -> Array:
     """What the same accelerations add to x, y, x' and y' at a time in s after the begin, (4, 2 S).
 
     Args:
         windows: W windows.
         at: Seconds.
+        stretch: Seconds in which an acceleration stays the same.
     """
-    since = np.maximum(at - _edges(windows), 0.0)
+    since = np.maximum(at - _edges(windows, stretch), 0.0)
     moved, hurried = -np.diff(since**2) / 2, -np.diff(since)
     return np.concatenate([np.kron(each, np.eye(2)) for each in (moved, hurried)])
 
 
-def _edges(windows: Windows) -> Array:
-    return np.arange(0.0, float(windows.time.max()) + STRETCH, STRETCH)
+def _edges(windows: Windows, stretch: float) -> Array:
+    """When each acceleration begins, and the last ends, s from the begin of the windows."""
+    steps, each = len(windows.field.push) - 1, round(stretch / STEP)
+    return STEP * np.arange(0, steps + each, each)
 
 
 def products(columns: Array, unknown: Array, size: Array) -> Array:
@@ -90,24 +101,50 @@ def directed(velocity: Array, step: float, along: Array, across: Array) -> Array
     return np.asarray(more * onward + across[:, None, None, None] * np.eye(2))
 
 
-def unforeseen(forces: Array, ahead: float) -> Array:
+def braked(velocity: Array, step: float, braking: Array) -> Array:
+    """What turns twice the friction in every ``FINE`` s into accelerations, (W, S, 2, 1).
+
+    A ball that hardly moves has as much friction as it takes to hold it, whatever there is.
+
+    Args:
+        velocity: Of the balls in m/s at even times, shape (N, 2, W).
+        step: Seconds between them.
+        braking: What the friction is that counts as once, m/s^2, shape (W,).
+    """
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    heading = velocity / np.where(speed > ROLL, speed, np.inf)[:, None]
+    edges = np.arange(0, len(velocity) - 1, round(FINE / step))
+    count = np.diff(edges, append=len(velocity))[:, None, None]
+    way = np.moveaxis(np.add.reduceat(heading, edges, axis=0) / count, 2, 0)
+    return np.asarray(-braking[:, None, None, None] * way[..., None])
+
+
+def unforeseen(
+    forces: Array, ahead: float, stretch: float = STRETCH, among: Array | None = None
+) -> Array:
     """Covariance in m^2 of where unknown accelerations take balls, shape (W, 2, 2).
 
     Args:
-        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+        forces: As ``directed`` or ``braked`` give them, shape (W, S, 2, R).
         ahead: Seconds from the begin of the first.
+        stretch: Seconds in which one stays the same.
+        among: Covariance of what they are multiples of in the stretches, shape (W, S, S); by
+            default each is for itself.
     """
-    edges = STRETCH * np.arange(forces.shape[1] + 1)
+    edges = stretch * np.arange(forces.shape[1] + 1)
     moved = -np.diff(np.maximum(ahead - edges, 0.0) ** 2) / 2
-    return np.asarray(np.einsum("s,wsij,wskj->wik", moved**2, forces, forces))
+    by = moved[:, None, None] * forces
+    if among is None:
+        return np.asarray(np.einsum("wsij,wskj->wik", by, by))
+    return np.asarray(np.einsum("wsij,wst,wtkj->wik", by, among, by, optimize=True))
 
 
 def turned(columns: Array, forces: Array) -> Array:
-    """Columns for unit accelerations as those for the unknown ones, shape (W, M, 2 S).
+    """Columns for unit accelerations as those for the unknown ones, shape (W, M, R S).
 
     Args:
-        columns: Of both axes of every ``STRETCH``, shape (W, M, 2 S) or (M, 2 S).
-        forces: As ``directed`` gives them, shape (W, S, 2, 2).
+        columns: Of both axes of every stretch, shape (W, M, 2 S) or (M, 2 S).
+        forces: As ``directed`` or ``braked`` give them, shape (W, S, 2, R).
     """
     split = columns.reshape(*columns.shape[:-1], -1, 2)[..., None, :]
     both = split @ forces[:, None, : split.shape[-3]]

@@ -1,0 +1,174 @@
+"""The friction of every place of the screen, learnt from how the ball has rolled over it so far.
+
+A screen that is rough here and smooth there takes a ball the same way again when it comes there
+again. Without a map a twin only knows how much that may be; with one it foresees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array, Mask
+from twin.hal.interface import SCREEN
+from twin.shadow.belief import Belief
+
+PITCH = 0.045
+"""Distance in m between the points of a map, at most."""
+LENGTH = 0.6
+"""Length over which the friction is held to be alike, in patches of the screen."""
+REST = 0.3
+"""Share of the unevenness that no map of such points can show."""
+EACH = 5
+"""Places on a way that make one stretch of it."""
+ANEW = 1.0
+"""Seconds from one window that a map learns from to the next, at least: what two of them share is
+counted twice."""
+
+
+class FrictionMap:
+    """Relative deviation m(x, y) of the rolling friction, by its values at the points of a grid.
+
+    Between the points it is bilinear. Before anything is known the values are a Gaussian field,
+    E m(p) m(q) = s^2 exp(-|p - q|^2 / (2 l^2)); what windows say of them adds up (Kalman).
+
+    Args:
+        belief: Says how uneven the screen is, and the size of its patches.
+    """
+
+    def __init__(self, belief: Belief) -> None:
+        spread, length = shown(belief) * belief.patchy, LENGTH * max(belief.patch, PITCH)
+        along = [np.linspace(-side / 2, side / 2, 1 + round(side / PITCH)) for side in SCREEN]
+        points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+        apart = ((points[:, None] - points) ** 2).sum(axis=-1)
+        self._cells = len(along[0]) - 1, len(along[1]) - 1
+        self.mean = np.zeros(len(points))
+        """At the points, shape (n,)."""
+        self.covariance = spread**2 * np.exp(-apart / (2 * length**2))
+        """Of the same, shape (n, n)."""
+        self.until = -np.inf
+        """When what has been learnt ends, s."""
+
+    def rows(self, place: Array) -> Array:
+        """Share of every point in places in m, from shape (..., 2) to (..., n)."""
+        n, m = self._cells
+        u, v = (
+            np.clip((place[..., axis] / SCREEN[axis] + 0.5) * cells, 0.0, cells - 1e-9)
+            for axis, cells in enumerate((n, m))
+        )
+        i, j = u.astype(int), v.astype(int)
+        a, b, first = u - i, v - j, i * (m + 1) + j
+        corners = np.stack((first, first + 1, first + m + 1, first + m + 2), axis=-1)
+        shares = np.stack(((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b), axis=-1)
+        rows = np.zeros((*place.shape[:-1], len(self.mean)))
+        np.put_along_axis(rows, corners, shares, axis=-1)
+        return rows
+
+    def of(self, rows: Array) -> tuple[Array, Array]:
+        """Mean (S,) and covariance (S, S) of what rows (S, n) make of the points."""
+        return rows @ self.mean, rows @ self.covariance @ rows.T
+
+    def learn(self, rows: Array, information: Array, score: Array) -> None:
+        """Take in what a window says of the deviations in S stretches of it.
+
+        With d their deviations, it is likely as exp(b'd - d'A d / 2).
+
+        Args:
+            rows: What the stretches show of the points, shape (S, n).
+            information: A, shape (S, S).
+            score: b, shape (S,).
+        """
+        across = self.covariance @ rows.T
+        inner = np.eye(len(score)) + information @ (rows @ across)
+        news = score - information @ (rows @ self.mean)
+        gain = np.linalg.solve(inner, np.column_stack((information, news)))
+        self.mean = self.mean + across @ gain[:, -1]
+        left = self.covariance - across @ gain[:, :-1] @ across.T
+        self.covariance = (left + left.T) / 2
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Where the balls of W windows go, and what the first part of it tells of the friction there.
+
+    Attributes:
+        start: When the part begins that is foreseen, s, shape (W,).
+        before: Places up to there at even times, m, shape (W, N, 2).
+        information: Of the mean deviations over stretches of it, shape (W, S, S).
+        score: As ``FrictionMap.learn`` takes it, shape (W, S).
+        ahead: Places from there on, where the twin expects the ball, m, shape (W, M, 2).
+    """
+
+    start: Array
+    before: Array
+    information: Array
+    score: Array
+    ahead: Array
+
+    @classmethod
+    def join(cls, parts: Sequence[Ways]) -> Ways:
+        """All windows of several."""
+        names = [item.name for item in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+@dataclass(frozen=True)
+class Known:
+    """What maps know of the ways of W windows.
+
+    Attributes:
+        mean: Of the deviations in the stretches before, without this window, shape (W, S).
+        covariance: Of the same, shape (W, S, S).
+        ahead: Deviation at the places from there on, with what this window says, shape (W, M).
+        unsure: Covariance of its means over stretches, shape (W, T, T).
+    """
+
+    mean: Array
+    covariance: Array
+    ahead: Array
+    unsure: Array
+
+    def take(self, which: Mask) -> Known:
+        """That of some of the windows."""
+        return Known(*(getattr(self, item.name)[which] for item in fields(self)))
+
+
+def walked(ways: Ways, owner: NDArray[np.int_], maps: Sequence[FrictionMap]) -> Known:
+    """Let maps learn from windows one after the other, and ask them at each what they know.
+
+    Args:
+        ways: The windows; those of one map in the order of time.
+        owner: Which of the maps each belongs to, shape (W,).
+        maps: Learn on.
+    """
+    found = []
+    for w, start in enumerate(ways.start):
+        screen = maps[owner[w]]
+        rows = _means(screen.rows(ways.before[w]), EACH)
+        before = screen.of(rows)
+        if start > screen.until + ANEW - 1e-6:
+            screen.learn(rows, ways.information[w], ways.score[w])
+            screen.until = float(start)
+        ahead = screen.rows(ways.ahead[w])
+        _, unsure = screen.of(_means(ahead, EACH))
+        found.append((*before, ahead @ screen.mean, unsure))
+    return Known(*(np.stack(each) for each in zip(*found, strict=True)))
+
+
+def shown(belief: Belief) -> float:
+    """Share of the unevenness that a map shows: less if patches are smaller than its meshes."""
+    return min(1.0, belief.patch / PITCH)
+
+
+def unshown(belief: Belief) -> float:
+    """Standard deviation of the relative friction from place to place that a map leaves out."""
+    return float(belief.patchy * np.hypot(REST, np.sqrt(1 - shown(belief) ** 2)))
+
+
+def _means(rows: Array, stretch: int) -> Array:
+    """Means over stretches of so many rows, the last of which may be shorter, (S, n)."""
+    edges = np.arange(0, len(rows), stretch)
+    return np.add.reduceat(rows, edges, axis=0) / np.diff(edges, append=len(rows))[:, None]
