@@ -45,7 +45,7 @@ def test_scatter_between_windows_is_learned_and_an_offset_is_not():
     rng = np.random.default_rng(3)
     belief = belief_of()
     expected = belief.changing[0, ROLLING] / belief.values["rolling"]
-    for times, offset in ((1.0, 0.0), (5.0, 0.0), (1.0, 0.05)):
+    for times, offset in ((1.0, 0.0), (5.0, 0.0), (1.0, 0.05), (5.0, 0.05)):
         off = offset + times * expected * rng.standard_normal(400)
         factor = scatter(windows(off), belief)[-1, ROLLING]
         assert factor == pytest.approx(times, abs=0.25 * times)

@@ -17,7 +17,7 @@ from twin.shadow.diagnosis import Suspicion, Weighing, weigh, weighed
 from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
-THRESHOLD = 13.0
+THRESHOLD = 12.0
 """Log-likelihood ratio of any cause at which an alarm is raised; ``dead_time`` has its own."""
 SETTLING = 15.0
 """Seconds after an alarm that are looked at for its cause."""

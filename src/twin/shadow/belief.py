@@ -58,9 +58,9 @@ STOPPING = {
 }  # fmt: skip
 """The same of windows in which the ball comes to rest or begins there."""
 
-UNEVEN_DELAY = 0.03
-"""Seconds by which the dead time seems another on a screen as uneven as its friction is large: the
-drives answer, a dead time later, what such a screen does to the ball."""
+UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
+"""Seconds by which the dead time, and share by which the tilt gain, seem others on a screen as
+uneven as its friction is large: the drives answer what it does to the ball, a dead time later."""
 ROUGH = 0.001
 """Share of the rolling friction that differs from place to place where it is held to be even."""
 
@@ -151,6 +151,7 @@ class Belief:
                 {
                     "rolling": surface.spread_percent / 200,
                     "delay": UNEVEN_DELAY * surface.spread_percent / 100,
+                    "gain": UNEVEN_GAIN * surface.spread_percent / 100,
                     "level_phi": np.radians(surface.slope_deg) / 2,
                     "level_theta": np.radians(surface.slope_deg) / 2,
                 }.get(name, 0.0)

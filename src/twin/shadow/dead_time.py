@@ -4,8 +4,7 @@ A screen that answers 5 ms later moves the ball's samples by less than a millime
 there, but does so in every window: many small signs, of which none may count for much. The test of
 all causes trusts a single window more, and so has to leave much room for what differs from window
 to window where the ball stops; little of the dead time is left to see there. Here each window is
-trusted with little, also where it and others would add up to much, which bounds the outliers of
-stopping balls, and the room is smaller.
+trusted with little, which bounds the outliers of stopping balls, and the room is smaller.
 """
 
 from __future__ import annotations
@@ -15,17 +14,15 @@ import numpy as np
 from controllers.arrays import Array
 from twin.shadow.belief import CHANGING, PARAMETERS, STOPPING, Belief
 from twin.shadow.evidence import Evidence
-from twin.shadow.monitor import added_up, bounded
+from twin.shadow.monitor import LOOKBACKS, bounded, statistic
 
 CAUSE = ("dead time",)
 LATE = PARAMETERS.index("delay")
-ALONE = 0.7
-"""Log-likelihood ratio that one window alone may speak for a change of the dead time,"""
-ADDED = 1.5
-"""and on top of what the windows before it have said."""
+ALONE = 0.5
+"""Log-likelihood ratio that one window alone may speak for a change of the dead time."""
 ROOM = 0.3
 """Share of what else is expected to differ between windows in which the ball stops."""
-THRESHOLD = 3.6
+THRESHOLD = 3.3
 """Log-likelihood ratio at which this test raises an alarm."""
 
 
@@ -53,7 +50,7 @@ def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
         belief: The twin.
         after: Windows for which it is not worked out, but left at zero.
     """
-    return added_up(evidence, belief, after, CAUSE, ADDED)
+    return statistic(evidence, belief, after, CAUSE, range(1, LOOKBACKS[-1] + 1))
 
 
 def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:

@@ -16,13 +16,14 @@ from controllers.arrays import Array
 from twin.errors import LogError
 from twin.identify.log import COLUMNS, Log, of_columns
 from twin.identify.prepare import PreparedLog, prepare
-from twin.identify.windows import BIN, Windows
+from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import SETTLING, Alarm, Findings, raised
 from twin.shadow.ball import Expansion, ball_evidence, ball_windows
 from twin.shadow.belief import Belief
 from twin.shadow.dead_time import delayed, limited, standing
 from twin.shadow.evidence import Evidence
+from twin.shadow.friction_map import FrictionMap
 from twin.shadow.gaps import gaps
 from twin.shadow.horizon import Replays, replays
 from twin.shadow.learned import scatter
@@ -83,6 +84,7 @@ class Follower:
         self._rate: Array = np.zeros(2)
         self._scenario = scenario
         self._belief: Belief | None = None
+        self._screen: FrictionMap | None = None
         self._ball: Evidence | None = None
         self._windows: Windows | None = None
         self._other: Evidence | None = None
@@ -154,11 +156,11 @@ class Follower:
 
     def _replay(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> None:
         ahead = self._horizon
-        (found,) = replays([(log, belief, holes)], ahead, ahead, self._since["replays"])
+        if self._screen is None:
+            self._screen = FrictionMap(belief)
+        since, maps = self._since["replays"], [self._screen]
+        (found,) = replays([(log, belief, holes)], ahead, ahead, since, until, maps)
         if found is None:
-            return
-        found = found.take(found.time + self._horizon + BIN <= until)
-        if not len(found.time):
             return
         self._since["replays"] = float(found.time[-1]) + self._horizon
         said = self.said

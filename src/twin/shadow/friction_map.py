@@ -24,6 +24,9 @@ REST = 0.3
 """Share of the unevenness that no map of such points can show."""
 EACH = 5
 """Places on a way that make one stretch of it."""
+UNLIKELY = 4.0
+"""Mean square by which a window moves the friction of its stretches, over its expected variance:
+more than 1 is rare, and more than this is nothing that a screen does."""
 ANEW = 1.0
 """Seconds from one window that a map learns from to the next, at least: what two of them share is
 counted twice."""
@@ -74,7 +77,8 @@ class FrictionMap:
     def learn(self, rows: Array, information: Array, score: Array) -> None:
         """Take in what a window says of the deviations in S stretches of it.
 
-        With d their deviations, it is likely as exp(b'd - d'A d / 2).
+        With d their deviations, it is likely as exp(b'd - d'A d / 2). A window that no screen would
+        explain, as one in which somebody pushes the ball, is not believed.
 
         Args:
             rows: What the stretches show of the points, shape (S, n).
@@ -82,9 +86,13 @@ class FrictionMap:
             score: b, shape (S,).
         """
         across = self.covariance @ rows.T
-        inner = np.eye(len(score)) + information @ (rows @ across)
+        expected = rows @ across
         news = score - information @ (rows @ self.mean)
-        gain = np.linalg.solve(inner, np.column_stack((information, news)))
+        gain = np.linalg.solve(
+            np.eye(len(score)) + information @ expected, np.column_stack((information, news))
+        )
+        if gain[:, -1] @ expected @ gain[:, -1] > UNLIKELY * len(news):
+            return
         self.mean = self.mean + across @ gain[:, -1]
         left = self.covariance - across @ gain[:, :-1] @ across.T
         self.covariance = (left + left.T) / 2
@@ -136,11 +144,14 @@ class Known:
         return Known(*(getattr(self, item.name)[which] for item in fields(self)))
 
 
-def walked(ways: Ways, owner: NDArray[np.int_], maps: Sequence[FrictionMap]) -> Known:
+def walked(
+    ways: Ways, counted: Mask, owner: NDArray[np.int_], maps: Sequence[FrictionMap]
+) -> Known:
     """Let maps learn from windows one after the other, and ask them at each what they know.
 
     Args:
         ways: The windows; those of one map in the order of time.
+        counted: Those that may be learnt from, shape (W,).
         owner: Which of the maps each belongs to, shape (W,).
         maps: Learn on.
     """
@@ -149,7 +160,7 @@ def walked(ways: Ways, owner: NDArray[np.int_], maps: Sequence[FrictionMap]) -> 
         screen = maps[owner[w]]
         rows = _means(screen.rows(ways.before[w]), EACH)
         before = screen.of(rows)
-        if start > screen.until + ANEW - 1e-6:
+        if counted[w] and start > screen.until + ANEW - 1e-6:
             screen.learn(rows, ways.information[w], ways.score[w])
             screen.until = float(start)
         ahead = screen.rows(ways.ahead[w])

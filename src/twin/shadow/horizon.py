@@ -1,10 +1,4 @@
-"""How far the twin strays in an open loop from the smoothed state of a log, over its own spread.
-
-At every start the ball's state is that which suits the samples before it. From there the twin goes
-on by itself; the plate is the servos' response to the recorded commands, corrected by the encoders.
-What the twin does not know, its state at the start and its parameters, is drawn as sigma points
-(Julier and Uhlmann), so that a ball that may or may not stop has the spread that comes of it.
-"""
+"""How far the twin strays from a log within a horizon, over its own predicted spread."""
 
 from __future__ import annotations
 
@@ -15,17 +9,15 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.replay import STEP
 from twin.identify.rests import ROLL, speed
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
-from twin.shadow.belief import BALL, Belief
+from twin.shadow.belief import Belief
 from twin.shadow.beside import Beside, alike
-from twin.shadow.friction_map import FrictionMap, Known, Ways, walked
+from twin.shadow.friction_map import FrictionMap, Ways, walked
 from twin.shadow.gaps import clear
-from twin.shadow.smoothing import LEAD, Lead, braking, forces, smoothed
-from twin.shadow.unevenness import FINE, THINNED, unforeseen
+from twin.shadow.open_loop import OpenLoop
+from twin.shadow.smoothing import LEAD
 
 HORIZONS = (0.5, 1.0, 2.0)
 """Seconds ahead that may be chosen."""
@@ -34,8 +26,6 @@ MEDIAN, BAND = 2 * np.log(2.0), 5.991
 ROWS = ("time", "error", "spread", "told", "path")
 DRAWN = 5
 """Steps of a replay from one point of its path that is kept to the next."""
-KAPPA = 1.0
-"""Weight of the middle sigma point."""
 
 
 @dataclass(frozen=True)
@@ -140,96 +130,26 @@ def replays(
         some = [places[each] for each in group]
         twins = Beside.of([(before[place], logs[place][1]) for place in some])
         windows = Windows.join([after[place] for place in some])
-        portions = [(which, part, windows.take(which)) for which, part in twins.portions()]
-        leads = [Lead.of(part) for _, part, _ in portions]
-        ways = [
-            _way(part, lead, rest) for (_, part, rest), lead in zip(portions, leads, strict=True)
+        loops = [OpenLoop.of(part, windows.take(which)) for which, part in twins.portions()]
+        ways = Ways.join([loop.ways for loop in loops])
+        seen = [(before[place], logs[place][2]) for place in some]
+        whole = [clear(each.begin, each.begin + LOOKBACK + LEAD, gaps) for each, gaps in seen]
+        owned = [screens[place] for place in some]
+        known = walked(ways, np.concatenate(whole), twins.owner, owned)
+        period = np.array([logs[place][0].sample_period for place in some])[twins.owner]
+        parts = [
+            loop.replayed(known.take(which), ahead, period[which])
+            for loop, (which, _) in zip(loops, twins.portions(), strict=True)
         ]
-        known = walked(Ways.join(ways), twins.owner, [screens[place] for place in some])
-        recorded = [logs[place][0] for place in some]
-        joined = Replays.join(
-            [
-                _replayed(part, lead, known.take(which), rest, ahead, recorded)
-                for (which, part, rest), lead in zip(portions, leads, strict=True)
-            ]
-        )
+        error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
         for number, place in enumerate(some):
             log, _, gaps = logs[place]
-            of_log = joined.take(twins.owner == number)
-            start = of_log.time
+            own = twins.owner == number
+            start = ways.start[own]
             told = _moving(log, start, ahead)
             told &= clear(start - LEAD - LOOKBACK, start + ahead, gaps)
-            found[place] = replace(of_log, told=told)
+            found[place] = Replays(start, ahead, error[own], spread[own], told, path[own, ::DRAWN])
     return found
-
-
-def _way(before: Beside, lead: Lead, windows: Windows) -> Ways:
-    """Where balls went up to the begin of windows, and where the twin expects them to go on."""
-    whole = replace(before, windows=windows).problem
-    places, _ = whole.replayed(before.theta, lead.end.T[:, None])
-    information, score = lead.of_friction(before)
-    ahead = places[:-1:THINNED, :, 0].transpose(2, 0, 1)
-    return Ways(windows.begin + LOOKBACK, lead.places, information, score, ahead)
-
-
-def _replayed(
-    before: Beside,
-    lead: Lead,
-    known: Known,
-    windows: Windows,
-    ahead: float,
-    logs: Sequence[PreparedLog],
-) -> Replays:
-    """Replays of windows from where the twin is at their begin; what they tell is left open."""
-    points, weights = _sigma_points(before, lead, known)
-    windows = windows.resisted(1 + np.repeat(known.ahead, THINNED, axis=1))
-    whole = replace(before, windows=windows).problem
-    places, speeds = whole.replayed(*points)
-    ball, _ = windows.at_samples(places, speeds, whole.values(points[0])["delay"])
-    at = windows.time - (LOOKBACK + ahead)
-    # a screen of slow frames has not one in every bin; the twin is asked for the sample's own time
-    away = np.where(windows.weight[..., 0] > 0, np.abs(at), np.inf)
-    rows, sample = np.arange(len(windows)), np.argmin(away, axis=1)
-    apart = np.maximum(BIN, [log.sample_period for log in logs])[before.owner]
-    near = away[rows, sample] <= apart / 2 + 1e-6
-    drawn = ball[:, rows, sample]
-    middle = np.einsum("c,cwi->wi", weights, drawn)
-    off = drawn - middle
-    noise = 1 / np.maximum(windows.weight[rows, sample], 1e-12) ** 2
-    spread = np.einsum("c,cwi,cwj->wij", weights, off, off)
-    spread += noise[..., None] * np.eye(2)
-    gone = LOOKBACK + ahead
-    way = np.einsum("c,nicw->niw", weights, speeds[: round(gone / STEP) + 1])
-    spread += unforeseen(forces(before, way), gone)
-    friction = braking(before, way)
-    among = known.unsure[:, : friction.shape[1], : friction.shape[1]]
-    spread += unforeseen(friction, gone, FINE, among)
-    error = np.where(near[:, None], windows.ball[rows, sample] - middle, np.nan)
-    start = windows.begin + LOOKBACK
-    path = np.einsum("c,nicw->wni", weights, places)[:, round(LOOKBACK / STEP) :]
-    path = path[:, : round(ahead / STEP) + 1 : DRAWN]
-    return Replays(start, ahead, error, spread, np.zeros(len(start), bool), path)
-
-
-def _sigma_points(beside: Beside, lead: Lead, known: Known) -> tuple[tuple[Array, Array], Array]:
-    """Parameters (C, W, P) and starts (4, C, W) that stand for all that may be, and weights (C,).
-
-    Both are what the samples before the start, and what is believed of the parameters and known of
-    the screen, make of them.
-    """
-    mean, covariance = smoothed(lead, beside, known)
-    windows, count = mean.shape
-    side = np.sqrt(count + KAPPA) * np.swapaxes(np.linalg.cholesky(covariance), -1, -2)
-    sides = np.moveaxis(np.stack((side, -side)), 2, 1)
-    offsets = np.concatenate((np.zeros((1, windows, count)), *sides))
-    moved = mean + offsets
-    every = np.repeat(beside.theta, len(moved), axis=0)
-    for k, name in enumerate(BALL):
-        every[..., k] = np.maximum(every[..., k] + moved[..., k], BOUNDS[name].least)
-    begun = lead.end.T[:, None] + np.moveaxis(moved[..., len(BALL) :], -1, 0)
-    weights = np.full(len(moved), 1 / (2 * (count + KAPPA)))
-    weights[0] = KAPPA / (count + KAPPA)
-    return (every, begun), weights
 
 
 def _moving(log: PreparedLog, start: Array, ahead: float) -> Mask:

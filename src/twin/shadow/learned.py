@@ -38,8 +38,11 @@ def scatter(evidence: Evidence, belief: Belief) -> Array:
     shows = a > 0
     own = 1 / np.where(shows, a, 1.0)
     sd = np.sqrt(own + expected)
-    d = np.clip(evidence.score * own, -MOST * sd, MOST * sd)
     weight = np.where(shows, expected / sd**4, 0.0)
+    d = evidence.score * own
+    # what is far off all along does not scatter: of an outlier counts how far it is from the others
+    usual = np.cumsum(weight * d, axis=0) / np.maximum(np.cumsum(weight, axis=0), 1e-300)
+    d = np.clip(d, usual - MOST * sd, usual + MOST * sd)
     sums = [
         np.concatenate((np.zeros((1, a.shape[1])), np.cumsum(weight * each, axis=0)))
         for each in (np.ones_like(d), d, d**2 - own, expected)

@@ -141,14 +141,12 @@ def braking(beside: Beside, velocity: Array) -> Array:
 def _root(beside: Beside, count: int) -> Array:
     """Standard deviations of the first unknowns before anything is seen, (W, count, count).
 
-    What the friction differs by from place to place is none of the rolling friction's.
+    What an uneven screen makes of the parameters is left out: the forces are unknowns of their own.
     """
     watched = [PARAMETERS.index(name) for name in BALL]
-    uneven = beside.each(lambda belief: belief.uneven)[:, watched]
-    uneven[:, [name != "rolling" for name in BALL]] = 0.0
-    changing = beside.each(lambda belief: np.hypot(belief.constant, belief.changing[0]))[:, watched]
-    sizes = np.ones((len(changing), count))
-    sizes[:, : len(BALL)] = np.sqrt(changing**2 - uneven**2)
+    variance = beside.each(lambda b: b.constant**2 + b.changing[0] ** 2 - b.uneven**2)[:, watched]
+    sizes = np.ones((len(variance), count))
+    sizes[:, : len(BALL)] = np.sqrt(variance)
     sizes[:, len(BALL) : len(BALL) + 4] = np.diag(START_PRIOR) ** -0.5
     return np.asarray(sizes[..., None] * np.eye(count))
 

@@ -1,0 +1,230 @@
+"""The twin learns the friction of every place of the screen, and foresees the ball the better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twin.hal.interface import SCREEN
+from twin.identify.prepare import prepare
+from twin.identify.windows import Spans, cut
+from twin.scenario import load
+from twin.shadow.belief import ROUGH, believed
+from twin.shadow.beside import Beside
+from twin.shadow.friction_map import (
+    ANEW,
+    EACH,
+    REST,
+    FrictionMap,
+    Known,
+    Ways,
+    shown,
+    unshown,
+    walked,
+)
+from twin.shadow.horizon import BAND, Replays, replays
+from twin.shadow.injections import logs
+from twin.shadow.smoothing import LEAD, Lead, smoothed
+
+NO_GAPS = np.zeros((0, 2))
+UNEVEN = ("plant.kind=lagrange", "duration=30", "seed=4", "plant.surface.spread_percent=20")
+
+
+@pytest.fixture(scope="module")
+def circled():
+    """A ball that goes round and round on an uneven screen: its log, and the twin."""
+    chosen = load("circle", UNEVEN)
+    (log,) = logs([(chosen, chosen)])
+    return prepare(log), believed(log)
+
+
+@pytest.fixture
+def belief(circled):
+    return circled[1]
+
+
+def windows(screen, count, size=6, seed=1):
+    """What windows show of the map: rows, information and score of a drawn screen."""
+    rng = np.random.default_rng(seed)
+    truth = np.linalg.cholesky(screen.covariance + 1e-12 * np.eye(len(screen.mean)))
+    truth = truth @ rng.standard_normal(len(screen.mean))
+    for _ in range(count):
+        rows = screen.rows(rng.uniform(-0.5, 0.5, (size, 2)) * SCREEN)
+        J = rng.standard_normal((20, size)) * 40
+        A = J.T @ J
+        yield rows, A, A @ (rows @ truth) + J.T @ rng.standard_normal(20)
+
+
+def test_windows_one_by_one_say_what_they_say_at_once(belief):
+    screen = FrictionMap(belief)
+    prior = np.linalg.inv(screen.covariance + 1e-10 * np.eye(len(screen.mean)))
+    information, score = prior.copy(), np.zeros(len(screen.mean))
+    for rows, A, b in windows(screen, 12):
+        information += rows.T @ A @ rows
+        score += rows.T @ b
+        screen.learn(rows, A, b)
+    covariance = np.linalg.inv(information)
+    assert screen.mean == pytest.approx(covariance @ score, abs=1e-5)
+    assert screen.covariance == pytest.approx(covariance, abs=1e-6)
+    assert np.abs(screen.mean).max() > 0.1
+
+
+def test_a_window_that_no_screen_explains_is_not_believed(belief):
+    screen = FrictionMap(belief)
+    for rows, A, b in windows(screen, 30):
+        before = screen.mean
+        screen.learn(rows, A, b)
+        assert (screen.mean != before).any()  # of what is drawn as believed none is refused
+    mean, covariance = screen.mean, screen.covariance
+    rows, A, _ = next(windows(screen, 1))
+    screen.learn(rows, A, A @ (rows @ mean + 3.0))
+    assert screen.mean is mean
+    assert screen.covariance is covariance
+
+
+def test_between_its_points_a_map_is_straight(belief):
+    screen = FrictionMap(belief)
+    place = np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2)) * SCREEN
+    corner = np.array(SCREEN) / 2
+    own = screen.rows(np.array([[0.0, 0.0], 3 * corner, corner]))
+    assert own.sum(axis=1) == pytest.approx(1.0)
+    assert own[1] == pytest.approx(own[2])
+    # a function linear in both axes is shown exactly
+    points = np.linalg.lstsq(screen.rows(place), np.ones(50), rcond=None)[0]
+    assert screen.rows(place) @ points == pytest.approx(1.0)
+    assert (np.count_nonzero(screen.rows(place), axis=1) <= 4).all()
+    grid = [np.linspace(-side / 2, side / 2, 1 + round(side / 0.045)) for side in SCREEN]
+    x, y = (each.ravel() for each in np.meshgrid(*grid, indexing="ij"))
+    assert screen.rows(place) @ (2 * x - 3 * y) == pytest.approx(place @ [2, -3], abs=1e-12)
+
+
+def test_what_a_map_of_large_meshes_leaves_out_is_left_unknown(belief):
+    large, small = replace(belief, patch=0.1), replace(belief, patch=0.01)
+    assert shown(large) == 1.0
+    assert unshown(large) == pytest.approx(REST * belief.patchy)
+    assert unshown(small) > 0.9 * belief.patchy
+    assert FrictionMap(small).covariance.max() < 0.1 * FrictionMap(large).covariance.max()
+
+
+def test_a_screen_believed_even_teaches_nothing(belief):
+    screen = FrictionMap(replace(belief, patchy=0.0))
+    for rows, A, b in windows(FrictionMap(belief), 3):
+        screen.learn(rows, A, b)
+    assert not screen.mean.any()
+
+
+def test_a_window_is_foreseen_before_it_is_learnt_and_learnt_once(belief):
+    screen = FrictionMap(belief)
+    (_, A, _), size = next(windows(screen, 1)), 6
+    way = np.broadcast_to([0.1, 0.05], (EACH * size, 2))
+    start = np.array([5.0, 5.0 + ANEW / 2, 5.0 + ANEW, 5.0 + 2 * ANEW])
+    many = len(start)
+    ways = Ways(
+        start,
+        np.broadcast_to(way, (many, *way.shape)),
+        np.broadcast_to(A, (many, *A.shape)),
+        np.broadcast_to(A @ np.full(size, 0.1), (many, size)),
+        np.broadcast_to(way, (many, *way.shape)),
+    )
+    counted = np.array([True, True, True, False])
+    known = walked(ways, counted, np.zeros(many, int), [screen])
+    before, ahead = known.mean[:, 0], known.ahead[:, 0]
+    assert before[0] == 0.0
+    assert ahead[0] > 0.01
+    assert before[1] == pytest.approx(ahead[0])
+    assert ahead[1] == ahead[0]  # too soon after the first
+    assert ahead[2] > ahead[1]
+    assert ahead[3] == ahead[2]  # not to be counted
+    assert (np.diff(known.unsure[:, 0, 0]) <= 0).all()
+    assert screen.until == 5.0 + ANEW
+
+
+@pytest.fixture(scope="module")
+def beside(circled):
+    """Some windows of ``LEAD`` with their twin."""
+    log, belief = circled
+
+    def spans(segment, begin, end, longest):
+        begins = np.arange(begin, end - longest, 6.0)
+        return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
+
+    return Beside.of([(cut(log, belief.lag, LEAD, spans), belief)])
+
+
+SIZES = {  # without unevenness: that is the map's
+    "rolling": 0.18e-3 * np.hypot(0.005, 0.003),
+    "breakaway": np.hypot(0.03, 0.03),
+    "delay": np.hypot(2e-4, 1e-4),
+    "level_phi": np.hypot(2e-5, 1e-5),
+    "level_theta": np.hypot(2e-5, 1e-5),
+    "gain": np.hypot(0.002, 0.0015),
+}
+
+
+def test_a_smoothed_state_is_the_posterior_of_all_unknowns(beside):
+    lead = Lead.of(beside)
+    S, K = lead.stretches, lead.information.shape[-1]
+    rng = np.random.default_rng(3)
+    known = Known(
+        0.1 * rng.standard_normal((len(beside.windows), S)),
+        np.tile(0.03 * np.exp(-((np.arange(S)[:, None] - np.arange(S)) ** 2) / 4), (5, 1, 1)),
+        np.zeros((5, 1)),
+        np.zeros((5, 1, 1)),
+    )
+    mean, covariance = smoothed(lead, beside, known)
+    A_alone, b_alone = lead.of_friction(beside)
+    others = np.array([*SIZES.values(), 0.02, 0.02, 0.3, 0.3, *np.ones(K - S - 10)])
+    for w in range(len(mean)):
+        A, b = lead.information[w], lead.score[w]
+        prior, m = np.diag(np.append(others, np.ones(S)) ** 2), np.zeros(K)
+        prior[-S:, -S:], m[-S:] = known.covariance[w] + 1e-12 * np.eye(S), known.mean[w]
+        posterior = np.linalg.inv(A + np.linalg.inv(prior))
+        best = posterior @ (b + np.linalg.solve(prior, m))
+        onto = np.concatenate((np.eye(6, K), lead.onto[w]))
+        spread = onto @ posterior @ onto.T
+        scale = np.sqrt(np.diag(spread))
+        assert mean[w] / scale == pytest.approx(onto @ best / scale, abs=1e-3)
+        assert covariance[w] / np.outer(scale, scale) == pytest.approx(
+            spread / np.outer(scale, scale), abs=1e-4
+        )
+        # with all else unknown, only the friction's own prior being added, it is the same again
+        own = np.linalg.inv(A_alone[w] + np.linalg.inv(prior[-S:, -S:]))
+        assert own == pytest.approx(posterior[-S:, -S:], rel=1e-3, abs=1e-6)
+        at = own @ (b_alone[w] + np.linalg.solve(prior[-S:, -S:], known.mean[w]))
+        assert at == pytest.approx(best[-S:], abs=1e-4)
+
+
+def test_the_second_time_round_the_twin_foresees_the_ball(circled):
+    log, belief = circled
+    (with_map,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0)
+    even = replace(belief, patchy=0.0, rough=belief.braking * ROUGH)
+    (without,) = replays([(log, even, NO_GAPS)], 1.0, 1.0)
+    again = with_map.counted & (with_map.time > 14.0)
+    assert again.sum() > 10
+    error, blind = (np.median(each.distance[again]) for each in (with_map, without))
+    assert error < 0.5 * blind
+    assert (with_map.square[with_map.counted] <= BAND).mean() > 0.85
+
+
+def test_replays_in_parts_are_those_in_one_go(circled):
+    log, belief = circled
+    (whole,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0)
+    maps = [FrictionMap(belief)]
+    (first,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0, until=15.5, maps=maps)
+    since = float(first.time[-1]) + 1.0
+    (rest,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0, since, maps=maps)
+    assert 15.5 - 2.0 < first.time[-1] + 1.0 <= 15.5
+    together = Replays.join([first, rest])
+    assert together.time == pytest.approx(whole.time)
+    assert together.error == pytest.approx(whole.error, abs=1e-6, nan_ok=True)
+    assert together.spread == pytest.approx(whole.spread, rel=1e-3)
+
+
+def test_over_a_gap_nothing_is_learnt(circled):
+    log, belief = circled
+    maps = [FrictionMap(belief)]
+    (found,) = replays([(log, belief, np.array([[0.0, 40.0]]))], 1.0, 1.0, maps=maps)
+    assert not found.counted.any()
+    assert not maps[0].mean.any()
