@@ -8,7 +8,9 @@ import pytest
 from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.plate_motion import servo_response
-from twin.identify.replay import STEP, AccelerationField, replay
+from twin.identify.prepare import Segment
+from twin.identify.replay import PACE, STEP, AccelerationField, replay
+from twin.identify.rests import paces
 from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
@@ -54,6 +56,51 @@ def test_a_replay_rolls_as_the_exact_plant_does():
     way = np.abs(np.diff(states[:, 0::4], axis=0)).sum()
     assert way > 0.1
     assert np.abs(places[:, :, 0, 0] - states[:, 0::4]).max() < 0.005 * way
+
+
+def test_a_replay_from_rest_goes_on_as_one_that_has_seen_the_ball_come_to_rest():
+    model = BallPlate()
+    friction = Friction(rolling=2e-4, breakaway_ratio=2.0, dwell_time=1.0, stribeck_speed=0.005)
+    time = STEP * np.arange(1000)
+    holds = friction.rolling / model.radius  # the tilt that a rolling ball just goes on at
+    # rolls out, rests, and is tilted away: the longer it has rested, the later it goes
+    tilt = holds * np.clip(2.0 * (time - 1.2), 0.0, 2.5)
+    angle = np.stack((np.zeros_like(tilt), -tilt), axis=-1)[None]
+    rate = np.gradient(angle, STEP, axis=1)
+    field = AccelerationField.of(model, angle, rate)
+    start = np.array([0.0, 0.0, 0.05, 0.0])[:, None, None]
+    level = np.zeros((2, 1, 1))
+    places, speeds = replay(field, model, friction, level, start)
+    speed = np.hypot(*speeds[:, :, 0, 0].T)
+    at = round(1.4 / STEP)
+    assert speed[:10].min() > 0.04
+    assert speed[round(1.25 / STEP) : at + 1].max() == 0
+    assert speed[-1] > 0.01
+    rest = AccelerationField.of(model, angle[:, at:], rate[:, at:])
+    begun = np.concatenate((places[at], speeds[at]))
+    paces = np.interp(1.4 - PACE * np.arange(200, 0, -1), time, speed)[None]
+    told, untold = (
+        replay(rest, model, friction, level, begun, paces=each)[0][:, :, 0, 0]
+        for each in (paces, None)
+    )
+    way = np.hypot(*(places[-1] - places[at])[:, 0, 0])
+    assert np.abs(told - places[at:, :, 0, 0]).max() < 0.02 * way
+    assert np.abs(untold - places[at:, :, 0, 0]).max() > 0.1 * way
+
+
+def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():
+    rng, time = np.random.default_rng(2), 0.002 * np.arange(4000)
+    x = 0.06 * (np.minimum(time, 3.0) + np.maximum(time - 4.0, 0.0))
+    ball = np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * rng.standard_normal((len(x), 2))
+    segment = Segment(time, np.zeros_like(ball), None, time, ball)
+    found = paces(segment, np.array([3.5, 7.0]))
+    assert found.shape == (2, 200)
+    before = 3.5 - PACE * np.arange(200, 0, -1)
+    assert found[0, before < 2.8] == pytest.approx(0.06, abs=0.01)
+    assert (found[0, before > 3.3] == 0.0).all()  # not what noise makes of a rest
+    since = 7.0 - PACE * np.arange(200, 0, -1)
+    assert (found[1, (since > 3.3) & (since < 3.7)] == 0.0).all()
+    assert found[1, since > 4.2] == pytest.approx(0.06, abs=0.01)
 
 
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():

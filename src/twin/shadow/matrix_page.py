@@ -111,7 +111,9 @@ def _healthy(
     said = f"{alarms} in {hours:.2f} h ({low:.1f} to {high:.1f} per hour)"
     return [
         f"Scenarios {', '.join(HEALTHY_SCENARIOS)} by turns, {DURATION:g} s each; the rate is "
-        f"worked out from {len(learned)} rigs, everything else judged on {len(judged)} others.",
+        f"worked out from {len(learned)} rigs, everything else judged on {len(judged)} others. Of "
+        "an uneven screen the twin knows how uneven it is; the friction of a place it learns when "
+        "the ball has been there, which is always before the start of a replay.",
         "",
         "| | |",
         "|---|--:|",
