@@ -16,6 +16,7 @@ from twin.shadow.beside import Beside
 from twin.shadow.friction_map import (
     ANEW,
     EACH,
+    FORGOTTEN,
     REST,
     FrictionMap,
     Known,
@@ -108,6 +109,23 @@ def test_what_a_map_of_large_meshes_leaves_out_is_left_unknown(belief):
     assert FrictionMap(small).covariance.max() < 0.1 * FrictionMap(large).covariance.max()
 
 
+def test_a_screen_long_not_seen_is_a_new_one(belief):
+    screen = FrictionMap(belief)
+    prior = screen.covariance
+    screen.age(5.0)
+    assert not screen.mean.any()
+    assert screen.covariance == pytest.approx(prior)
+    for rows, A, b in windows(screen, 5):
+        screen.learn(rows, A, b)
+    mean, known = screen.mean, screen.covariance
+    screen.age(5.0 + FORGOTTEN / 2)
+    assert screen.mean == pytest.approx(np.exp(-0.5) * mean)
+    left = prior - screen.covariance
+    assert left == pytest.approx(np.exp(-1.0) * (prior - known), abs=1e-15)
+    screen.age(5.0 + 20 * FORGOTTEN)
+    assert screen.covariance == pytest.approx(prior, abs=1e-12)
+
+
 def test_a_screen_believed_even_teaches_nothing(belief):
     screen = FrictionMap(replace(belief, patchy=0.0))
     for rows, A, b in windows(FrictionMap(belief), 3):
@@ -179,7 +197,7 @@ def test_a_smoothed_state_is_the_posterior_of_all_unknowns(beside):
     for w in range(len(mean)):
         A, b = lead.information[w], lead.score[w]
         prior, m = np.diag(np.append(others, np.ones(S)) ** 2), np.zeros(K)
-        prior[-S:, -S:], m[-S:] = known.covariance[w] + 1e-12 * np.eye(S), known.mean[w]
+        prior[-S:, -S:], m[-S:] = known.covariance[w] + 1e-10 * np.eye(S), known.mean[w]
         posterior = np.linalg.inv(A + np.linalg.inv(prior))
         best = posterior @ (b + np.linalg.solve(prior, m))
         onto = np.concatenate((np.eye(6, K), lead.onto[w]))

@@ -27,6 +27,8 @@ EACH = 5
 UNLIKELY = 4.0
 """Mean square by which a window moves the friction of its stretches, over its expected variance:
 more than 1 is rare, and more than this is nothing that a screen does."""
+FORGOTTEN = 3600.0
+"""Time in s after which a screen is another one, as dust and wear have it."""
 ANEW = 1.0
 """Seconds from one window that a map learns from to the next, at least: what two of them share is
 counted twice."""
@@ -35,8 +37,11 @@ counted twice."""
 class FrictionMap:
     """Relative deviation m(x, y) of the rolling friction, by its values at the points of a grid.
 
-    Between the points it is bilinear. Before anything is known the values are a Gaussian field,
-    E m(p) m(q) = s^2 exp(-|p - q|^2 / (2 l^2)); what windows say of them adds up (Kalman).
+    Between the points it is bilinear. The values are a Gaussian field that slowly becomes another,
+
+        E m(p, t) m(q, t + h) = s^2 exp(-|p - q|^2 / (2 l^2)) exp(-|h| / T),
+
+    and what windows say of them adds up (Kalman).
 
     Args:
         belief: Says how uneven the screen is, and the size of its patches.
@@ -50,7 +55,8 @@ class FrictionMap:
         self._cells = len(along[0]) - 1, len(along[1]) - 1
         self.mean = np.zeros(len(points))
         """At the points, shape (n,)."""
-        self.covariance = spread**2 * np.exp(-apart / (2 * length**2))
+        self._prior = spread**2 * np.exp(-apart / (2 * length**2))
+        self.covariance = self._prior
         """Of the same, shape (n, n)."""
         self.until = -np.inf
         """When what has been learnt ends, s."""
@@ -73,6 +79,13 @@ class FrictionMap:
     def of(self, rows: Array) -> tuple[Array, Array]:
         """Mean (S,) and covariance (S, S) of what rows (S, n) make of the points."""
         return rows @ self.mean, rows @ self.covariance @ rows.T
+
+    def age(self, until: float) -> None:
+        """Forget a little up to a time in s, which is that of what is learnt next."""
+        left = np.exp((self.until - until) / FORGOTTEN)
+        self.mean = left * self.mean
+        self.covariance = left**2 * self.covariance + (1 - left**2) * self._prior
+        self.until = until
 
     def learn(self, rows: Array, information: Array, score: Array) -> None:
         """Take in what a window says of the deviations in S stretches of it.
@@ -161,8 +174,8 @@ def walked(
         rows = _means(screen.rows(ways.before[w]), EACH)
         before = screen.of(rows)
         if counted[w] and start > screen.until + ANEW - 1e-6:
+            screen.age(float(start))
             screen.learn(rows, ways.information[w], ways.score[w])
-            screen.until = float(start)
         ahead = screen.rows(ways.ahead[w])
         _, unsure = screen.of(_means(ahead, EACH))
         found.append((*before, ahead @ screen.mean, unsure))
