@@ -21,9 +21,9 @@ from twin.shadow.friction_map import (
     FrictionMap,
     Known,
     Ways,
-    shown,
-    unshown,
-    walked,
+    foreseen,
+    resolved,
+    unresolved,
 )
 from twin.shadow.horizon import BAND, Replays, replays
 from twin.shadow.injections import logs
@@ -103,9 +103,9 @@ def test_between_its_points_a_map_is_straight(belief):
 
 def test_what_a_map_of_large_meshes_leaves_out_is_left_unknown(belief):
     large, small = replace(belief, patch=0.1), replace(belief, patch=0.01)
-    assert shown(large) == 1.0
-    assert unshown(large) == pytest.approx(REST * belief.patchy)
-    assert unshown(small) > 0.9 * belief.patchy
+    assert resolved(large) == 1.0
+    assert unresolved(large) == pytest.approx(REST * belief.patchy)
+    assert unresolved(small) > 0.9 * belief.patchy
     assert FrictionMap(small).covariance.max() < 0.1 * FrictionMap(large).covariance.max()
 
 
@@ -147,7 +147,7 @@ def test_a_window_is_foreseen_before_it_is_learnt_and_learnt_once(belief):
         np.broadcast_to(way, (many, *way.shape)),
     )
     counted = np.array([True, True, True, False])
-    known = walked(ways, counted, np.zeros(many, int), [screen])
+    known = foreseen(ways, counted, np.zeros(many, int), [screen])
     before, ahead = known.mean[:, 0], known.ahead[:, 0]
     assert before[0] == 0.0
     assert ahead[0] > 0.01

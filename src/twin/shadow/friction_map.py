@@ -48,7 +48,7 @@ class FrictionMap:
     """
 
     def __init__(self, belief: Belief) -> None:
-        spread, length = shown(belief) * belief.patchy, LENGTH * max(belief.patch, PITCH)
+        spread, length = resolved(belief) * belief.patchy, LENGTH * max(belief.patch, PITCH)
         along = [np.linspace(-side / 2, side / 2, 1 + round(side / PITCH)) for side in SCREEN]
         points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
         apart = ((points[:, None] - points) ** 2).sum(axis=-1)
@@ -157,7 +157,7 @@ class Known:
         return Known(*(getattr(self, item.name)[which] for item in fields(self)))
 
 
-def walked(
+def foreseen(
     ways: Ways, counted: Mask, owner: NDArray[np.int_], maps: Sequence[FrictionMap]
 ) -> Known:
     """Let maps learn from windows one after the other, and ask them at each what they know.
@@ -182,14 +182,14 @@ def walked(
     return Known(*(np.stack(each) for each in zip(*found, strict=True)))
 
 
-def shown(belief: Belief) -> float:
+def resolved(belief: Belief) -> float:
     """Share of the unevenness that a map shows: less if patches are smaller than its meshes."""
     return min(1.0, belief.patch / PITCH)
 
 
-def unshown(belief: Belief) -> float:
+def unresolved(belief: Belief) -> float:
     """Standard deviation of the relative friction from place to place that a map leaves out."""
-    return float(belief.patchy * np.hypot(REST, np.sqrt(1 - shown(belief) ** 2)))
+    return float(belief.patchy * np.hypot(REST, np.sqrt(1 - resolved(belief) ** 2)))
 
 
 def _means(rows: Array, stretch: int) -> Array:

@@ -14,7 +14,7 @@ from twin.identify.rests import ROLL, speed
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
 from twin.shadow.belief import Belief
 from twin.shadow.beside import Beside, alike
-from twin.shadow.friction_map import FrictionMap, Ways, walked
+from twin.shadow.friction_map import FrictionMap, Ways, foreseen
 from twin.shadow.gaps import clear
 from twin.shadow.open_loop import OpenLoop
 from twin.shadow.smoothing import LEAD
@@ -135,7 +135,7 @@ def replays(
         seen = [(before[place], logs[place][2]) for place in some]
         whole = [clear(each.begin, each.begin + LOOKBACK + LEAD, gaps) for each, gaps in seen]
         owned = [screens[place] for place in some]
-        known = walked(ways, np.concatenate(whole), twins.owner, owned)
+        known = foreseen(ways, np.concatenate(whole), twins.owner, owned)
         period = np.array([logs[place][0].sample_period for place in some])[twins.owner]
         parts = [
             loop.replayed(known.take(which), ahead, period[which])

@@ -12,7 +12,7 @@ from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
 from twin.shadow.belief import BALL, PARAMETERS, ROUGH
 from twin.shadow.beside import Beside
-from twin.shadow.friction_map import Known, unshown
+from twin.shadow.friction_map import Known, unresolved
 from twin.shadow.starts import settled
 from twin.shadow.unevenness import (
     FINE,
@@ -129,7 +129,7 @@ def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
 
 def forces(beside: Beside, velocity: Array) -> Array:
     """What nobody knows pushes balls of some velocities (N, 2, W) with, as ``directed``."""
-    along = beside.each(lambda belief: belief.braking * np.hypot(ROUGH, unshown(belief)))
+    along = beside.each(lambda belief: belief.braking * np.hypot(ROUGH, unresolved(belief)))
     return directed(velocity, STEP, along, np.hypot(beside.each(lambda b: b.sloped), UNKNOWN))
 
 
