@@ -206,7 +206,7 @@ def moving_spans(segment: Segment, begin: float, end: float, longest: float) -> 
     """
     time = segment.time
     moving = speed(time, segment.even_ball)
-    still = rests(time, moving)
+    still = rests(time, segment.even_ball, moving)
     found: list[tuple[float, float, bool]] = []
     at = begin
     while at < end - SPEED_SPAN:
