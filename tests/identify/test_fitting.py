@@ -10,7 +10,7 @@ from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.identify.replay import PACE, STEP, AccelerationField, replay
-from twin.identify.rests import paces
+from twin.identify.rests import paces, rests, speed
 from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
 from twin.scenario import load
 from twin.sim.plant.exact import ExactPlant
@@ -101,6 +101,19 @@ def test_how_a_ball_went_before_a_window_is_measured_but_for_its_rests():
     since = 7.0 - PACE * np.arange(200, 0, -1)
     assert (found[1, (since > 3.3) & (since < 3.7)] == 0.0).all()
     assert found[1, since > 4.2] == pytest.approx(0.06, abs=0.01)
+
+
+@pytest.mark.parametrize(("creep", "count"), [(0.0, 1), (0.002, 0)])
+def test_a_ball_that_creeps_does_not_rest(creep, count):
+    rng, time = np.random.default_rng(2), 0.002 * np.arange(3000)
+    x = 0.06 * (np.minimum(time, 3.0) + np.maximum(time - 4.0, 0.0))
+    x = x + creep * np.clip(time - 3.0, 0.0, 1.0)
+    ball = np.stack((x, np.zeros_like(x)), axis=-1) + 3e-4 * rng.standard_normal((len(x), 2))
+    found = rests(time, ball, speed(time, ball))
+    assert len(found) == count
+    for first, last in found:
+        assert 2.9 < first < 3.2
+        assert 3.8 < last < 4.1
 
 
 def test_bootstrap_intervals_of_a_linear_fit_cover_the_truth_as_often_as_they_say():

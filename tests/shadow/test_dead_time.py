@@ -13,9 +13,10 @@ from twin.identify.log import MECHANISM_LAG
 from twin.scenario import load
 from twin.shadow.alarms import THRESHOLD, Findings
 from twin.shadow.belief import PARAMETERS, Belief
-from twin.shadow.dead_time import ALONE, delayed, limited, standing
+from twin.shadow.dead_time import ADDED, CAUSE, delayed, limited, standing
 from twin.shadow.dead_time import THRESHOLD as OWN
 from twin.shadow.evidence import Evidence
+from twin.shadow.monitor import added_up
 
 LATE = PARAMETERS.index("delay")
 
@@ -79,16 +80,17 @@ def test_windows_added_later_say_what_all_at_once_say(belief):
     assert stands[~plate] == pytest.approx(ratio)
 
 
-def test_no_window_alone_says_more_than_it_may(belief):
-    for size in (0.01, 0.1):
-        alone = windows(np.repeat((0.0, size), (9, 1)))
-        assert delayed(alone, belief).max() > 5 * ALONE
-        assert delayed(limited(alone, belief), belief).max() <= ALONE * (1 + 1e-6)
+def test_no_window_adds_more_than_it_may_whatever_came_before(belief):
+    rng = np.random.default_rng(7)
+    found = windows(0.002 * rng.standard_t(1.5, 60))
+    ratio = delayed(found, belief)
+    assert np.diff(ratio, prepend=0.0).max() <= ADDED + 1e-9
+    assert np.diff(added_up(found, belief, 0, CAUSE, np.inf)).max() > 2 * ADDED
 
 
-def test_it_is_the_largest_ratio_of_any_change(belief):
+def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
     found = windows(np.repeat((0.0, 0.004), 10))
-    every = delayed(found, belief)
+    every = added_up(found, belief, 0, CAUSE, np.inf)
     prior = belief.drift[LATE] ** 2
 
     def evidence(d, variance, mean):  # of windows with independent errors, by their joint density

@@ -4,7 +4,8 @@ A screen that answers 5 ms later moves the ball's samples by less than a millime
 there, but does so in every window: many small signs, of which none may count for much. The test of
 all causes trusts a single window more, and so has to leave much room for what differs from window
 to window where the ball stops; little of the dead time is left to see there. Here each window is
-trusted with so little that it needs none.
+trusted with little, also where it and others would add up to much, which bounds the outliers of
+stopping balls, and the room is smaller.
 """
 
 from __future__ import annotations
@@ -12,15 +13,19 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
-from twin.shadow.belief import CHANGING, PARAMETERS, Belief
+from twin.shadow.belief import CHANGING, PARAMETERS, STOPPING, Belief
 from twin.shadow.evidence import Evidence
-from twin.shadow.monitor import LOOKBACKS, bounded, statistic
+from twin.shadow.monitor import added_up, bounded
 
 CAUSE = ("dead time",)
 LATE = PARAMETERS.index("delay")
 ALONE = 0.5
-"""Log-likelihood ratio that one window alone may speak for a change of the dead time."""
-THRESHOLD = 3.6
+"""Log-likelihood ratio that one window alone may speak for a change of the dead time,"""
+ADDED = 1.8
+"""and on top of what the windows before it have said."""
+ROOM = 0.2
+"""Share of what else is expected to differ between windows in which the ball stops."""
+THRESHOLD = 3.4
 """Log-likelihood ratio at which this test raises an alarm."""
 
 
@@ -32,8 +37,9 @@ def limited(evidence: Evidence, belief: Belief, after: int = 0) -> Evidence:
         belief: The twin.
         after: Windows that are left out.
     """
-    rolling = belief.unit * np.array([CHANGING[name] for name in PARAMETERS])
-    room = np.tile(np.hypot(rolling, belief.uneven), (2, 1))
+    rolling = np.array([CHANGING[name] for name in PARAMETERS])
+    stopping = np.maximum(rolling, [ROOM * STOPPING[name] for name in PARAMETERS])
+    room = np.hypot(belief.unit * np.stack((rolling, stopping)), belief.uneven)
     shows = evidence.information[:, LATE, LATE] > 0
     narrow = evidence.take(shows).softened(room)
     return bounded(narrow, belief, int(shows[:after].sum()), CAUSE, ALONE)
@@ -47,7 +53,7 @@ def delayed(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
         belief: The twin.
         after: Windows for which it is not worked out, but left at zero.
     """
-    return statistic(evidence, belief, after, CAUSE, range(1, LOOKBACKS[-1] + 1))
+    return added_up(evidence, belief, after, CAUSE, ADDED)
 
 
 def standing(evidence: Evidence, ratio: Array, time: Array) -> Array:

@@ -101,29 +101,49 @@ def bounded(
     return evidence.take(begin).tempered(weaker)
 
 
-def statistic(
-    evidence: Evidence,
-    belief: Belief,
-    after: int = 0,
-    causes: Sequence[str] = tuple(CAUSES),
-    lookbacks: Sequence[int] = LOOKBACKS,
-) -> Array:
+def statistic(evidence: Evidence, belief: Belief, after: int = 0) -> Array:
     """After each window the largest log-likelihood ratio of a change so far, shape (W,).
 
     Args:
         evidence: Windows in the order of time, softened.
         belief: What holds without a change.
         after: Windows for which it is not worked out, but left at zero.
-        causes: What may have changed.
-        lookbacks: Windows since the change that are tried.
     """
-    sums = _Sums(evidence, belief, causes)
+    sums = _Sums(evidence, belief)
     largest = np.zeros(len(evidence))
     for first in range(after, len(evidence), BLOCK):
         last = 1 + np.arange(first, min(first + BLOCK, len(evidence)))
-        begin = np.maximum(last[:, None] - np.array(lookbacks), 0)
+        begin = np.maximum(last[:, None] - np.array(LOOKBACKS), 0)
         ratio = sums.ratio(begin, np.broadcast_to(last[:, None], begin.shape))
         largest[last - 1] = ratio.max(axis=1)
+    return largest
+
+
+def added_up(
+    evidence: Evidence, belief: Belief, after: int, causes: Sequence[str], at_most: float
+) -> Array:
+    """After each window the largest sum of what those before it add for a change, shape (W,).
+
+    The ratio of ``statistic`` after one more window less that before it is what this one adds,
+    given all the others since the change; no window may add more than ``at_most``.
+
+    Args:
+        evidence: Windows in the order of time, softened.
+        belief: What holds without a change.
+        after: Windows for which it is not worked out, but left at zero.
+        causes: What may have changed.
+        at_most: Log-likelihood ratio that one window may add.
+    """
+    sums, count = _Sums(evidence, belief, causes), len(evidence)
+    largest = np.zeros(count)
+    length = np.arange(LOOKBACKS[-1] + 1)
+    for first in range(max(after - LOOKBACKS[-1] + 1, 0), count, BLOCK):
+        begin = np.arange(first, min(first + BLOCK, count))[:, None]
+        last = np.minimum(begin + length, count)
+        ratio = sums.ratio(np.broadcast_to(begin, last.shape), last)
+        total = np.cumsum(np.minimum(np.diff(ratio), at_most), axis=1)
+        np.maximum.at(largest, last[:, 1:] - 1, total)
+    largest[:after] = 0.0
     return largest
 
 
