@@ -89,11 +89,16 @@ def _early(some: Sequence[Trial]) -> list[Trial]:
     return [each for each in some if each.alarm is not None and each.alarm < AT]
 
 
-def _false(found: Sequence[Trial], judged: Sequence[Trial]) -> tuple[int, float]:
+def _false(judged: Sequence[Trial], changed: Sequence[Trial]) -> list[tuple[int, float]]:
     """False alarms, and in how many hours: healthy rigs, and others before something happens."""
-    changed = [each for each in found if each.kind != HEALTHY]
-    alarms = sum(each.alarm is not None for each in judged) + len(_early(changed))
-    return alarms, (len(judged) * DURATION + len(changed) * AT) / 3600
+    alarms = sum(each.alarm is not None for each in judged)
+    early = len(_early(changed)), len(changed) * AT / 3600
+    return [(alarms, len(judged) * DURATION / 3600), early]
+
+
+def _counted(alarms: int, hours: float) -> str:
+    low, high = rates(alarms, hours)
+    return f"{alarms} in {hours:.2f} h ({low:.2f} to {high:.2f} per hour)"
 
 
 def _healthy(
@@ -106,9 +111,8 @@ def _healthy(
     both = 1 / (1 / every + 1 / late)
     squares = np.concatenate([each.squares for each in judged])
     errors = np.concatenate([each.errors for each in judged])
-    alarms, hours = _false(found, judged)
-    low, high = rates(alarms, hours)
-    said = f"{alarms} in {hours:.2f} h ({low:.1f} to {high:.1f} per hour)"
+    changed = [each for each in found if each.kind != HEALTHY]
+    others, before = (_counted(*each) for each in _false(judged, changed))
     return [
         f"Scenarios {', '.join(HEALTHY_SCENARIOS)} by turns, {DURATION:g} s each; the rate is "
         f"worked out from {len(learned)} rigs, everything else judged on {len(judged)} others. Of "
@@ -120,7 +124,8 @@ def _healthy(
         f"| hours between false alarms, by the extreme-value fit | {_short(both)} |",
         f"| of the test of all causes alone | {_short(every)} |",
         f"| of the test of the dead time alone | {_short(late)} |",
-        f"| false alarms on the others, and on those below before the change | {said} |",
+        f"| false alarms on the others | {others} |",
+        f"| false alarms on the rigs below, before anything happens to them | {before} |",
         f"| median score (1: as predicted) | {np.sqrt(np.median(squares) / MEDIAN):.2f} |",
         f"| replays of 1 s inside their 95 % band | {inside(judged):.1f} % of {len(squares)} |",
         f"| replay error after 1 s, median | {1000 * np.median(errors):.2f} mm |",
@@ -166,8 +171,9 @@ def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[str]:
         share(f"alarm in time for 95 %: {kind.name}", len(timely), len(rest), least=95)
         share(f"right cause in 90 %: {kind.name}", right, len(timely), least=90)
         share(f"wrong cause below 3 %: {kind.name}", len(timely) - right, len(timely), most=3)
-    alarms, hours = _false(found, judged)
-    low, high = rates(alarms, hours)
+    changed = [each for each in found if each.kind != HEALTHY]
+    alarms, hours = (sum(each) for each in zip(*_false(judged, changed), strict=True))
+    low, high = rates(int(alarms), hours)
     word = "met" if high < 1 / 24 else "**not met**" if low > 1 / 24 else "too few hours to tell"
     lines.append(
         f"| healthy: less than one false alarm in 24 h | {24 * alarms / hours:.2g} "
