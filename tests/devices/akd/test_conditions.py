@@ -8,6 +8,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig
+from twin.devices.akd.watch import MonitorConfig
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
@@ -228,6 +229,26 @@ def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
         assert not drive.fault_numbers
         assert abs(drive.rate) < 0.01
     rig.servos.stop()
+
+
+@pytest.mark.parametrize("cause", [cause_of.remote, cause_of.pdo_stale], ids=lambda f: f.__name__)
+@pytest.mark.parametrize(("silence", "stop"), [(0.06, 0.3), (0.5, 0.3), (1.0, 2.0)])
+@pytest.mark.parametrize("rates", [still, turn], ids=["standing", "turning"])
+def test_a_drive_that_keeps_its_torque_watches_the_host_beyond_the_shutdown(
+    cause, silence, stop, rates
+):
+    config = AkdConfig(silence=silence, watch=MonitorConfig(stop=stop))
+    with LockstepDrives(config) as rig:
+        rig.enabled()
+        rig.run(0.1, rates)
+        drive = rig.drives[0]
+        cause(rig)
+        rig.bus.faults.drop(0x201)  # nor does any control word reach it
+        rig.servos.stop()
+        for _ in range(round(1000 * (silence + 0.5))):
+            rig.bus.step(0.001)
+        assert not drive.power.live
+        assert abs(drive.rate) < 0.01
 
 
 def test_a_lower_limit_in_the_drive_holds_whatever_is_sent():

@@ -19,6 +19,12 @@ from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
 from twin.hal.faults import Fault
 
 _TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
+_POWERLESS = {
+    DriveState.NOT_READY,
+    DriveState.SWITCH_ON_DISABLED,
+    DriveState.READY,
+    DriveState.FAULT,
+}
 _RESET_CYCLES = 8
 """Cycles for which a request to reset stands."""
 _STANDSTILL = 0.01
@@ -168,6 +174,11 @@ class Axis:
     def enabled(self) -> bool:
         """Whether the drive follows its target."""
         return self.state is DriveState.OPERATION_ENABLED and self.request is AxisRequest.ENABLE
+
+    @property
+    def powerless(self) -> bool:
+        """Whether its newest state shows a motor without torque."""
+        return self.state in _POWERLESS
 
     @property
     def newest_fault(self) -> str:

@@ -133,7 +133,8 @@ class CyclicExchange:
     def shut_down(self, sleep: Callable[[float], None]) -> None:
         """Target zero, quick stop, disable, and only then no more SYNC; close the bus.
 
-        Blocks for about a second at most; never raises.
+        A drive that is not seen to be without torque goes on watching the host, whose heartbeat
+        ends here: it stops itself. Blocks for about a second at most; never raises.
 
         Args:
             sleep: Waits for a number of s.
@@ -157,8 +158,9 @@ class CyclicExchange:
         run_until(lambda: all(axis.state is DriveState.SWITCH_ON_DISABLED for axis in axes), 5)
         for axis in axes:
             node = axis.config.node
-            monitoring_off = frames.encode_sdo_write(0x1016, 1, 0)
-            self._transport.send(frames.SDO_REQUEST + node, monitoring_off)
+            if axis.powerless and axis.tpdo1.missed < self._config.watch.stale:
+                monitoring_off = frames.encode_sdo_write(0x1016, 1, 0)
+                self._transport.send(frames.SDO_REQUEST + node, monitoring_off)
             self._transport.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
         sleep(self._config.heartbeat)
         self._transport.close()
