@@ -6,6 +6,10 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
+from twin.devices.akd.conditions import FaultReports
+from twin.devices.lumio.conditions import BALL_LOST
+from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
 from twin.hal.faults import Condition, Fault, Severity
 from twin.hal.limits import Limits
 from twin.hal.states import TRANSITIONS, Event, State
@@ -51,9 +55,9 @@ class AnyEvents(RuleBasedStateMachine):
         self.asked = self.asked or self.state is State.READY
         self.supervisor.handle(Event.START)
 
-    @rule(event=st.sampled_from([Event.RECOVER, Event.RESET, Event.SWITCH_OFF]))
-    def ask(self, event):
-        self.supervisor.handle(event)
+    @rule()
+    def switch_off(self):
+        self.supervisor.handle(Event.SWITCH_OFF)
         self.asked = self.asked and self.state is State.RUNNING
 
     @rule(severity=st.sampled_from(Severity))
@@ -135,9 +139,40 @@ def test_a_stop_leads_to_fault_from_every_state_with_power(state):
     assert TRANSITIONS[state, Event.STOP] is State.FAULT
 
 
-def test_out_of_fault_lead_only_requests_of_a_person():
-    ways = {event for before, event in TRANSITIONS if before is State.FAULT}
-    assert ways == {Event.RESET, Event.SWITCH_OFF}
+@pytest.mark.parametrize("state", [State.HOLDING, State.FAULT])
+def test_whoever_was_stopped_can_only_be_switched_off(state):
+    ways = {key[1]: after for key, after in TRANSITIONS.items() if key[0] is state}
+    ways.pop(Event.STOP, None)
+    assert ways == {Event.SWITCH_OFF: State.OFF}
+
+
+def test_a_new_start_forgets_why_the_last_run_was_stopped():
+    supervisor = Supervisor(LIMITS, PERIOD)
+    supervisor.handle(Event.INITIALISE)
+    supervisor.report(fault(Severity.STOP))
+    assert supervisor.reason[0]
+    assert supervisor.by_device[0]
+    supervisor.handle(Event.SWITCH_OFF)
+    supervisor.handle(Event.INITIALISE)
+    assert not supervisor.reason[0]
+    assert not supervisor.by_device[0]
+
+
+@pytest.mark.parametrize("condition", [*TOUCH_CONDITIONS, *DRIVE_CONDITIONS], ids=lambda c: c.name)
+def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
+    answers = []
+    for each in (condition, condition._replace(name="renamed", recovery="", reaction="")):
+        supervisor = Supervisor(LIMITS, PERIOD)
+        for event in (Event.INITIALISE, Event.POWERED, Event.START):
+            supervisor.handle(event)
+        supervisor.report(Fault(each, "device", "detail"))
+        reports = FaultReports(repeat=1.0)
+        reports.report(each, "device", "detail", 0.0)
+        answers.append(
+            (supervisor.state[0], supervisor.by_device[0], reports.needs_restart, reports.stopped)
+        )
+    assert answers[0] == answers[1]
+    assert not supervisor.by_device[0] or condition is not BALL_LOST
 
 
 def test_an_event_changes_only_the_rigs_it_is_meant_for():

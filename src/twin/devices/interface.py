@@ -77,10 +77,6 @@ class PoweredServos(Servos, FaultSource, Protocol):
     def round_trip(self) -> float | None:
         """Seconds from the last command to the last answer; None while one is missing."""
 
-    @property
-    def needs_restart(self) -> bool:
-        """Whether a fault stands that only ``stop`` and ``start`` can clear."""
-
 
 class ListeningScreen(TouchScreen, FaultSource, Protocol):
     """A touch screen that is read in a thread of its own."""
@@ -90,9 +86,6 @@ class ListeningScreen(TouchScreen, FaultSource, Protocol):
 
     def stop(self) -> None:
         """Close it; harmless if closed already."""
-
-    def recover(self) -> None:
-        """Forget the ball; reopen the port if it went."""
 
     def note_plate(self, plate: Array) -> None:
         """Take in the measured plate angles (phi, theta), rad, shape (1, 2)."""

@@ -13,7 +13,7 @@ LOOP_OVERRUN = Condition(
     Severity.LEVEL,
     0.11,
     "the plate is levelled and held",
-    "close other programs, allow real-time priority, then recover and start",
+    "close other programs, allow real-time priority, then run again",
 )
 
 TIMING_CONDITIONS = (LOOP_OVERRUN,)

@@ -21,7 +21,7 @@ from twin.hal.faults import Fault, Severity
 from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
 from twin.hal.rig import Rig
-from twin.hal.states import Event, State
+from twin.hal.states import State
 from twin.hal.supervisor import BALL_LOST, Supervisor
 
 
@@ -111,7 +111,8 @@ class HardwareRig(Rig):
             on.callback(self.servos.stop)
             self.servos.start()
             self.clock.start()
-            if self._reset:
+            reset, self._reset = self._reset, False
+            if reset:
                 self.servos.reset_faults()
                 self._idle(lambda: False, 0.1)
             self._torque()
@@ -140,33 +141,6 @@ class HardwareRig(Rig):
     def ask_reset(self) -> None:
         """A person's request: reset the faults in the drives when the rig is switched on next."""
         self._reset = True
-
-    def reset(self) -> None:
-        """A person's request after a fault: reset, power up and hold the plate; may block.
-
-        Raises:
-            TwinError: If what was wrong still is; the rig is in fault then.
-        """
-        if not self.supervisor.handle(Event.RESET).any():
-            return
-        try:
-            if self.servos.needs_restart:
-                self.servos.start()
-                self.servos.home(self.supervisor.angle, self._transmission.motor(self._plate))
-            else:
-                self.servos.reset_faults()
-            self.screen.recover()
-            self._idle(lambda: False, 0.15, strict=False)
-            self._torque()
-        except BaseException:
-            self.supervisor.handle(Event.STOP)
-            raise
-        self._hold()
-
-    def recover(self) -> None:
-        """A person's request: a rig that holds forgets the ball and becomes ready again."""
-        self.screen.recover()
-        super().recover()
 
     def read(self) -> Measurement:
         """The present measurement; a rig past a limit, or with a fault, is stopped here."""
@@ -227,7 +201,7 @@ class HardwareRig(Rig):
         self.clock.wait()
         self.servos.receive()
 
-    def _idle(self, done: Callable[[], bool], limit: float, *, strict: bool = True) -> None:
+    def _idle(self, done: Callable[[], bool], limit: float) -> None:
         """Exchange until something is done, at most for a time in s.
 
         Raises:
@@ -240,7 +214,7 @@ class HardwareRig(Rig):
             self.clock.faults()  # nothing moves yet: being late does no harm
             for device in (self.servos, self.screen):
                 for fault in device.faults():
-                    if strict and fault.condition.severity is not Severity.WARNING:
+                    if fault.condition.severity is not Severity.WARNING:
                         raise StartRefusedError(fault, _words(fault))
 
 

@@ -124,10 +124,6 @@ class Rig:
         """Let the controller move the plate from now on."""
         self.supervisor.handle(Event.START)
 
-    def recover(self) -> None:
-        """A person's request: rigs that hold become ready again, whatever made them hold."""
-        self.supervisor.handle(Event.RECOVER)
-
     def read(self) -> Measurement:
         """What the sensors say now; a rig past a limit is stopped here."""
         touch = self._screen.read()

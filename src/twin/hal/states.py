@@ -25,8 +25,8 @@ class State(IntEnum):
 class Event(StrEnum):
     """What changes a rig's state: requests of the program, and the answers to conditions.
 
-    INITIALISE, START, RECOVER, RESET and SWITCH_OFF are explicit requests, POWERED says that the
-    drives hold the plate, LEVEL and STOP answer a condition of that severity.
+    INITIALISE, START and SWITCH_OFF are explicit requests, POWERED says that the drives hold the
+    plate, LEVEL and STOP answer a condition of that severity.
     """
 
     INITIALISE = "initialise"
@@ -34,8 +34,6 @@ class Event(StrEnum):
     START = "start"
     LEVEL = "level"
     STOP = "stop"
-    RECOVER = "recover"
-    RESET = "reset"
     SWITCH_OFF = "switch off"
 
 
@@ -52,11 +50,10 @@ TRANSITIONS = MappingProxyType(
         (State.RUNNING, Event.LEVEL): State.HOLDING,
         (State.RUNNING, Event.STOP): State.FAULT,
         (State.RUNNING, Event.SWITCH_OFF): State.OFF,
-        (State.HOLDING, Event.RECOVER): State.READY,
         (State.HOLDING, Event.STOP): State.FAULT,
         (State.HOLDING, Event.SWITCH_OFF): State.OFF,
-        (State.FAULT, Event.RESET): State.INITIALISING,
         (State.FAULT, Event.SWITCH_OFF): State.OFF,
     }
 )
-"""Every transition; an event that is not listed for a state changes nothing."""
+"""Every transition; an event that is not listed for a state changes nothing. Out of HOLDING and
+FAULT leads nothing but switching off: who wants to go on runs again."""

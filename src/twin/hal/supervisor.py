@@ -18,14 +18,14 @@ PACE = 0.04
 """Seconds over which the speed of the ball is measured."""
 
 _LEVELLED = "level the plate, then hold"
-_AGAIN = "bring ball and plate back, recover, start"
+_AGAIN = "bring ball and plate back, then run again"
 
 BALL_OUTSIDE = Condition("ball outside", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
 BALL_FAST = Condition("ball too fast", Severity.LEVEL, 2 * PACE, _LEVELLED, _AGAIN)
 BALL_LOST = Condition("ball lost", Severity.LEVEL, LOST_AFTER + 0.002, _LEVELLED, _AGAIN)
 PLATE_TILTED = Condition("plate past its limit", Severity.LEVEL, 0.002, _LEVELLED, _AGAIN)
 BAD_REQUEST = Condition(
-    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "fix the controller, recover, start"
+    "controller failed", Severity.LEVEL, 0.002, _LEVELLED, "fix the controller, then run again"
 )
 
 RIG_CONDITIONS = (BALL_OUTSIDE, BALL_FAST, BALL_LOST, PLATE_TILTED, BAD_REQUEST)
@@ -97,7 +97,7 @@ class Supervisor:
             new = TRANSITIONS.get((State(old[rig]), event))
             if new is not None:
                 self.state[rig], changed[rig] = new, True
-                if event in {Event.RECOVER, Event.RESET}:
+                if event is Event.INITIALISE:
                     self.reason[rig], self.by_device[rig] = "", False
         self.all_running = bool((self.state == State.RUNNING).all())
         return changed
@@ -135,9 +135,7 @@ class Supervisor:
     def report(self, fault: Fault, rig: int = 0) -> None:
         """Take in what a device has detected."""
         which = np.arange(len(self.state)) == rig
-        # that there is no ball is no fault of a device
-        by_device = fault.condition.name != BALL_LOST.name
-        self._answer(fault.condition, which, str(fault), by_device=by_device)
+        self._answer(fault.condition, which, str(fault), by_device=fault.condition.device)
 
     @property
     def lost(self) -> Mask:

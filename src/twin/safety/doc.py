@@ -44,8 +44,8 @@ has one of three severities:
   drives stop by themselves: they watch the host's heartbeat (60 ms of silence), which with their
   factory settings they would not do.
 
-Afterwards nothing resumes by itself: a person must request *recover* or *reset*, and then start.
-On the command line both are a new `ballplate run`, with `--reset` if the drives hold faults.
+Afterwards nothing resumes, and nothing in the program leads back to *running*: a person runs
+`ballplate run` again, with `--reset` if the drives hold faults.
 """
 
 

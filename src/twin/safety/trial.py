@@ -217,8 +217,7 @@ class Trial:
     def _recovers(self) -> bool:
         """Remove the cause, put the ball back, and run again on request."""
         rig = self.rig
-        rig.ask_reset()
-        if self.case.stubborn and self._run(AGAIN, act=False).refusal is None:
+        if self.case.stubborn and self._again().refusal is None:
             return False
         rig.lockstep.bus.drives[:] = self.drives
         rig.lockstep.bus.faults.clear()
@@ -229,7 +228,7 @@ class Trial:
             each.restore()
         rig.plant.restart()
         before = len(rig.journal)
-        run = self._run(AGAIN, act=False)
+        run = self._again()
         serious = [
             entry.note.condition.name
             for entry in rig.journal[before:]
@@ -237,6 +236,11 @@ class Trial:
             and entry.note.condition != STOP_IGNORED
         ]
         return run.outcome.ending is Ending.FINISHED and run.refusal is None and not serious
+
+    def _again(self) -> Run:
+        """Run once more, as a person does with ``--reset``."""
+        self.rig.ask_reset()
+        return self._run(AGAIN, act=False)
 
 
 def _words(state: Power) -> str:

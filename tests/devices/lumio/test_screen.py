@@ -100,7 +100,7 @@ def test_a_ball_that_leaves_is_lost_and_one_that_returns_is_seen_again():
         assert until(lambda: screen.state == TouchState.TOUCHING)
 
 
-def test_a_screen_unplugged_is_told_and_after_plugging_in_works_on_request_only():
+def test_a_screen_unplugged_is_told_and_after_plugging_in_works_when_started_anew():
     with (
         emulate(lambda: [PLACE]) as emulated,
         LumioScreen(config(emulated)) as screen,
@@ -113,11 +113,12 @@ def test_a_screen_unplugged_is_told_and_after_plugging_in_works_on_request_only(
         emulated.replug()
         time.sleep(0.1)
         assert not screen.connected
-        screen.recover()
+        screen.stop()
+        screen.start()
         assert sees(screen)
 
 
-def test_swapped_axes_are_believed_after_someone_asked_to_go_on():
+def test_swapped_axes_are_believed_when_started_anew():
     with (
         emulate(lambda: [PLACE]) as emulated,
         LumioScreen(config(emulated)) as screen,
@@ -127,21 +128,9 @@ def test_swapped_axes_are_believed_after_someone_asked_to_go_on():
         emulated.inject(ScreenFault.SWAP_AXES, 60.0)
         assert watch.told("axes swapped")
         assert until(lambda: screen.state == TouchState.LOST)
-        screen.recover()
+        screen.stop()
+        screen.start()
         assert sees(screen)
-
-
-def test_recovering_while_still_unplugged_tells_so_again():
-    with (
-        emulate(lambda: [PLACE]) as emulated,
-        LumioScreen(config(emulated)) as screen,
-    ):
-        watch = Watch(screen)
-        emulated.unplug()
-        assert watch.told("touch screen gone")
-        watch.names.clear()
-        screen.recover()
-        assert watch.told("touch screen gone")
 
 
 def test_no_motion_on_a_steep_plate_is_a_frozen_touch():

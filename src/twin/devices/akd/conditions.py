@@ -20,12 +20,9 @@ _LEVELLED = "level the plate, then hold"
 _NOTED = "noted; the datum is not used"
 _REFUSED = "start refused, bus closed again"
 
-_RESET = "remove the cause, reset the faults (--reset), enable again"
-_RESTART = "remove the cause, then switch off and on again"
-_ALONE = "end the other master, then switch off and on again"
+_RESET = "remove the cause, then run again, with --reset if a drive holds a fault"
+_RESTART = "remove the cause, then run again"
 _NONE = "none needed"
-
-_NEED_RESTART = {_RESTART, _ALONE}
 
 
 def _start(name: str, recovery: str) -> Condition:
@@ -34,8 +31,8 @@ def _start(name: str, recovery: str) -> Condition:
     return Condition(name, _STOP, 4.4, _REFUSED, recovery)
 
 
-ADAPTER_GONE = Condition("CAN adapter gone", _STOP, 0.02, _OFF, _RESTART)
-BUS_OFF = Condition("bus off", _STOP, 0.1, _OFF, _RESTART)
+ADAPTER_GONE = Condition("CAN adapter gone", _STOP, 0.02, _OFF, _RESTART, restart=True)
+BUS_OFF = Condition("bus off", _STOP, 0.1, _OFF, _RESTART, restart=True)
 ERROR_PASSIVE = Condition("error passive", _WARNING, 0.1, "noted", "check cable and termination")
 GARBLED = Condition("garbled adapter bytes", _WARNING, 0.02, _NOTED, _NONE)
 BAD_BUS = _start("CAN bus cannot be opened", "name an interface and channel that exist")
@@ -44,13 +41,22 @@ BIT_RATE = _start("wrong bit rate", "give drives and adapter the same bit rate")
 NODE_ABSENT = _start("drive absent", "check power, cable and the node switches")
 WRONG_IDENTITY = _start("wrong identity", "name the node of an AKD, or its right identity")
 WRONG_SETTING = _start("wrong drive setting", "set the drive, or the configuration, as named")
-SECOND_MASTER = Condition("second master on the bus", _STOP, 0.02, _QUICK, _ALONE)
+SECOND_MASTER = Condition(
+    "second master on the bus",
+    _STOP,
+    0.02,
+    _QUICK,
+    "end the other master, then run again",
+    restart=True,
+)
 # in a run within 0.1 s; at a start after listening, and after drives with torque have lost it
-DUPLICATE_ID = Condition("duplicate node id", _STOP, 0.25, _QUICK, _RESTART)
-HEARTBEAT_LOST = Condition("heartbeat lost", _STOP, 0.08, _QUICK, _RESTART)
-NMT_LEFT = Condition("left operational state", _STOP, 0.03, _QUICK, _RESTART)
-DRIVE_REBOOTED = Condition("drive rebooted", _STOP, 0.01, _QUICK, _RESTART)
-MONITORING_OFF = Condition("monitoring off in the drive", _STOP, 1.2, _QUICK, _RESTART)
+DUPLICATE_ID = Condition("duplicate node id", _STOP, 0.25, _QUICK, _RESTART, restart=True)
+HEARTBEAT_LOST = Condition("heartbeat lost", _STOP, 0.08, _QUICK, _RESTART, restart=True)
+NMT_LEFT = Condition("left operational state", _STOP, 0.03, _QUICK, _RESTART, restart=True)
+DRIVE_REBOOTED = Condition("drive rebooted", _STOP, 0.01, _QUICK, _RESTART, restart=True)
+MONITORING_OFF = Condition(
+    "monitoring off in the drive", _STOP, 1.2, _QUICK, _RESTART, restart=True
+)
 SDO_TIMEOUT = Condition("SDO timeout", _LEVEL, 1.2, _LEVELLED, _RESTART)
 SDO_ABORT = Condition("SDO abort", _LEVEL, 1.2, _LEVELLED, _RESTART)
 
@@ -69,7 +75,7 @@ FROZEN = Condition("motor position frozen", _STOP, 0.1, _QUICK, _RESET)
 PLATE_FROZEN = Condition("plate encoder frozen", _STOP, 0.35, _QUICK, _RESET)
 ENCODER_JUMP = Condition("encoder jump", _STOP, 0.01, _QUICK, _RESET)
 RUNAWAY = Condition("motor does not follow", _STOP, 0.1, _QUICK, _RESET)
-MODE_CHANGED = Condition("unexpected mode", _STOP, 0.01, _QUICK, _RESTART)
+MODE_CHANGED = Condition("unexpected mode", _STOP, 0.01, _QUICK, _RESTART, restart=True)
 
 DRIVE_FAULT = Condition("drive fault", _STOP, 0.01, _QUICK, _RESET)
 FAULT_NUMBER = Condition("fault number", _WARNING, 0.15, "noted", "see the drive's manual")
@@ -80,17 +86,12 @@ STOP_IGNORED = Condition("quick stop ignored", _STOP, 0.4, "heartbeat withheld",
 INTERNAL_LIMIT = Condition("internal limit active", _LEVEL, 0.05, _LEVELLED, _RESET)
 NO_DC_LINK = Condition("no DC link", _STOP, 0.01, _QUICK, _RESET)
 STO_OPEN = Condition(
-    "safe torque off", _STOP, 0.15, _QUICK, "close STO, reset (--reset), enable again"
+    "safe torque off", _STOP, 0.15, _QUICK, "close STO, then run again with --reset"
 )
 RESET_REFUSED = Condition("fault reset refused", _STOP, 0.15, "stays off", _RESET)
 DRIVE_WARNING = Condition("drive warning", _WARNING, 0.01, "noted", "read the drive's warning")
 RELAXED = Condition("safety net relaxed", _WARNING, 0.002, "noted", "take it out of the rig file")
 BAD_COMMAND = Condition("bad rate command", _STOP, 0.002, _QUICK, _RESET)
-
-
-def needs_restart(condition: Condition) -> bool:
-    """Whether a stop for this condition takes switching off and on again, not just a reset."""
-    return condition.severity is _STOP and condition.recovery in _NEED_RESTART
 
 
 CONDITIONS: tuple[Condition, ...] = tuple(
@@ -165,7 +166,7 @@ class FaultReports:
     @property
     def needs_restart(self) -> bool:
         """Whether a reset cannot help."""
-        return any(needs_restart(fault.condition) for fault in self._latched.values())
+        return any(fault.condition.restart for fault in self._latched.values())
 
     def take(self) -> tuple[Fault, ...]:
         """Faults reported since the last call, oldest first."""

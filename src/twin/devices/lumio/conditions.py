@@ -12,14 +12,15 @@ UNPLUGGED = Condition(
     Severity.LEVEL,
     0.1,
     _LEVEL,
-    "plug it in again, then recover: the port is reopened",
+    "plug it in again, then run again",
 )
 BALL_LOST = Condition(
     "ball lost",
     Severity.LEVEL,
     0.12,
     _LEVEL,
-    "put the ball on the plate, then recover and start",
+    "put the ball on the plate, then run again",
+    device=False,
 )
 FROZEN = Condition(
     "touch frozen",
@@ -33,21 +34,21 @@ SWAPPED_AXES = Condition(
     Severity.LEVEL,
     0.1,
     "positions are refused; " + _LEVEL,
-    "check the screen's orientation and the calibration, then recover",
+    "check the screen's orientation and the calibration, then run again",
 )
 RELOCATED = Condition(
     "position jumped and stayed",
     Severity.LEVEL,
     0.1,
     _LEVEL,
-    "take away whatever else touches the screen, then recover and start",
+    "take away whatever else touches the screen, then run again",
 )
 UNKNOWN_PROTOCOL = Condition(
     "protocol not recognised",
     Severity.LEVEL,
     1.5,
     _LEVEL,
-    "check baud rate and protocol in the rig file, then recover",
+    "check baud rate and protocol in the rig file, then run again",
 )
 TWO_CONTACTS = Condition(
     "two contacts", Severity.WARNING, 0.1, "the one nearest the ball is followed", "none needed"

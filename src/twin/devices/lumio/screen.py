@@ -72,7 +72,6 @@ class LumioScreen:
         self._presence = Presence(config.gate, self._stream.report_fault)
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
-        self._recover = threading.Event()
 
     def __enter__(self) -> Self:
         self.start()
@@ -116,14 +115,6 @@ class LumioScreen:
             self._stop.set()
             self._thread.join()
             self._thread = None
-
-    def recover(self) -> None:
-        """On a person's request: forget the ball and open a port that went.
-
-        A port that is still absent is reported by ``faults`` again.
-        """
-        self._presence.forget()
-        self._recover.set()
 
     def read(self) -> Touch:
         """The newest plausible position; before the first one zeros of infinite age.
@@ -210,22 +201,17 @@ class LumioScreen:
         return self._stream.dropped
 
     def _listen(self) -> None:
-        """Read until stopped; a port that goes is waited for until someone asks to recover."""
+        """Read until stopped; a port that has gone is left alone."""
         while not self._stop.is_set():
-            taken = self.listen()
-            if not self.connected:
-                self._stop.wait(self.WAIT)
-            elif taken > self._stream.MOST:
+            if self.listen() > self._stream.MOST:
                 self._stop.wait(self.REST)
+            elif not self.connected:
+                self._stop.wait()
         self._port.close()
         self.connected = False
 
     def listen(self) -> int:
         """Take in what arrives; the number of bytes. The thread does nothing else."""
-        if self._recover.is_set():
-            self._recover.clear()
-            self._stream.forget()
-            self._reopen()
         if not self.connected:
             return 0
         try:
@@ -235,14 +221,6 @@ class LumioScreen:
             return 0
         self._stream.take(self._now(), data)
         return len(data)
-
-    def _reopen(self) -> None:
-        if self.connected:
-            return
-        try:
-            self._open()
-        except ScreenError as error:
-            self._gone(error)
 
     def _gone(self, error: ScreenError) -> None:
         self.connected = False
