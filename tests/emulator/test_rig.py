@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.long, pytest.mark.real_time]
 
 WATCH = {"stale": 200, "unsteady": 51, "lag_time": 1.0, "frozen": 5.0, "answer": 5.0}
 DRIVES = {"silence": 0.5, "answer": 5.0, "watch": WATCH}
-GATE = {"stale": 5.0, "lost": 5.0, "rest": 60.0}
+GATE = {"stale": 1.0, "lost": 1.0, "rest": 10.0}
 """A busy machine must not end these runs: the virtual rig shares the process of the tests."""
 HEARTBEAT = 0x77F
 TICKS = 2 * TICK

@@ -11,9 +11,9 @@ from pydantic import BaseModel, Field
 
 from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
-from twin.devices.akd.nets import wider
 from twin.devices.lumio.calibration import CalibrationError, read_calibration
 from twin.devices.lumio.config import LumioConfig
+from twin.devices.nets import wider
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
 from twin.scenario.schema import LimitsTable
@@ -117,7 +117,7 @@ class RigFile(Section):
         Raises:
             TwinError: If the drives' settings do not go together.
         """
-        found = [*self.servos(period).relaxed]
+        found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
         if self.late_periods > LATE_PERIODS:
             found.append(f"late_periods = {self.late_periods} (default {LATE_PERIODS})")
         for name, default in LimitsTable():

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from twin.devices.akd.nets import bounded, check_ranges, net, relaxed_nets
 from twin.devices.akd.watch import MonitorConfig
+from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
 from twin.errors import ScenarioError
 
 TURN = 2 * math.pi

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twin.devices.akd.nets import bounded, check_ranges, net
+from twin.devices.nets import bounded, check_ranges, net
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.protocols import DECODERS
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError
+from twin.devices.nets import check_ranges, net, relaxed_nets
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlausibilityLimits:
     """Which positions can be those of one ball, and when it is stale, lost or frozen.
+
+    Each is a `net`: relaxed, it is told in every run; beyond its range it is refused.
 
     Attributes:
         speed: Fastest ball, m/s; a run down the whole plate at 10 deg ends at 1.2 m/s.
@@ -29,15 +32,19 @@ class PlausibilityLimits:
         rest: Seconds of rest on a plate tilted further than that, which show the same.
     """
 
-    speed: float = 1.5
-    slack: float = 0.006
-    confirm: int = 3
-    stale: float = 0.06
-    lost: float = 0.1
-    halt: float = 0.08
-    still: int = 4
-    tilt: float = math.radians(2)
-    rest: float = 0.3
+    speed: float = net(1.5, 0.5, 5)
+    slack: float = net(0.006, 0.001, 0.05)
+    confirm: int = net(3, 1, 20, sense=-1)
+    stale: float = net(0.06, 0.01, 1)
+    lost: float = net(0.1, 0.02, 1)
+    halt: float = net(0.08, 0.01, 1)
+    still: int = net(4, 2, 120)
+    tilt: float = net(math.radians(2), 0.01, 0.17)
+    rest: float = net(0.3, 0.05, 10)
+
+    def __post_init__(self) -> None:
+        """Refuse what would be no threshold."""
+        check_ranges(self, "touch.gate.")
 
 
 _WITHDRAWN = (
@@ -85,6 +92,11 @@ class LumioConfig:
                 raise ScreenError(f"touch.{key}: must be one of {', '.join(allowed)}, got {value}")
         if self.baud <= 0:
             raise ScreenError(f"touch.baud: must be positive, got {self.baud}")
+
+    @property
+    def relaxed(self) -> tuple[str, ...]:
+        """Every safety net that is wider than by default, in words."""
+        return tuple(relaxed_nets(self.gate, "touch.gate."))
 
     @property
     def capacity(self) -> float:

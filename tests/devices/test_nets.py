@@ -1,5 +1,6 @@
 """Safety nets of a rig file: absurd values are refused by name, relaxed ones are told."""
 
+import math
 from dataclasses import fields
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
 from twin.devices.akd.watch import MonitorConfig
+from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.virtual import EmulatedPlant
 from twin.errors import ScenarioError
@@ -14,6 +16,10 @@ from twin.run.assemble import build_limits
 from twin.scenario.rig import check_rig
 
 TOUCH = {"touch": {"port": "x"}}
+
+
+def gate(**thresholds):
+    return {"touch": {"port": "x", "gate": thresholds}}
 
 
 def rig(**tables):
@@ -34,6 +40,9 @@ def rig(**tables):
         ({"phi": {"node": 1, "limit_unit": 0.0}}, "phi.limit_unit = 0.0: must be"),
         ({"theta": {"node": 2, "gear": -1.0}}, "theta.gear = -1.0: must be"),
         ({"theta": {"node": 2, "plate_counts": 0}}, "theta.plate_counts = 0"),
+        (gate(stale=1e9), "touch.gate.stale = 1000000000.0: must be 0.01 to 1"),
+        (gate(lost=5.0), "touch.gate.lost = 5.0: must be 0.02 to 1"),
+        (gate(confirm=0), "touch.gate.confirm = 0: must be 1 to 20"),
         ({"bus": {"bitrate": 800_000}}, "bus.bitrate = 800000: an AKD knows 125000"),
         ({"bus": {"bitrate": 250_000}}, "take 161 % of its 2 ms"),
     ],
@@ -45,12 +54,20 @@ def test_an_absurd_value_is_refused_by_name(tables, words):
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("name", [each.name for each in fields(MonitorConfig)])
-@pytest.mark.parametrize("value", [0, -1])
-def test_no_threshold_of_the_monitoring_can_be_zero_or_negative(name, value):
-    wrong = (value, value) if name == "slack" else value
-    with pytest.raises(ScenarioError, match=f"drives.watch.{name}"):
-        MonitorConfig(**{name: wrong})
+@pytest.mark.parametrize(
+    ("settings", "prefix", "name"),
+    [
+        (cls, prefix, each.name)
+        for cls, prefix in ((MonitorConfig, "drives.watch"), (PlausibilityLimits, "touch.gate"))
+        for each in fields(cls)
+    ],
+)
+@pytest.mark.parametrize("value", [0, -1, 1e9, math.inf, math.nan])
+def test_no_threshold_can_be_zero_negative_or_endless(settings, prefix, name, value):
+    default = getattr(settings(), name)
+    wrong = (value, value) if isinstance(default, tuple) else value
+    with pytest.raises(ScenarioError, match=f"{prefix}.{name}"):
+        settings(**{name: wrong})
 
 
 @pytest.mark.parametrize(
@@ -60,6 +77,8 @@ def test_no_threshold_of_the_monitoring_can_be_zero_or_negative(name, value):
         ({"drives": {"torque_limit": 6.0}}, "drives.torque_limit = 6.0 (default 4.5)"),
         ({"drives": {"watch": {"stale": 100}}}, "drives.watch.stale = 100 (default 10)"),
         ({"drives": {"watch": {"slack": (0.02, 0.01)}}}, "drives.watch.slack"),
+        (gate(stale=0.5), "touch.gate.stale = 0.5 (default 0.06)"),
+        (gate(confirm=2), "touch.gate.confirm = 2 (default 3)"),
         ({"late_periods": 100}, "late_periods = 100 (default 25)"),
         ({"limits": {"rate_deg": 60.0}}, "limits.rate_deg = 60.0 (default 35.0)"),
         ({"limits": {"area": (0.25, 0.2)}}, "limits.area"),
@@ -72,7 +91,11 @@ def test_a_relaxed_net_is_told_with_its_default(tables, words):
 
 
 def test_defaults_and_tighter_nets_relax_nothing():
-    tighter = rig(drives={"silence": 0.05, "watch": {"stale": 5}}, limits={"angle_deg": 5.0})
+    tighter = rig(
+        drives={"silence": 0.05, "watch": {"stale": 5}},
+        limits={"angle_deg": 5.0},
+        **gate(lost=0.08, confirm=5),
+    )
     assert rig().relaxed(0.002) == tighter.relaxed(0.002) == ()
 
 

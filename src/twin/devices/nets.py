@@ -1,7 +1,6 @@
 """Ranges of settings, and which of them are safety nets that a rig file may relax, with a warning.
 
-A net is a threshold whose larger values notice less or allow more; beyond its range it would be
-none.
+A net is a threshold; beyond its range it would be none.
 """
 
 from __future__ import annotations
@@ -13,9 +12,17 @@ from typing import Any
 from twin.errors import ScenarioError
 
 
-def net(default: Any, low: float, high: float, **metadata: Any) -> Any:
-    """A field that is a safety net: larger than its default it is relaxed."""
-    return field(default=default, metadata={"range": (low, high), "net": True, **metadata})
+def net(default: Any, low: float, high: float, *, sense: int = 1, **metadata: Any) -> Any:
+    """A field that is a safety net.
+
+    Args:
+        default: Its default.
+        low: Least value.
+        high: Largest value.
+        sense: 1 where larger values notice less or allow more, -1 where smaller ones do.
+        metadata: Further metadata.
+    """
+    return field(default=default, metadata={"range": (low, high), "net": sense, **metadata})
 
 
 def bounded(default: Any, low: float, high: float, **metadata: Any) -> Any:
@@ -47,12 +54,12 @@ def relaxed_nets(settings: Any, prefix: str) -> Iterator[str]:
     """Every net that is wider than by default: key, value and default."""
     for each in fields(settings):
         value = getattr(settings, each.name)
-        if each.metadata.get("net") and wider(value, each.default):
+        if (sense := each.metadata.get("net")) and wider(value, each.default, sense):
             yield f"{prefix}{each.name} = {value} (default {each.default})"
 
 
-def wider(value: Any, default: Any) -> bool:
-    """Whether a number, or one of a tuple, is larger than by default."""
+def wider(value: Any, default: Any, sense: int = 1) -> bool:
+    """Whether a number, or one of a tuple, is on the relaxed side of its default."""
     if isinstance(default, tuple):
-        return any(wider(*pair) for pair in zip(value, default, strict=True))
-    return bool(value > default)
+        return any(wider(*pair, sense) for pair in zip(value, default, strict=True))
+    return bool(sense * (value - default) > 0)
