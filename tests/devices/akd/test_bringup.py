@@ -75,6 +75,19 @@ def test_after_the_start_the_drive_holds_what_was_meant(rig):
     assert {key: store.get(*key) for key in WRITTEN} == WRITTEN
 
 
+@pytest.mark.parametrize("key", WRITTEN, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
+def test_a_drive_that_keeps_something_else_is_refused_by_object(rig, key, monkeypatch):
+    store, write = rig.drives[0].store, rig.drives[0].store.write
+
+    def forgetful(index, sub, data, **more):
+        write(index, sub, data, **more)
+        if (index, sub) == key and store.get(*key) == WRITTEN[key]:
+            store.set(*key, WRITTEN[key] + max(1, abs(WRITTEN[key]) // 200))  # 0.5 % off
+
+    monkeypatch.setattr(store, "write", forgetful)
+    assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
+
+
 def test_after_the_start_both_drives_are_operational_without_torque(rig):
     rig.servos.start()
     assert [drive.nmt for drive in rig.drives] == [5, 5]
@@ -220,6 +233,28 @@ def test_a_setting_that_is_refused_names_object_and_reason(rig):
 def test_a_drive_that_stops_answering_in_between_is_noticed(rig):
     rig.bus.faults.drop(0x581, after=0.2)
     assert refused(rig, c.SDO_TIMEOUT).endswith("no answer")
+
+
+@pytest.mark.parametrize("silent", [0, 1])
+def test_a_drive_that_falls_silent_keeps_no_torque_in_the_other_for_long(rig, silent):
+    there = rig.drives[1 - silent]
+    left_with_torque(there, Power.OPERATION_ENABLED, 6)
+    off = []
+
+    def watch(_):
+        if not there.power.live and not off:
+            off.append(rig.bus.time)
+
+    def vendor():  # the last thing it tells
+        rig.drives[silent].sdo_silent = True
+        return 0x6A
+
+    rig.bus.moved = watch
+    begin = rig.bus.time
+    rig.drives[silent].store.live(0x1018, 1, vendor)
+    refused(rig, c.SDO_TIMEOUT)
+    assert off[0] - begin < 0.75
+    assert rig.bus.time - begin < 1.0
 
 
 def test_a_drive_without_heartbeat_does_not_become_operational(rig):

@@ -39,6 +39,8 @@ _BEFORE = 0.1
 """Time in s that is listened before anything is sent: another host's heartbeat is heard in it."""
 _LISTEN = 0.05
 """Time in s in which a second node with the same id would answer too."""
+_PROMPT = 0.25
+"""Longest wait in s for an SDO answer while a drive may have torque; an AKD takes some ms."""
 _SETTLE = 0.02
 """Time in s after which nothing of an earlier exchange is on its way any more."""
 
@@ -104,14 +106,19 @@ def _command(network: Network, command: int, axis: AxisConfig) -> None:
 
 
 def _without_torque(network: Network, remotes: list[Remote]) -> None:
-    """Identify every drive and take its torque away; one that is wrong spares no other."""
+    """Identify every drive and take its torque away; one that is wrong spares no other.
+
+    A drive that falls silent here is given up soon: the next one may have torque.
+    """
     failures = []
+    patience, network.answer = network.answer, min(network.answer, _PROMPT)
     for remote in remotes:
         try:
             _identify(network, remote)
             take_torque_away(remote)
         except DriveError as error:
             failures.append(error)
+    network.answer = patience
     if failures:
         raise failures[0]
 
@@ -209,10 +216,10 @@ def _map_pdos(remote: Remote, with_plate: bool) -> None:
     for number in range(4):
         for base, cob_id in ((0x1400, frames.RPDO1), (0x1800, frames.TPDO1)):
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
-    remote.map_pdo(remote.node.rpdo, 1, frames.RPDO1 + node, frames.RPDO1_MAP)
-    remote.map_pdo(remote.node.tpdo, 1, frames.TPDO1 + node, frames.TPDO1_MAP)
+    remote.map_pdo(0x1400, frames.RPDO1 + node, frames.RPDO1_MAP)
+    remote.map_pdo(0x1800, frames.TPDO1 + node, frames.TPDO1_MAP)
     feedback = (frames.VELOCITY, axis.plate_object) if with_plate else (frames.VELOCITY,)
-    remote.map_pdo(remote.node.tpdo, 2, frames.TPDO2 + node, feedback)
+    remote.map_pdo(0x1801, frames.TPDO2 + node, feedback)
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:

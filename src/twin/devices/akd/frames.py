@@ -41,6 +41,8 @@ _TPDO1 = struct.Struct("<Hbi")
 _TPDO2 = struct.Struct("<ii")
 _TPDO2_WITHOUT_PLATE = struct.Struct("<i")
 _CODE = struct.Struct("<H")
+SDO_ABORT = 0x80
+"""First byte of an SDO frame that ends a transfer; it has no answer."""
 _SDO_READ, _SDO_WRITE_32_BIT = 0x40, 0x23
 
 NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}

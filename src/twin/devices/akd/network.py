@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,6 +24,11 @@ from twin.devices.akd.dictionary import kept
 
 BUS_ERRORS = (can.CanError, OSError, SerialException)
 """What python-can and the drivers below it raise when an adapter goes."""
+
+AT_EVERY_SYNC = 1
+"""Transmission type of a PDO that is exchanged at every SYNC."""
+FIRST_TRANSMIT = 0x1800
+"""Index of the parameters of the first PDO that a drive sends."""
 
 _SERVICES = (frames.HEARTBEAT, frames.SDO_RESPONSE, frames.TPDO1, frames.TPDO2)
 
@@ -52,9 +57,9 @@ class Network(canopen.Network):  # type: ignore[misc]
         self.bus_errors = 0
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send, and for an SDO request wait until its answer is in."""
+        """Send, and for an SDO request wait until its answer is in; an abort has none."""
         super().send_message(can_id, data, remote)
-        if can_id & ~frames.NODE_MASK == frames.SDO_REQUEST:
+        if can_id & ~frames.NODE_MASK == frames.SDO_REQUEST and data[0] != frames.SDO_ABORT:
             node = can_id & frames.NODE_MASK
             before = self.answers.get(node, 0)
             self.pump(self.answer, lambda: self.answers.get(node, 0) > before)
@@ -138,21 +143,28 @@ class Remote:
             what = f"{index:04X}h:{sub} ({variable.od.name}) keeps {read}, not {value}"
             raise DriveError(WRONG_SETTING, self.axis.where, what)
 
-    def map_pdo(self, maps: Any, number: int, cob_id: int, entries: Any) -> None:
-        """Map a PDO to be exchanged at every SYNC.
+    def map_pdo(self, parameters: int, cob_id: int, entries: Sequence[tuple[int, int]]) -> None:
+        """Map a PDO that is switched off, in the order of CiA 301, and switch it on.
+
+        Args:
+            parameters: Index of its parameters; its mapping lies 200h above.
+            cob_id: Its identifier.
+            entries: Index and subindex of what it carries.
 
         Raises:
-            DriveError: If the drive does not answer, or refuses.
+            DriveError: If the drive does not answer, refuses, or keeps something else.
         """
-        with self._errors(f"mapping PDO {cob_id:03X}h"):
-            pdo = maps[number]
-            pdo.clear()
-            for index, sub in entries:
-                pdo.add_variable(index, sub)
-            pdo.cob_id, pdo.trans_type, pdo.enabled = cob_id, 1, True
-            if cob_id & frames.SYNC:
-                pdo.inhibit_time, pdo.event_timer = 0, 0
-            pdo.save()
+        mapping = parameters + 0x200
+        self.write(parameters, 2, AT_EVERY_SYNC)
+        if parameters >= FIRST_TRANSMIT:
+            self.write(parameters, 3, 0)  # no inhibit time
+            self.write(parameters, 5, 0)  # no event timer
+        self.write(mapping, 0, 0)
+        for place, (index, sub) in enumerate(entries, 1):
+            bits = len(self._variable(index, sub).od)
+            self.write(mapping, place, index << 16 | sub << 8 | bits)
+        self.write(mapping, 0, len(entries))
+        self.write(parameters, 1, cob_id)
 
     def _variable(self, index: int, sub: int) -> Any:
         item = self.node.sdo[index]

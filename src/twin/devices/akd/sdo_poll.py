@@ -12,7 +12,6 @@ from twin.devices.akd.bringup import monitoring
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import AkdConfig
 
-_ABORT = 0x80
 _EXPEDITED = 0x43
 
 _MONITORING = (0x1016, 1)
@@ -81,7 +80,7 @@ class SdoReader:
         if SdoRequest(node, index, sub) != self._pending:
             return None
         pending = self._pending
-        if command == _ABORT:
+        if command == frames.SDO_ABORT:
             self._pending = None
             return SdoResponse(pending, value, aborted=True)
         if command & ~0x0C != _EXPEDITED:
