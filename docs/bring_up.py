@@ -29,15 +29,18 @@ def said(command: str) -> str:
     """
     for _ in range(TRIES):
         with TemporaryDirectory() as folder:
-            done = subprocess.run(
-                [sys.executable, "-c", CALL, *command.split()],
-                cwd=folder,
-                env={**os.environ, "COLUMNS": "100", "NO_COLOR": "1"},
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                check=False,
-            )
+            for each in command.split(" && "):
+                done = subprocess.run(
+                    [sys.executable, "-c", CALL, *each.split()],
+                    cwd=folder,
+                    env={**os.environ, "COLUMNS": "100", "NO_COLOR": "1"},
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                    text=True,
+                    check=False,
+                )
+                if done.returncode:
+                    break
         if done.returncode == 0 and "fault at" not in done.stdout:
             text: str = done.stdout
             for pattern, port in PORTS:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import ballplate as bp
 from twin.cli.doctor import doctor
 from twin.devices import scheduling
 from twin.devices.akd.config import AkdConfig
@@ -15,7 +16,6 @@ from twin.doctor import drives
 from twin.doctor.cams import measure
 from twin.doctor.check import CheckStatus, failed, passed, warned
 from twin.doctor.computer import computer
-from twin.doctor.delay import dead_time, delay
 from twin.doctor.examine import _drives
 from twin.doctor.limits import limits
 from twin.doctor.swapped import swapped
@@ -23,12 +23,12 @@ from twin.doctor.verdict import next_step
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
-from twin.emulator.screen import FRAME
 from twin.emulator.virtual import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
 from twin.run.assemble import build_limits
+from twin.run.execute import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
 
@@ -125,27 +125,14 @@ def test_an_absent_drive_is_named_with_what_to_do():
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [0.02, 0.08])
-def test_the_dead_time_is_measured_to_5_ms(scenario, late):
-    chosen = scenario(f"sensors.touch.dead_time={late}", "plant.friction.rolling_mm=0.18")
+def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(scenario, late, tmp_path):
+    chosen = load("excite", [f"sensors.touch.dead_time={late}", "plant.kind=lagrange"])
     plant = EmulatedPlant(chosen)
     limits = build_limits(chosen.rig.limits)
     rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
-    (result,) = dead_time(rig, late)
-    assert result.status is CheckStatus.PASS
-    measured = float(result.seen.split()[0]) / 1000
-    assert abs(measured - (late + FRAME / 2)) < 0.005
-
-
-def test_a_known_delay_is_found_from_a_made_up_way():
-    t = np.arange(0, 10, 0.002)
-    plate = 0.01 * np.stack((np.cos(3 * t), np.sin(7 * t)), axis=1)
-    # x'' = c1 g phi, y'' = -c1 g theta, integrated by hand for small angles
-    pull = 5 / 7 * 9.81 * 0.01
-    late = t - 0.05
-    ball = pull * np.stack((-np.cos(3 * late) / 9, np.sin(7 * late) / 49), axis=1)
-    found, rest = delay(t, plate, ball)
-    assert abs(found - 0.05) < 0.002
-    assert rest < 2e-5
+    record_run(run(chosen, rig=rig), tmp_path)
+    found = bp.identify(tmp_path).settings["sensors"]["touch"]["dead_time"]
+    assert abs(found - late) < 0.005
 
 
 @pytest.fixture
@@ -334,7 +321,7 @@ def test_the_doctor_ends_with_ready_or_the_next_step():
     good, doubt = passed("a", "fine"), warned("b", "old", "measure it again")
     bad = failed("c", "no DC link", "switch the main supply on")
     assert next_step([good, doubt], "rig.toml", move=False).endswith("doctor --rig rig.toml --move")
-    assert next_step([good], "rig.toml", move=True).startswith("ready: ballplate run circle")
+    assert next_step([good], "rig.toml", move=True).startswith("ready: put the ball on")
     assert "1 reservations" in next_step([good, doubt], "rig.toml", move=True)
     told = next_step([good, bad, failed("d", "x", "y")], "rig.toml", move=True)
     assert told == "not ready; next step (c): switch the main supply on"

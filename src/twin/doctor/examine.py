@@ -10,13 +10,12 @@ from twin.devices.scheduling import real_time
 from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, CheckStatus, warned
 from twin.doctor.computer import computer
-from twin.doctor.delay import dead_time
 from twin.doctor.limits import limits
 from twin.doctor.panels import calibrated, plugged_in
 from twin.doctor.steps import exchange
 from twin.doctor.swapped import swapped
 from twin.doctor.touch import touch
-from twin.run.connect import cams_of, connect
+from twin.run.connect import cams_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
@@ -36,31 +35,20 @@ def examine(
     yield from computer(scenario, rig)
     screen = LumioScreen(rig.screen())
     yield from plugged_in(screen.config)
-    touched = []
     try:
-        for result in touch(screen, ask, rig.patience):
-            touched.append(result)
-            yield result
+        yield from touch(screen, ask, rig.patience)
     finally:
         screen.stop()
     yield calibrated(rig, screen.extent)
     servos = AkdServos(rig.servos(scenario.rig.period))
-    found: list[CheckResult] = []
     try:
         with real_time():
-            for result in _drives(servos, rig, ask, move=move, reset=reset):
-                found.append(result)
-                yield result
+            yield from _drives(servos, rig, ask, move=move, reset=reset)
     finally:
         servos.stop()
-    good = all(each.status is not CheckStatus.FAIL for each in (*touched, *found))
-    if move and good:
-        ask("put")
-        expected = scenario.predictor.delay if scenario.predictor else 0.0
-        yield from dead_time(connect(scenario, rig, reset=True), expected)
-    elif not move:
+    if not move:
         advice = "hands off the plate, then: ballplate doctor --move"
-        yield warned("torque, heartbeat, encoders, dead time", "not tested", advice)
+        yield warned("torque, heartbeat, encoders", "not tested", advice)
 
 
 def _drives(

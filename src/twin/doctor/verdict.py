@@ -25,4 +25,7 @@ def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
         return f"not ready; next step: hands off the plate, then {command}"
     warnings = sum(each.status is CheckStatus.WARN for each in found)
     some = f", with {warnings} reservations above" if warnings else ""
-    return f"ready{some}: ballplate run circle --rig {rig}"
+    return (
+        f"ready{some}: put the ball on, then ballplate run excite --rig {rig}, and "
+        "ballplate identify runs/excite for the dead time and the friction"
+    )
