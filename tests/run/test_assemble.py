@@ -13,6 +13,7 @@ from controllers.state_feedback import LQR
 from twin.errors import ModelError, ScenarioError
 from twin.hal.limits import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble
+from twin.run.batch import simulate
 from twin.run.execute import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
@@ -190,12 +191,17 @@ def test_a_ball_out_of_balance_beside_one_in_balance_is_refused_by_name():
         assemble([load("circle"), load("circle", ["plant.ball.offset_mm=[1, 0, 0]"])])
 
 
-def test_surfaces_of_differing_grids_are_refused_by_name():
-    patches = [
-        ["plant.surface.spread_percent=20", f"plant.surface.patch_mm={mm}"] for mm in (30, 90)
+def test_screens_whose_grids_differ_lie_side_by_side_as_alone():
+    usual = ["plant.surface.spread_percent=20", "plant.surface.slope_deg=0.1"]
+    rigs = [[*usual, f"plant.surface.patch_mm={mm}"] for mm in (30, 90)]
+    rigs += [
+        [],
+        ["plant.surface.relative=[[1.0, 1.2], [0.9, 1.0]]"],
     ]
-    with pytest.raises(ModelError, match=r"plant\.surface: .* grids of one size"):
-        assemble([load("circle", each) for each in patches])
+    scenarios = [load("circle", [*each, "duration=0.6"]) for each in rigs]
+    alone = [simulate([one])[0] for one in scenarios]
+    assert simulate(scenarios) == alone
+    assert len({each.rms_error for each in alone}) == len(alone)
 
 
 def test_the_references_of_a_batch_can_be_asked_ahead():

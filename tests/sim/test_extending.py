@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from controllers.arrays import Number, column
-from twin.errors import ScenarioError
+from twin.errors import ModelError, ScenarioError
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import assemble
 from twin.run.execute import run
-from twin.run.plants import PLANTS
+from twin.run.plants import PLANTS, change_plant
 from twin.scenario import load
 from twin.scenario.load import validated
 from twin.scenario.tables import table
@@ -90,6 +90,12 @@ class Frictionless:
 
     def telemetry(self):
         return self.x[:, :0]
+
+
+def test_a_plant_that_nobody_knows_how_to_change_is_refused_in_a_line():
+    scenario = load("circle", EXACT)
+    with pytest.raises(ModelError, match=r"plant\.kind: Frictionless cannot be changed"):
+        change_plant(Frictionless(1, 0.001), [scenario])
 
 
 def test_a_plant_is_one_class_and_one_entry(monkeypatch):

@@ -47,7 +47,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
         "balanced": not any(scenario.plant.ball.offset_mm),
         "level": any(scenario.plant.level_deg),
         "sloping": surface is not None and surface.sloping,
-        "patches": None if surface is None else surface.shape,
+        "patches": surface is not None,
         "change": [change.model_dump() for change in scenario.change],
     }
 

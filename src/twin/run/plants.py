@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.ballplate import BallPlate
+from twin.errors import ModelError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
 from twin.scenario.schema import Scenario
@@ -21,6 +22,9 @@ from twin.sim.plant.interface import Plant
 from twin.sim.plant.parts import Parts
 from twin.sim.plant.surface import SurfaceMap, SurfaceModel
 from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
+
+if TYPE_CHECKING:
+    from twin.sim.plant.mechanism import Mechanism
 
 
 def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:
@@ -48,10 +52,7 @@ def change_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     if isinstance(plant, ExactPlant):
         plant.change(**_equations(scenarios))
         return
-    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
-
-    assert isinstance(plant, Mechanism)
-    plant.change(build_friction(scenarios) or Friction(), _parts(scenarios))
+    _mechanism_of(plant).change(build_friction(scenarios) or Friction(), _parts(scenarios))
 
 
 def rebuild_plant(
@@ -77,10 +78,7 @@ def rebuild_plant(
     if isinstance(plant, ExactPlant):
         plant.change(**_equations(scenarios))
         return
-    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
-
-    assert isinstance(plant, Mechanism)
-    plant.rebuild(rigs, _parts(fresh), build_friction(scenarios) or Friction())
+    _mechanism_of(plant).rebuild(rigs, _parts(fresh), build_friction(scenarios) or Friction())
 
 
 def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
@@ -102,10 +100,21 @@ def prepare_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     """
     if isinstance(plant, ExactPlant):
         return
+    _mechanism_of(plant).foresee(_parts(scenarios))
+
+
+def _mechanism_of(plant: Plant) -> Mechanism:
+    """The plant as a mechanism.
+
+    Raises:
+        ModelError: If it is another plant, of which nobody knows how it changes.
+    """
     from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
 
-    assert isinstance(plant, Mechanism)
-    plant.foresee(_parts(scenarios))
+    if not isinstance(plant, Mechanism):
+        kind = type(plant).__name__
+        raise ModelError(f"plant.kind: {kind} cannot be changed while it runs; see change_plant")
+    return plant
 
 
 def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:

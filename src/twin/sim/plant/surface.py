@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.errors import ModelError
@@ -33,6 +35,8 @@ class SurfaceMap:
     height: Array | None = None
     _grids: Array = field(init=False, repr=False)
     """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
+    _steps: NDArray[np.integer] = field(init=False, repr=False)
+    """Steps of each rig's grid along x and y, shape (N, 2); what lies beyond is not used."""
 
     def __post_init__(self) -> None:
         """Check the grids and work out the slopes."""
@@ -58,11 +62,8 @@ class SurfaceMap:
             slopes = np.gradient(np.asarray(self.height, float), *across, axis=(-2, -1))
             grids[..., 1], grids[..., 2] = slopes
         object.__setattr__(self, "_grids", grids.reshape(-1, *shape[-2:], 3))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Lines of the grid along x and y."""
-        return self._grids.shape[1], self._grids.shape[2]
+        steps = np.subtract(shape[-2:], 1)
+        object.__setattr__(self, "_steps", np.tile(steps, (len(self._grids), 1)))
 
     @property
     def sloping(self) -> bool:
@@ -75,13 +76,13 @@ class SurfaceMap:
         Args:
             position: Ball in plate axes in m, shape (..., 2); beside the screen its edge counts.
         """
-        _, n, m, _ = self._grids.shape
-        u = np.clip((position[..., 0] / SCREEN[0] + 0.5) * (n - 1), 0, n - 1)
-        v = np.clip((position[..., 1] / SCREEN[1] + 0.5) * (m - 1), 0, m - 1)
-        i = np.minimum(u.astype(int), n - 2)
-        j = np.minimum(v.astype(int), m - 2)
-        s, t = (u - i)[..., None], (v - j)[..., None]
         rig = np.arange(len(self._grids)) if len(self._grids) > 1 else 0
+        n, m = self._steps[rig, 0], self._steps[rig, 1]
+        u = np.clip((position[..., 0] / SCREEN[0] + 0.5) * n, 0, n)
+        v = np.clip((position[..., 1] / SCREEN[1] + 0.5) * m, 0, m)
+        i = np.minimum(u.astype(int), n - 1)
+        j = np.minimum(v.astype(int), m - 1)
+        s, t = (u - i)[..., None], (v - j)[..., None]
         g = self._grids
         near = (1 - t) * g[rig, i, j] + t * g[rig, i, j + 1]
         far = (1 - t) * g[rig, i + 1, j] + t * g[rig, i + 1, j + 1]
@@ -112,26 +113,21 @@ class SurfaceMap:
 
     @classmethod
     def stacked(cls, maps: Sequence[SurfaceMap | None]) -> SurfaceMap | None:
-        """The surfaces of N rigs as one; None stands for an even, level one.
-
-        Raises:
-            ModelError: If their grids differ in shape.
-        """
-        given = [each for each in maps if each is not None]
-        if not given or all(each is maps[0] for each in maps):
+        """The surfaces of N rigs, of one each, as one; None stands for an even, level one."""
+        if all(each is maps[0] for each in maps):
             return maps[0]
-        shape = given[0].shape
-        if any(each.shape != shape for each in given):
-            raise ModelError("plant.surface: the rigs of a batch need grids of one size")
-        even, level = np.ones(shape), np.zeros(shape)
-
-        def grid(name: str, otherwise: Array) -> Array | None:
-            found = [getattr(each, name) if each is not None else None for each in maps]
-            if all(one is None for one in found):
-                return None
-            return np.stack([otherwise if one is None else np.asarray(one) for one in found])
-
-        return cls(relative=grid("relative", even), height=grid("height", level))
+        even = cls(relative=np.ones((2, 2)))
+        given = [even if each is None else each for each in maps]
+        steps = np.concatenate([each._steps for each in given])
+        grids = np.zeros((len(given), *(steps.max(axis=0) + 1), 3))
+        for all_of_it, each in zip(grids, given, strict=True):
+            _, n, m, _ = each._grids.shape
+            all_of_it[:n, :m] = each._grids[0]
+        stacked = copy(even)
+        object.__setattr__(stacked, "relative", None)
+        object.__setattr__(stacked, "_grids", grids)
+        object.__setattr__(stacked, "_steps", steps)
+        return stacked
 
 
 Grid = tuple[tuple[float, ...], ...]
