@@ -1,3 +1,4 @@
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -103,8 +104,13 @@ def test_a_second_process_does_not_outlive_the_first():
     first = subprocess.Popen([sys.executable, "-c", ORPHAN], stdout=subprocess.PIPE, text=True)
     second = int(first.stdout.readline())
     first.kill()
-    first.communicate()
-    assert gone(second)
+    first.wait()
+    try:
+        assert gone(second)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(second, signal.SIGKILL)
+        first.stdout.close()
 
 
 def test_results_are_the_same_on_any_number_of_processes():

@@ -72,7 +72,7 @@ def connected(
         host = connect(scenario, tables, reset=reset, transmission=known)
         follow_changes(host, scenario, known, virtual.begin)
         yield host
-        reporter.note(virtual.tell("lag"))
+        reporter.note(virtual.lag())
 
 
 def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:

@@ -1,6 +1,8 @@
 """The doctor on emulated devices: in bus time where it can, on the wire once."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +12,9 @@ from click.testing import CliRunner
 import ballplate as bp
 from twin.cli.doctor import doctor
 from twin.devices import scheduling
+from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.watch import MonitorConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.cams import measure
@@ -289,21 +293,63 @@ def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario,
         plant = rig_on_a_plant(chosen, rig)
         plant.present = False
         rig.servos.start()
-        (found,) = swapped(rig.servos, plant.transmission, lambda _: plant.edge(), 5.0)
+        (found,) = swapped(rig.servos, plant.transmission, lambda _: plant.edge())
         assert not any(drive.enabled for drive in rig.drives)
     assert (found.status is CheckStatus.PASS) is (nodes == (1, 2)), found
     if nodes == (2, 1):
         assert found.advice == "exchange phi.node and theta.node in the rig file"
 
 
+def nobody(_):
+    raise EOFError
+
+
+def slow(_):
+    time.sleep(0.3)
+    return "SHORT "
+
+
 @pytest.mark.long
-def test_who_does_not_answer_is_asked_to_watch_and_the_drives_do_not_fault(scenario):
+@pytest.mark.parametrize(
+    ("ask", "status"),
+    [(nobody, CheckStatus.WARN), (slow, CheckStatus.PASS)],
+    ids=["nobody", "slow"],
+)
+def test_whoever_is_asked_may_take_their_time_or_not_be_there(scenario, ask, status):
     with LockstepDrives() as rig:
         plant = rig_on_a_plant(scenario("plant.kind=lagrange"), rig)
         rig.servos.start()
-        (found,) = swapped(rig.servos, plant.transmission, lambda _: "", 0.5)
+        before = set(threading.enumerate())
+        (found,) = swapped(rig.servos, plant.transmission, ask)
+        assert set(threading.enumerate()) == before  # nobody is left who would swallow a line
         assert not any(drive.fault_numbers for drive in rig.drives)
-    assert found.status is CheckStatus.WARN
+    assert found.status is status
+
+
+def test_a_drive_whose_rate_comes_once_is_not_judged_by_it():
+    watch = MonitorConfig(stale=200, unsteady=51)
+    with LockstepDrives(AkdConfig(watch=watch)) as rig:
+        rig.bus.faults.drop(0x281)
+        found = by_name(limits(rig.servos))
+    assert found["phi limits"].status is CheckStatus.WARN
+    assert "too irregular" in found["phi limits"].seen
+
+
+def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
+    with LockstepDrives() as rig:
+        start = rig.servos.start
+
+        def once():
+            monkeypatch.setattr(rig.servos, "start", refuse)
+            start()
+
+        def refuse():
+            raise DriveError(WRONG_SETTING, "drive phi", "keeps something else")
+
+        monkeypatch.setattr(rig.servos, "start", once)
+        last = list(limits(rig.servos))[-1]
+    assert last.status is CheckStatus.FAIL
+    assert "keeps something else" in last.seen
 
 
 def test_plate_encoders_plugged_crosswise_are_named(scenario):

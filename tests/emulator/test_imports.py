@@ -1,6 +1,7 @@
 """What the emulator may know: nothing of the host's reading of the protocol, and no one system."""
 
 import ast
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import twin.emulator
 from twin.cli.emulate import emulate
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
-from twin.emulator.process import emulated
+from twin.emulator.process import Emulator, emulated
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.errors import RigError
 
@@ -84,3 +85,13 @@ def test_the_command_that_needs_a_port_ends_with_that_line(monkeypatch, tmp_path
     with pytest.raises(RigError, match="pseudo-terminals"):
         CliRunner().invoke(emulate, arguments, standalone_mode=False, catch_exceptions=False)
     assert not file.exists()
+
+
+def test_a_rig_whose_process_has_ended_says_so_in_a_line():
+    ours, theirs = multiprocessing.Pipe()
+    theirs.close()
+    rig = Emulator(None, ours, {})
+    rig.begin()
+    assert rig.lag() == "emulated rig: its process has ended; was it killed?"
+    with pytest.raises(RigError, match="has ended"):
+        rig.tell("lift")

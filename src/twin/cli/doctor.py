@@ -92,7 +92,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
         return
     with emulated(scenario) as virtual:
         yield check_rig(virtual.tables, EMULATED), virtual.tell
-        errors.print(virtual.tell("lag"), style="dim", highlight=False)
+        errors.print(virtual.lag(), style="dim", highlight=False)
 
 
 def _ask(word: str) -> str:

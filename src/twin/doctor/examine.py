@@ -85,4 +85,4 @@ def _motion(servos: AkdServos, rig: RigFile, _: Ask) -> Iterator[CheckResult]:
 
 
 def _swapped(servos: AkdServos, rig: RigFile, ask: Ask) -> Iterator[CheckResult]:
-    return swapped(servos, cams_of(rig), ask, rig.patience)
+    return swapped(servos, cams_of(rig), ask)

@@ -63,7 +63,10 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
     finally:
         servos.config = usual
         servos.stop()
-    servos.start()
+    try:
+        servos.start()
+    except TwinError as error:
+        yield failed("limits in the drives", str(error), "see the fault")
 
 
 def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
@@ -87,8 +90,9 @@ def _stop(faults: Iterable[Fault]) -> Fault | None:
 
 def _judged(name: str, times: Array, rates: Array) -> CheckResult:
     what = f"{name} limits"
-    if np.diff(times).max() > GAP:
-        seen = f"answers up to {1e3 * np.diff(times).max():.0f} ms apart: too irregular to judge"
+    if len(times) < 2 or np.diff(times).max() > GAP:
+        apart = 1e3 * (np.diff(times).max() if len(times) > 1 else SECONDS)
+        seen = f"answers up to {apart:.0f} ms apart: too irregular to judge"
         return warned(what, seen, "close other programs, then repeat")
     held = float(np.median(rates[len(rates) // 2 :]))
     begin, end = (float(times[np.argmax(rates >= share * held)]) for share in (0.1, 0.9))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import pairwise
 from math import radians
 from threading import Thread
@@ -23,9 +24,7 @@ EDGES = ("short", "long")
 """Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
 
 
-def swapped(
-    servos: AkdServos, cams: Transmission, ask: Ask, patience: float
-) -> Iterator[CheckResult]:
+def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
     """Rock the plate about phi alone and ask which edges dipped.
 
     A drive and its plate encoder change places together when two nodes are exchanged, and the cams
@@ -35,9 +34,8 @@ def swapped(
         servos: The drives, started, without torque.
         cams: Plate angles to motor angles.
         ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
-        patience: Longest wait for the answer, s.
     """
-    _answer(servos, ask, "watch", patience)
+    _answer(servos, ask, "watch")
     try:
         enable(servos)
     except TwinError as error:
@@ -53,16 +51,23 @@ def swapped(
             return
     servos.quick_stop()
     exchange(servos, 0.1)
-    yield _judged(_answer(servos, ask, "edge", patience))
+    yield _judged(_answer(servos, ask, "edge"))
 
 
-def _answer(servos: AkdServos, ask: Ask, word: str, patience: float) -> str:
-    """What the person says; the drives are kept company meanwhile, or they would fault."""
+def _answer(servos: AkdServos, ask: Ask, word: str) -> str:
+    """What the person says, empty if there is nobody to ask; takes as long as they do.
+
+    The drives are kept company meanwhile, or they would fault.
+    """
     said: list[str] = []
-    asked = Thread(target=lambda: said.append(ask(word)), daemon=True)
+
+    def asking() -> None:
+        with suppress(Exception):  # of whatever kind: there is no answer
+            said.append(ask(word))
+
+    asked = Thread(target=asking, daemon=True)
     asked.start()
-    deadline = servos.now() + patience
-    while asked.is_alive() and servos.now() < deadline:
+    while asked.is_alive():
         exchange(servos, servos.config.period)
     return said[0].strip().lower() if said else ""
 

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
-from typing import Any
 
 from twin.emulator.pseudo_terminal import check_pseudo_terminals
 from twin.emulator.screen_bytes import Protocol
@@ -21,6 +20,7 @@ from twin.scenario.schema import Scenario
 
 PRIORITY = 70
 """Of SCHED_FIFO: before every ordinary process, after the host's loop (80)."""
+ENDED = "emulated rig: its process has ended; was it killed?"
 START = 60.0
 """Longest time in s that the process may take to start."""
 
@@ -95,14 +95,28 @@ class Emulator:
         self._process, self._pipe = process, pipe
 
     def tell(self, word: str) -> str:
-        """Do something to the rig, as ``VirtualRig.obey`` says; what was done."""
-        self._pipe.send(word)
-        answer: Any = self._pipe.recv()
-        return str(answer)
+        """Do something to the rig, as ``VirtualRig.obey`` says; what was done.
+
+        Raises:
+            RigError: Its process has ended.
+        """
+        try:
+            self._pipe.send(word)
+            return str(self._pipe.recv())
+        except (EOFError, OSError) as error:
+            raise RigError(ENDED) from error
+
+    def lag(self) -> str:
+        """How far it lagged behind real time, or that it has ended, in words."""
+        try:
+            return self.tell("lag")
+        except RigError as error:
+            return str(error)
 
     def begin(self) -> None:
         """Say that the run's time is zero now; waits for nothing."""
-        self._pipe.send(BEGIN)
+        with suppress(OSError):  # a rig that has ended shows in its devices
+            self._pipe.send(BEGIN)
 
     @property
     def pid(self) -> int:

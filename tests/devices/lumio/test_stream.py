@@ -301,6 +301,16 @@ def test_packets_in_parts_or_together_are_understood(screen):
     assert screen.names == []
 
 
+def test_a_pause_between_two_bursts_is_no_flood():
+    stream = TouchStream("microtouch", 1000.0, None, PlausibilityLimits())
+    for time in (84_372.1, 84_372.2, 84_373.9, 84_374.0):  # 250 bytes a window are allowed
+        stream.take(time, bytes(100))
+    assert "byte flood" not in [fault.condition.name for fault in stream.faults()]
+    stream.take(84_374.1, bytes(100))
+    (told,) = [fault for fault in stream.faults() if fault.condition.name == "byte flood"]
+    assert told.detail == "300 bytes within 0.25 s"
+
+
 def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
     screen.roll(10, (0.0, 0.0))
     begin = screen.time

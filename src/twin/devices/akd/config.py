@@ -47,7 +47,7 @@ _FRAMES = (0, 6, 6, 7, 7, 8, 8)
 """Bytes of the frames of one period: SYNC, two RPDO1, two TPDO1, two TPDO2."""
 
 
-def _from(source: str, confidence: str) -> dict[str, str]:
+def _from(source: str, confidence: str) -> dict[str, Any]:
     return {"source": source, "confidence": confidence}
 
 

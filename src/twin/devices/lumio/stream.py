@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
 from itertools import pairwise
@@ -69,7 +70,7 @@ class TouchStream:
         self._reported: dict[Condition, float] = {}
         self._arrived = 0.0
         self._deaf: float | None = None
-        self._window = (0.0, 0)
+        self._window = (-math.inf, 0)
         self._times: deque[float] = deque(maxlen=60)
 
     def _new_doubt(self) -> Doubt | None:
@@ -165,10 +166,13 @@ class TouchStream:
     def _measure(self, time: float, count: int) -> None:
         """Notice a line that is full, on which samples queue up and arrive late."""
         begin, total = self._window
-        total += count
-        if total > self._capacity * self.WINDOW:
-            self._report_rate_limited(time, FLOOD, f"{total} bytes in {time - begin:.2f} s")
-        self._window = (time, 0) if time - begin >= self.WINDOW else (begin, total)
+        if time - begin >= self.WINDOW:
+            begin, total = time, 0
+        self._window = begin, total + count
+        if total + count > self._capacity * self.WINDOW:
+            self._report_rate_limited(
+                time, FLOOD, f"{total + count} bytes within {self.WINDOW:g} s"
+            )
 
     def _compare(self, time: float) -> None:
         """Report what the decoder has refused since the last report of it."""
