@@ -137,7 +137,7 @@ from twin.jobs import SecondProcess
 import fractions
 with SecondProcess(wanted=True) as beside:
     forked = beside.begin(eval, "'fractions' in __import__('sys').modules")()
-threading.Thread(target=input, daemon=True).start()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
 with SecondProcess(wanted=True) as beside:
     beside_thread = beside.begin(eval, "'fractions' in __import__('sys').modules")()
 print(forked, beside_thread)
@@ -146,11 +146,10 @@ print(forked, beside_thread)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
 def test_a_process_has_what_is_imported_unless_a_thread_makes_a_fork_unsafe():
-    first = subprocess.Popen(
-        [sys.executable, "-c", FORKED], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    first = subprocess.run(
+        [sys.executable, "-c", FORKED], stdout=subprocess.PIPE, text=True, check=True
     )
-    said, _ = first.communicate()
-    assert said.split() == ["True", "False"]
+    assert first.stdout.split() == ["True", "False"]
 
 
 UNGUARDED = """
