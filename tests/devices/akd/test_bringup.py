@@ -88,6 +88,23 @@ def test_a_drive_that_keeps_something_else_is_refused_by_object(rig, key, monkey
     assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
 
 
+SWITCHED_OFF = [key for key in WRITTEN if key[1] == 1 and key[0] >> 8 in (0x14, 0x18)]
+
+
+@pytest.mark.parametrize("key", SWITCHED_OFF, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
+def test_a_drive_that_keeps_a_message_the_other_way_is_refused(rig, key, monkeypatch):
+    """Bit 31 of a COB-ID says that the message is off: a drive that keeps the rest is not set."""
+    store, write = rig.drives[0].store, rig.drives[0].store.write
+
+    def other_way(index, sub, data, **more):
+        write(index, sub, data, **more)
+        if (index, sub) == key and store.get(*key) == WRITTEN[key]:
+            store.set(*key, WRITTEN[key] ^ 1 << 31)
+
+    monkeypatch.setattr(store, "write", other_way)
+    assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
+
+
 def test_after_the_start_both_drives_are_operational_without_torque(rig):
     rig.servos.start()
     assert [drive.nmt for drive in rig.drives] == [5, 5]
