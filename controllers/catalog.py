@@ -35,6 +35,8 @@ FOLDER = "laws"
 ADDED = "BALLPLATE_LAWS"
 """Environment variable with the files that were added, so that child processes have them."""
 _registered: dict[str, type[Law | Observer | Reference]] = {}
+_texts: dict[str, str] = {}
+"""The source of a module that lies in no package, as it was when it was imported."""
 
 
 @cache
@@ -89,6 +91,7 @@ def _imported(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
+        _texts[name] = path.read_text(encoding="utf-8", errors="replace")
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
@@ -165,6 +168,23 @@ def catalog(kind: type[Kind]) -> dict[str, type[Kind]]:
     """All concrete classes of a kind (Law, Observer or Reference) by their name."""
     found = {item.name: item for item in _all_classes() if issubclass(item, kind)}
     return dict(sorted(found.items()))
+
+
+def origin(cls: type) -> tuple[str, str] | None:
+    """File name and source text of a class that lies outside this package; else None.
+
+    The text is that of its module, empty where it cannot be had, as of a class typed at a prompt.
+    """
+    if cls.__module__.startswith("controllers."):
+        return None
+    module = sys.modules.get(cls.__module__)
+    file = Path(getattr(module, "__file__", None) or "").name
+    if cls.__module__ in _texts:
+        return file, _texts[cls.__module__]
+    try:
+        return file, inspect.getsource(module if module is not None and file else cls)
+    except (OSError, TypeError):
+        return file, ""
 
 
 def forget() -> None:

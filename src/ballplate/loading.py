@@ -68,10 +68,11 @@ def load(path: str | Path) -> Result | Comparison | Log:
     if file.suffix == ".csv":
         return _log(file)
     from ballplate.comparison import Comparison
+    from ballplate.reporter import default
     from ballplate.results import Result
     from twin.run.replay import open_runs
 
-    runs = {each.name: Result(each) for each in open_runs((file,))}
+    runs = {each.name: Result(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))
     return Comparison(runs, f"Comparison of {len(runs)} runs", {})

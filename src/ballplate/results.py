@@ -142,12 +142,22 @@ class Result(Signals):
         """Write a run folder, run.parquet, metrics.json and picture.png; returns the folder.
 
         Args:
-            folder: Where; ``runs/NAME`` by default.
+            folder: Where; ``runs/NAME`` by default, or the next free name if the law of the run
+                there was another.
 
         Raises:
             RecordError: If it cannot be written, or the run is one that was opened.
         """
+        from ballplate.reporter import default
+        from twin.run.folders import free
+        from twin.run.replay import of_other_class
+
         place = Path(folder) if folder is not None else Path("runs") / self.name
+        if self.run is not None and of_other_class(place, lambda: self.scenario):
+            if folder is None:
+                place = free(place)
+            else:
+                default().warn(f"{place}: replaces a run whose law was another")
         return kept(self, place).folder or place
 
     def _repr_html_(self) -> str:

@@ -146,7 +146,7 @@ def test_a_foreign_parquet_file_is_one_line(tmp_path):
 def test_a_record_of_another_version_is_one_line(tmp_path, scenario):
     done = run(scenario())
     tables = done.scenario.model_dump(mode="json")
-    tables["controller"]["kind"] = "of_the_future"
+    tables["plant"]["of_the_future"] = 1
     write_run(tmp_path, done.record, {"scenario": tables})
     with pytest.raises(RecordError, match="another version"):
         open_run(tmp_path)

@@ -11,6 +11,7 @@ import click
 from ballplate.running import one_run
 from twin.cli import completion as tab
 from twin.cli.options import load_scenario
+from twin.cli.output import warn
 from twin.cli.terminal import Terminal
 from twin.errors import RecordError
 from twin.run.sources import check_no_scenario
@@ -70,4 +71,4 @@ def opened(
             log_run(rows, scenario, path.stem),
             replay_of(one_run(scenario, label, Terminal()), label),
         ]
-    return runs + (open_runs(others, rigs) if others else [])
+    return runs + (open_runs(others, rigs, warn) if others else [])

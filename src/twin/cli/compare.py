@@ -21,10 +21,10 @@ from twin.cli.options import (
     load_scenario,
     with_plant,
 )
-from twin.cli.output import console, print_json, print_metrics, print_reasons
+from twin.cli.output import console, print_json, print_metrics, print_reasons, warn
 from twin.cli.terminal import Terminal
 from twin.errors import ScenarioError
-from twin.report.numbers import ranking
+from twin.report.numbers import own_settings, ranking
 from twin.shipped import find
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def compare(
     from twin.run.replay import open_runs
     from twin.scenario.variants import parsed, varied
 
-    opened = open_runs(kept) if kept else []
+    opened = open_runs(kept, tell=warn) if kept else []
     measured, fitted = _measured(logs, names, opened, changed)
     finished = {run.name: Result(run) for run in (*measured, *opened)}
     over = parsed(vary)
@@ -91,6 +91,8 @@ def compare(
         shown = {found.headings[label]: each for label, each in summaries.items()}
         print_metrics(shown, everything=everything)
         print_reasons(shown)
+        for line in own_settings({found.headings[each]: found[each].replay for each in finished}):
+            console.print(line, markup=False)
         for line in (*distances(measured, found.motions), ranking(shown)):
             console.print(line, style="bold", markup=False)
         files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"

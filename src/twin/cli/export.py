@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli import completion as tab
-from twin.cli.output import console
+from twin.cli.output import console, warn
 from twin.errors import RecordError
 
 
@@ -28,6 +28,8 @@ def export(run: Path, file: Path, rig: int | None, every: int, columns: str | No
 
     check_no_scenario(run)
     (opened,) = open_run(run, () if rig is None else (rig,))
+    if opened.lacking:
+        warn(opened.lacking)
     names = list(opened.rows)
     if columns is not None:
         wanted = [name.strip() for name in columns.split(",")]

@@ -11,7 +11,7 @@ from ballplate.catalogue import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
-from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, with_plant
+from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, load_scenario, with_plant
 from twin.cli.output import (
     console,
     print_json,
@@ -75,11 +75,15 @@ def run(
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.run.folders import former, free, run_folder
+    from twin.run.replay import of_other_class
 
     changed = with_plant(overrides, plant)
     named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
-    folder = out or (named if rig is None else free(named))
+    own = out is None and not resume and rig is None
+    other = own and of_other_class(named, lambda: load_scenario(scenario, changed))
+    folder = out or (free(named) if other or rig is not None else named)
     replaced = former(folder)
+    replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
     terminal = Terminal()
     done = run_scenario(
         scenario,

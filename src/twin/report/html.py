@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.html import inline, render
 from twin.report.diagnosis import Diagnosis
 from twin.report.figures import details, overview
-from twin.report.numbers import rows
+from twin.report.numbers import differing, flat, rows
 from twin.report.summary import summary
 from twin.run.replay import Replay
 
@@ -19,9 +18,6 @@ MOST = 40
 
 def html(runs: Sequence[Replay]) -> str:
     """The report on one run, or on several side by side."""
-    settings = [dict(_flat(run.scenario.model_dump(mode="json"))) for run in runs]
-    keys = list(dict.fromkeys(key for each in settings for key in each))
-    values = {key: [each.get(key, "-") for each in settings] for key in keys}
     return render(
         "report/report.html.j2",
         title=_title(runs),
@@ -39,9 +35,20 @@ def html(runs: Sequence[Replay]) -> str:
         events=[(run.name, *line) for run in runs for line in _events(run.events)],
         overview=inline(overview(runs)),
         details=inline(details(runs)),
-        differing=[(key, each) for key, each in values.items() if len(set(each)) > 1],
-        settings=list(settings[0].items()),
+        differing=differing(runs),
+        settings=flat(runs[0].settings),
+        sources=_sources(runs),
     )
+
+
+def _sources(runs: Sequence[Replay]) -> list[tuple[str, str, str]]:
+    """Names of the runs, file and text of every class of theirs that is not this program's."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for run in runs:
+        for its in run.classes.values():
+            if its.get("source"):
+                found.setdefault((its["file"], its["source"]), []).append(run.name)
+    return [(", ".join(dict.fromkeys(names)), *each) for each, names in found.items()]
 
 
 def _title(runs: Sequence[Replay]) -> str:
@@ -78,14 +85,3 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     if len(events) > MOST:
         lines.append(("", "", f"and {len(events) - MOST} more, in run.parquet"))
     return lines
-
-
-def _flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
-    """Nested tables as dotted keys with their values in JSON."""
-    found = []
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            found += _flat(value, f"{path}{key}.")
-        else:
-            found.append((f"{path}{key}", json.dumps(value)))
-    return found

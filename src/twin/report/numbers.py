@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -68,6 +69,37 @@ def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
 def summary_of(run: Replay) -> dict[str, Any]:
     """What ``--json`` prints of a finished run."""
     return {"scenario": run.scenario.title, **run.metrics, "units": UNITS}
+
+
+def differing(runs: Sequence[Replay]) -> list[tuple[str, list[str]]]:
+    """The settings that are not the same in all runs: dotted key, a value in JSON per run."""
+    settings = [dict(flat(run.settings)) for run in runs]
+    keys = dict.fromkeys(key for each in settings for key in each)
+    values = ((key, [each.get(key, "-") for each in settings]) for key in keys)
+    return [(key, each) for key, each in values if len(set(each)) > 1]
+
+
+def flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
+    """Nested tables as dotted keys with their values in JSON."""
+    found = []
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            found += flat(value, f"{path}{key}.")
+        else:
+            found.append((f"{path}{key}", json.dumps(value)))
+    return found
+
+
+def own_settings(runs: Mapping[str, Replay]) -> list[str]:
+    """What differs between the laws, observers and references of runs, a line per key."""
+    if len(runs) < 2:
+        return []
+    tables = {table for run in runs.values() for table in run.classes}
+    return [
+        f"{key}: " + ", ".join(f"{name} {value}" for name, value in zip(runs, each, strict=True))
+        for key, each in differing(list(runs.values()))
+        if key.partition(".")[0] in tables and not key.endswith(".sha256")
+    ]
 
 
 def ranking(summaries: Mapping[str, Mapping[str, Any]]) -> str:

@@ -39,7 +39,8 @@ def summary(run: Replay, found: Diagnosis) -> list[str]:
         *_held(run, found),
         *_causes(run, found),
     ]
-    return [*told, *_known(run), *build_law(run.scenario).remarks]
+    remarks = () if "controller" in run.absent else build_law(run.scenario).remarks
+    return [*told, *_known(run), *remarks]
 
 
 def judged(run: Replay, clean: float | None = None) -> str:

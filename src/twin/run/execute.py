@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from controllers.catalog import origin
 from controllers.interfaces import Reference
 from twin.hal.rig import Rig
 from twin.jobs import SecondProcess
@@ -17,13 +18,14 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.finished import Run
 from twin.run.loop import drive
+from twin.run.metadata import classes_of
 from twin.run.metrics import Motion, measure
 from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder
 from twin.run.record_file import write_run
 from twin.run.snapshot import Keeper, packed
 from twin.scenario.changing import always_friction
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
 
 
@@ -72,7 +74,10 @@ def run(
     )
     spent = time.perf_counter() - begin
     reference: Reference = controller.reference
-    motion = Motion.of(record, reference(record.time)[0], friction=always_friction(scenario))
+    desired = reference(record.time)[0]
+    if origin(choices("reference")[scenario.reference.kind]) is not None:
+        record.add("reference", desired[:, None])  # who draws the record may lack the class
+    motion = Motion.of(record, desired, friction=always_friction(scenario))
     metrics = measure(
         motion,
         outcome,
@@ -126,6 +131,7 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
     """
     metadata = {
         "scenario": run.scenario.model_dump(mode="json"),
+        "classes": classes_of(run.scenario),
         "metrics": run.metrics.as_dict(),
         "versions": versions(),
         "events": [

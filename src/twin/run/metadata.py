@@ -1,14 +1,18 @@
-"""What the metadata of a record must look like, so that a foreign or damaged one is one line."""
+"""Metadata of a record: what the controller was, and what all of it must look like."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from controllers.catalog import origin
 from twin.errors import RecordError, ScenarioError
 from twin.scenario.load import validated
+from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 
 
 class _Open(BaseModel):
@@ -59,13 +63,41 @@ class _Driven(_Open):
     controllers: tuple[_Controlled, ...]
 
 
+class _Class(_Open):
+    settings: dict[str, Any] = {}
+    file: str = ""
+    sha256: str = ""
+    source: str = ""
+
+
 class _Metadata(_Open):
+    classes: dict[str, _Class] = {}
     metrics: _Judged = _Judged()
     versions: dict[str, str] = {}
     events: tuple[_Detected, ...] = ()
     ledger: _RealTime | None = None
     branch: dict[str, Any] = {}
     driven: _Driven | None = None
+
+
+def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    """What law, observer and reference of a scenario were, by their tables.
+
+    Returns:
+        All settings with their values, also those that the scenario leaves to the class; and of a
+        class that is not part of this program its file's name, SHA-256 and source text.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for table in KINDS:
+        choice = getattr(scenario, table)
+        cls = choices(table)[choice.kind]
+        given = settings_model(cls).model_validate_json(json.dumps(choice.settings, default=str))
+        found[table] = {"settings": given.model_dump(mode="json", warnings=False)}
+        if (place := origin(cls)) is not None:
+            file, text = place
+            mark = hashlib.sha256(text.encode()).hexdigest() if text else ""
+            found[table] |= {"file": file, "sha256": mark, "source": text}
+    return found
 
 
 def check_metadata(metadata: Mapping[str, Any], source: str) -> None:

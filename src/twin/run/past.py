@@ -66,6 +66,10 @@ def interrupted(folder: Path, scenario: Scenario, versions: Mapping[str, str]) -
         raise RecordError(f"--resume: {file}: the run was not interrupted; there is nothing to do")
     if run.scenario != scenario:
         raise RecordError(f"--resume: {file}: the run is of another scenario or other settings")
+    try:
+        run.require()
+    except RecordError as error:
+        raise RecordError(f"--resume: {error}: it would not be one run") from None
     for name, version in versions.items():
         if run.versions.get(name) != version:
             raise RecordError(

@@ -42,8 +42,10 @@ CHANNELS = {
     "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
     "supervisor": Channel(("supervisor",), ("1",)),
     "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
+    "reference": Channel(("reference_x", "reference_y"), ("m", "m")),
 }
-"""The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only."""
+"""The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
+``reference`` of those whose reference is not part of this program."""
 
 
 @dataclass
@@ -153,6 +155,10 @@ class Recorder:
             ):
                 yield column, unit, values.T.ravel()
 
+    def add(self, name: str, values: Array) -> None:
+        """A channel that is known at the end only, shape (length, N, columns)."""
+        self.data[name] = values
+
     def begin_with(self, columns: Mapping[str, Array]) -> None:
         """Take in the rows of one rig's record from which to go on.
 
@@ -166,7 +172,7 @@ class Recorder:
         present = [
             name
             for name, each in channels.items()
-            if each.columns and columns.keys() >= {*each.columns}
+            if each.columns and columns.keys() >= {*each.columns} and name != "reference"
         ]
         for name in sorted(present, key=lambda name: order.index(channels[name].columns[0])):
             values = np.stack([columns[column] for column in channels[name].columns], axis=-1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.interfaces import Reference
+from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
 from twin.hal.limits import Limits
 from twin.hal.states import State
@@ -19,15 +20,15 @@ from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.finished import Run
 from twin.run.folders import is_last, last, record_of, run_folders
-from twin.run.metadata import check_metadata
+from twin.run.metadata import check_metadata, classes_of
 from twin.run.metrics import Motion, held
 from twin.run.record import CHANNELS
-from twin.run.record_file import read_run
+from twin.run.record_file import read_beside, read_run
 from twin.scenario.changing import always_friction
-from twin.scenario.load import check
-from twin.scenario.schema import Scenario
+from twin.scenario.load import check, recorded
+from twin.scenario.schema import Scenario, choices
 
-_OPTIONAL = {"state", "age", "touched", "timing"}
+_OPTIONAL = {"state", "age", "touched", "timing", "reference"}
 NEEDED = (
     "time",
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
@@ -35,6 +36,27 @@ NEEDED = (
 """Columns without which a table is no record of a run."""
 TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
 """Columns of which a record has all or none."""
+
+
+class RecordedReference(Reference):
+    """Where a reference led, as recorded; its derivatives are differences of that.
+
+    Args:
+        time: In s, shape (K,).
+        path: Desired ball position in m, shape (K, 2).
+    """
+
+    def __init__(self, time: Array, path: Array) -> None:
+        self._time = time
+        self._motion = [path]
+        for _ in range(4):
+            known = len(time) > 1
+            self._motion.append(np.gradient(self._motion[-1], time, axis=0) if known else 0 * path)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives, shape (5, *shape(t), 2), between what was recorded."""
+        each = [[np.interp(t, self._time, axis) for axis in of.T] for of in self._motion]
+        return np.moveaxis(np.array(each), 1, -1)
 
 
 @dataclass(frozen=True)
@@ -54,6 +76,9 @@ class Replay:
         branch: Of another future of a run, which run, when and what was changed; else empty.
         driven: Of a run that a person drove, what they did beyond what the scenario says, see
             ``controlled``; else empty.
+        classes: What law, observer and reference were, see ``metadata.classes_of``; of records of
+            earlier versions empty.
+        absent: Of those of controller, observer and reference that are not here, why.
     """
 
     name: str
@@ -67,11 +92,56 @@ class Replay:
     ledger: Mapping[str, Any] = field(default_factory=dict)
     branch: Mapping[str, Any] = field(default_factory=dict)
     driven: Mapping[str, Any] = field(default_factory=dict)
+    classes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def reference(self) -> Reference:
         """The reference the run was to follow."""
+        if CHANNELS["reference"].columns[0] in self.rows:
+            path = np.stack([self.rows[name] for name in CHANNELS["reference"].columns], axis=1)
+            return RecordedReference(self.rows["time"], path)
         return build_reference(self.scenario)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The tables of the scenario, with all settings of law, observer and reference."""
+        tables = self.scenario.model_dump(mode="json")
+        for table, its in self.classes.items():
+            tables[table] |= its["settings"]
+            tables[table] |= {key: its[key] for key in ("file", "sha256") if its.get(key)}
+        return tables
+
+    @property
+    def lacking(self) -> str:
+        """What the record can be drawn without, but not gone on from; empty if all is here."""
+        for table, line in self.absent.items():
+            kind = getattr(self.scenario, table).kind
+            file = self.classes.get(table, {}).get("file", "")
+            was = f" (it was in {file})" if file else ""
+            wrong = f"does not take its settings: {line}" if kind in choices(table) else "not here"
+            return (
+                f"{self.name}: {table} '{kind}'{was}: {wrong}; the record is shown, but replay "
+                "and what-if need it: --law FILE"
+            )
+        return ""
+
+    def require(self) -> None:
+        """Make sure that the run can be gone on with.
+
+        Raises:
+            RecordError: If its law, observer or reference is not here, or is another than it was.
+        """
+        if self.lacking:
+            raise RecordError(self.lacking)
+        now = classes_of(self.scenario)
+        for table, was in self.classes.items():
+            if was.get("sha256", "") != now[table].get("sha256", ""):
+                kind = getattr(self.scenario, table).kind
+                raise RecordError(
+                    f"{self.name}: {table} '{kind}' is another than in the run: "
+                    f"{was.get('file')} has changed since"
+                )
 
     def controlled(self, at: float) -> Scenario:
         """The scenario with the controller that a person had chosen by a time in s."""
@@ -131,6 +201,7 @@ def replay_of(run: Run, name: str) -> Replay:
         {"time": "s", **{column: unit for column, unit, _ in columns}},
         run.metrics.as_dict(),
         ledger=run.account.get("ledger", {}),
+        classes=classes_of(run.scenario),
     )
 
 
@@ -155,10 +226,12 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
             f"{file}: not a record of a run: no {', '.join(missing) or 'scenario in its metadata'}"
         )
     try:
-        scenario = check(metadata["scenario"], str(file))
+        scenario, absent = recorded(metadata["scenario"], str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
     check_metadata(metadata, str(file))
+    if "reference" in absent and "reference_x" not in values:
+        raise RecordError(f"{absent['reference']}; where it led is not in the record")
     _check_rows(values, str(file))
     present = np.unique(values["rig"]).astype(int).tolist() if "rig" in values else [0]
     wrong = [rig for rig in rigs if rig not in present]
@@ -185,6 +258,8 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
                 metadata.get("ledger", {}),
                 metadata.get("branch", {}),
                 metadata.get("driven", {}),
+                metadata.get("classes", {}),
+                absent,
             )
         )
     return found
@@ -209,24 +284,63 @@ def _check_rows(values: Mapping[str, Array], source: str) -> None:
         raise RecordError(f"{source}: supervisor: no state {min(strange):g} (known: {known})")
 
 
-def open_runs(paths: tuple[Path, ...], rigs: tuple[int, ...] = ()) -> list[Replay]:
+def open_runs(
+    paths: tuple[Path, ...],
+    rigs: tuple[int, ...] = (),
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Replay]:
     """Several runs with names of their own.
 
     Args:
         paths: Run folders, Parquet files, and folders of run folders, as ``compare`` writes them.
             Files of another kind beside them, as a pattern finds them, are passed over.
         rigs: Which rigs of a record of several; empty for the first.
+        tell: Is told which of several runs is passed over because it cannot be opened, and which
+            is open without its law.
 
     Raises:
-        RecordError: If one cannot be opened.
+        RecordError: If none can be opened.
     """
     runs: list[Replay] = []
+    failed: list[RecordError] = []
     for path in _records(paths):
-        for run in open_run(path, rigs):
+        try:
+            opened = open_run(path, rigs)
+        except RecordError as error:
+            failed.append(error)
+            continue
+        for run in opened:
             taken = sum(other.name.partition("~")[0] == run.name for other in runs)
             name = f"{run.name}~{taken + 1}" if taken else run.name
             runs.append(replace(run, name=name) if taken else run)
+    if not runs:
+        raise failed[0]
+    for each in failed:
+        tell(f"{each}; passed over")
+    told: set[tuple[str, str]] = set()
+    for run in runs:
+        new = {(table, getattr(run.scenario, table).kind) for table in run.absent} - told
+        if new:
+            tell(run.lacking)
+        told |= new
     return runs
+
+
+def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
+    """Whether a folder's run had a law, observer or reference of other text than it is now.
+
+    Args:
+        folder: Run folder, there or not.
+        scenario: Gives what is to run; asked only if there is a run with classes of its own.
+    """
+    try:
+        content = read_beside(folder / "run.parquet", "ballplate")
+        was = parse_json(content or b"{}")["classes"]
+        marks = {table: its["sha256"] for table, its in was.items() if its.get("sha256")}
+    except (RecordError, DataError, KeyError, TypeError, AttributeError):
+        return False
+    now = classes_of(scenario()) if marks else {}
+    return any(mark != now[table].get("sha256", "") for table, mark in marks.items())
 
 
 def _records(paths: tuple[Path, ...]) -> list[Path]:

@@ -169,18 +169,39 @@ def check(tables: Mapping[str, Any], source: str) -> Scenario:
     Raises:
         ScenarioError: If anything in them is unknown, of the wrong type, or out of range.
     """
+    scenario, absent = recorded(tables, source)
+    for line in absent.values():
+        raise ScenarioError(line)
+    return scenario
+
+
+def recorded(tables: Mapping[str, Any], source: str) -> tuple[Scenario, dict[str, str]]:
+    """The scenario that the tables describe, though this program may lack what it names.
+
+    Returns:
+        The scenario; and of each of the tables controller, observer and reference that no class
+        here can be made of, one line that says why.
+
+    Raises:
+        ScenarioError: If anything else in them is unknown, of the wrong type, or out of range.
+    """
     scenario = validated(Scenario, tables, source)
+    absent = {}
     for table in KINDS:
         choice = getattr(scenario, table)
         known = choices(table)
         if choice.kind not in known:
-            raise ScenarioError(
+            absent[table] = (
                 f"{source}: {table}.kind: no '{choice.kind}'{nearest(choice.kind, known)}"
                 + "".join(f"; not imported: {line}" for line in broken())
             )
-        validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+            continue
+        try:
+            validated(settings_model(known[choice.kind]), choice.settings, source, f"{table}.")
+        except ScenarioError as error:
+            absent[table] = str(error)
     _check_changes(scenario, source)
-    return scenario
+    return scenario, absent
 
 
 def _check_changes(scenario: Scenario, source: str) -> None:

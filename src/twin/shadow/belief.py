@@ -15,7 +15,7 @@ from twin.hal.interface import SCREEN
 from twin.identify.log import Log
 from twin.identify.problem import Problem
 from twin.identify.windows import Windows
-from twin.scenario.load import check, read, resolved, setting
+from twin.scenario.load import read, recorded, resolved, setting
 from twin.scenario.schema import Scenario
 from twin.settings import filled
 from twin.sim.drives import DriveModel
@@ -230,7 +230,8 @@ def believed(log: Log, overrides: Sequence[str] = ()) -> Belief:
     tables: Mapping[str, Any] = log.scenario or read("circle")[0]
     tables = {key: value for key, value in tables.items() if key != "change"}
     source = log.source if log.scenario else "the twin"
-    return Belief.of(check(*resolved(tables, source, [setting(text) for text in overrides])), log)
+    found = resolved(tables, source, [setting(text) for text in overrides])
+    return Belief.of(recorded(*found)[0], log)  # what commands came, not from which law
 
 
 def check_commands(log: Log) -> None:

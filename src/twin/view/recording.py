@@ -107,7 +107,8 @@ def forward(url: str, runs: Sequence[Replay], layout: Layout = "showing") -> Non
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout) -> None:
     together = len(runs) > 1
     streams = [
-        RunStream(run.name, run.scenario, i if together else None) for i, run in enumerate(runs)
+        RunStream(run.name, run.scenario, i if together else None, run.reference)
+        for i, run in enumerate(runs)
     ]
     plots = [each.plots(run.rows) for each, run in zip(streams, runs, strict=True)]
     names = [run.name for run in runs]

@@ -59,17 +59,24 @@ class RunStream:
         name: The run's name, the root of its entities.
         scenario: What is run.
         among: Which of the runs shown together it is, from 0; None if it is alone.
+        reference: Where the ball is to be; that of the scenario by default.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
 
-    def __init__(self, name: str, scenario: Scenario, among: int | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        scenario: Scenario,
+        among: int | None = None,
+        reference: Reference | None = None,
+    ) -> None:
         self.name = name
         self._among = among
         self._colour = RUNS[(among or 0) % len(RUNS)]
         self.root = f"/{rr.escape_entity_path_part(name)}"
-        self._reference: Reference = build_reference(scenario)
+        self._reference = build_reference(scenario) if reference is None else reference
         self._limits = build_limits(scenario.rig.limits)
         self._scenario = scenario
         model = load_model(parts=changed(Parts, scenario))

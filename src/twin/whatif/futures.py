@@ -66,6 +66,7 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     file = record_of(path)
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
+    run.require()
     later = _not_repeated(run, at)
     run = replace(run, scenario=run.controlled(at))
     other = [
