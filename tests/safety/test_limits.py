@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
+from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.watch import MonitorConfig
 from twin.emulator.drive_motion import Motor
 from twin.emulator.drive_settings import DriveSettings
 from twin.hal.limits import Clamp, Limits
@@ -31,6 +33,21 @@ def test_the_heartbeat_watch_takes_its_60_ms_or_300_more_where_it_is_withheld():
     assert limits.standstill(row(Stopper.HEARTBEAT), 0.01, AT).value == pytest.approx(0.07)
     withheld = row(Stopper.HEARTBEAT, withheld=True)
     assert limits.standstill(withheld, 0.01, AT).value == pytest.approx(0.01 + 0.3 + 0.07 + 0.004)
+
+
+def test_a_host_that_is_more_patient_than_it_stays_on_the_bus_is_waited_for_no_longer():
+    host = AkdConfig(silence=0.6, watch=MonitorConfig(stop=2.0))
+    withheld = row(Stopper.HEARTBEAT, withheld=True, host=host)
+    expected = 0.01 + (0.4 + 0.4 + 0.05) + 0.6 + 0.002 + 0.008 + 0.004
+    assert limits.standstill(withheld, 0.01, AT).value == pytest.approx(expected)
+
+
+def test_a_zero_rate_brakes_at_once_and_the_watch_takes_the_torque_later():
+    case = row(Stopper.HEARTBEAT, withheld=True, zeroed=True)
+    stop = limits.standstill(case, 0.01, AT)
+    assert stop == limits.standstill(row(Stopper.QUICK_STOP), 0.01, AT)
+    watched = limits.standstill(row(Stopper.HEARTBEAT, withheld=True), 0.01, AT).value
+    assert limits.torque_off(case, 0.01, stop).value == pytest.approx(watched + 0.004)
 
 
 def test_of_two_axes_the_slower_one_counts():

@@ -81,6 +81,11 @@ class RealTimeClock:
         start = self._now() if self._start is None else self._start
         return start + (self.tick + 1) * self.period - self._now()
 
+    def since_start(self, at: float | None) -> float:
+        """Seconds from the start to a time of the clock's own, or to now."""
+        start = self._now() if self._start is None else self._start
+        return (self._now() if at is None else at) - start
+
     def wait(self) -> None:
         """Return at the beginning of the next period that has not begun yet."""
         if self._start is None:

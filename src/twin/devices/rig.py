@@ -20,7 +20,7 @@ from twin.errors import RigError
 from twin.hal.faults import Fault, Severity
 from twin.hal.interface import Transmission
 from twin.hal.limits import Limits
-from twin.hal.rig import Rig
+from twin.hal.rig import Entry, Rig
 from twin.hal.states import State
 from twin.hal.supervisor import BALL_LOST, Supervisor
 
@@ -135,8 +135,12 @@ class HardwareRig(Rig):
         self.clock.timing.begin()
 
     def _power_off(self) -> None:
-        """No torque, ports closed, an ordinary thread again."""
+        """No torque, ports closed, an ordinary thread again; what came up meanwhile is noted."""
         self._on.close()
+        for fault in self.servos.faults():
+            self.supervisor.report(fault)
+            note = self.supervisor.notes.pop()
+            self.journal.append(Entry(self.clock.since_start(fault.at), note))
 
     def ask_reset(self) -> None:
         """A person's request: reset the faults in the drives when the rig is switched on next."""

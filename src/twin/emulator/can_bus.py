@@ -47,6 +47,8 @@ class EmulatedBus:
         ``drive.sense``."""
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
+        self.beside: list[tuple[Frame, float]] = []
+        """Frames that another master sends, and how often, in s."""
         self._order = count()
         self._later: list[tuple[float, int, Towards, Frame]] = []
         self._host: list[Frame] = []
@@ -78,6 +80,9 @@ class EmulatedBus:
         while self._later and self._later[0][0] <= self.time:
             _, _, towards, frame = heapq.heappop(self._later)
             self._arrive(frame, towards)
+        for frame, every in self.beside:
+            if int(self.time / every + 1e-9) > int((self.time - dt) / every + 1e-9):
+                self.from_other(frame)
         self.moved(dt)
 
     def _carry(self, frame: Frame, towards: Towards) -> None:
@@ -114,6 +119,8 @@ class DirectBus(can.BusABC):
         self.channel_info = "emulated"
         self.plugged = True
         """False: the adapter is gone."""
+        self.unreadable_lines = 0
+        """Lines of text that are no frame, as of an adapter on a serial port."""
         self._bus = bus
         self._step = step
         self._inbox: deque[can.Message] = deque()
@@ -138,6 +145,9 @@ class DirectBus(can.BusABC):
         """
         self._check()
         self._bus.from_host(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame))
+
+    def send_queued(self) -> None:
+        """Every frame has been sent already."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame, or None after a timeout in s of bus time.

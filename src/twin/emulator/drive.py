@@ -155,6 +155,7 @@ class EmulatedDrive:
         self.mode_override = self.limit_active = None
         self.store.set(0x1018, 1, _VENDOR)
         self.mute.clear()
+        self.store.stuck.clear()
         self.sdo_aborts.clear()
 
     def clear_causes(self) -> None:

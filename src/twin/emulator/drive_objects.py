@@ -108,6 +108,8 @@ class ObjectStore:
         self._indices = {index for index, _ in self._objects}
         self._values = {key: each.default for key, each in self._objects.items()}
         self._live: dict[tuple[int, int], Callable[[], int]] = {}
+        self.stuck: set[tuple[int, int]] = set()
+        """Objects that acknowledge what is written and keep what they have."""
 
     def live(self, index: int, sub: int, value: Callable[[], int]) -> None:
         """Let an object always be what a function gives."""
@@ -172,7 +174,8 @@ class ObjectStore:
         self._check_pdo(index, sub, value)
         if index in _FLOATS:
             value -= value % self._coarse
-        self._values[index, sub] = value
+        if (index, sub) not in self.stuck:
+            self._values[index, sub] = value
 
     def _find(self, index: int, sub: int) -> DriveObject:
         known = self._objects.get((index, sub))

@@ -13,6 +13,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import LumioConfig
@@ -31,6 +32,7 @@ from twin.emulator.virtual import EmulatedPlant
 from twin.hal.faults import Fault
 from twin.hal.interface import Touch, Transmission
 from twin.hal.limits import Limits
+from twin.hal.states import State
 
 PATIENCE = 1.0
 """Time in s that a rig in lockstep waits for the ball."""
@@ -78,11 +80,21 @@ class LockstepDrives:
         self.servos = AkdServos(
             self.config, opener=self._open, now=self.adapter.now, sleep=self.adapter.sleep
         )
+        self.missing: Exception | None = None
+        """With what opening the adapter fails; None where it is there."""
         self.seen: list[TimedFault] = []
         """All faults so far."""
 
     def _open(self, _: BusConfig) -> DirectBus:
+        """What the host opens as its bus.
+
+        Raises:
+            Exception: The adapter is not there.
+        """
+        if self.missing is not None:
+            raise self.missing
         self.adapter.shutdown()
+        self.bus.to_host()  # what went by before the adapter was there
         self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
         return self.adapter
 
@@ -221,6 +233,9 @@ class LockstepRig(HardwareRig):
         )
         plant.attach(self.lockstep.drives)
         self.lockstep.bus.moved = plant.advance
+        self.asked: Array | None = None
+        """What the controller asks for from now on, whatever it is: plate rates in rad/s, (1, 2);
+        None for its own."""
         self.stall = 0.0
         """Extra time in s that each period takes from now on."""
         self.hang = 0.0
@@ -233,6 +248,12 @@ class LockstepRig(HardwareRig):
     def sleep(self, seconds: float) -> None:
         """Let the bus's time pass."""
         self.lockstep.adapter.sleep(seconds)
+
+    def write(self, rate: Array) -> Array:
+        """Command plate rates in rad/s, shape (1, 2); return those applied."""
+        if self.asked is not None and self.supervisor.state[0] == State.RUNNING:
+            rate = self.asked
+        return super().write(rate)
 
     def wait(self) -> None:
         """Return at the beginning of the next control period."""

@@ -50,6 +50,8 @@ class EmulatedPlant:
         self._begun: float | None = None
         self.present = True
         """Whether there is a ball that the screen can sense."""
+        self.shoved = np.zeros(2)
+        """Rates in rad/s by which somebody turns the motor shafts besides the drives."""
         self._owed = 0.0
         self._dipped = np.zeros(2)
         self._drives: Sequence[EmulatedDrive] = ()
@@ -82,7 +84,7 @@ class EmulatedPlant:
                 self.devices.rest()
             if self._begun is not None:
                 self._changes(self.devices.time - self._begun)
-            self.devices.command(np.array([[drive.rate for drive in self._drives]]))
+            self.devices.command(np.array([[drive.rate for drive in self._drives]]) + self.shoved)
             self.devices.wait()
             self._sense()
 

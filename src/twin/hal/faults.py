@@ -47,11 +47,13 @@ class Fault(NamedTuple):
         condition: Which one.
         where: The device, as ``drive phi (node 1)`` or ``touch screen``.
         detail: What was seen, in words and numbers.
+        at: When, on the monotonic clock of the rig, s; None where nobody noted it.
     """
 
     condition: Condition
     where: str
     detail: str
+    at: float | None = None
 
     def __str__(self) -> str:
         return f"{self.where}: {self.condition.name}: {self.detail}"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twin.devices.akd import conditions as akd
+from twin.devices.akd.config import AkdConfig
+from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.drive_power import Power
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen_bytes import Protocol
@@ -51,6 +53,12 @@ class FaultCase:
         hangs: Whether the host hangs: it detects nothing, so that the drives' detection counts.
         speed: Plate rate in rad/s that the fault itself brings about.
         slow: How many times longer than meant a control period lasts.
+        shoved: For how long in s the plate is turned with ``speed`` by force.
+        begins: Tells when the fault is there, of a cause that takes its time; the act starts it.
+        goes: Whether the ball is on its way off the plate, so that nothing can keep it there.
+        zeroed: Whether the zero rate of a stop brakes the drives, whoever ends their torque.
+        host: Settings of the drives.
+        gate: Thresholds of the touch screen.
     """
 
     name: str
@@ -70,11 +78,17 @@ class FaultCase:
     hangs: bool = False
     speed: float = 0.0
     slow: float = 1.0
+    shoved: float = 0.0
+    begins: Callable[[LockstepRig], bool] = lambda _: True
+    goes: bool = False
+    zeroed: bool = False
+    host: AkdConfig = field(default_factory=AkdConfig)
+    gate: PlausibilityLimits = field(default_factory=PlausibilityLimits)
 
     @property
     def refused(self) -> bool:
         """Whether the rig must not be switched on."""
-        return self.before and self.expected is not None
+        return self.before and self.severity not in {None, Severity.WARNING}
 
     @property
     def severity(self) -> Severity | None:
@@ -84,10 +98,10 @@ class FaultCase:
     @property
     def reason(self) -> str:
         """Name of the condition for which the rig must end up as it does; empty if for none."""
-        if self.severity in {None, Severity.WARNING}:
-            return ""
         reason = self.first or self.expected
-        return reason.name if reason else ""
+        if reason is None or reason.severity is Severity.WARNING:
+            return ""
+        return reason.name
 
     @property
     def stoppers(self) -> tuple[Stopper, ...]:
@@ -96,7 +110,7 @@ class FaultCase:
             return self.stopped_by
         if self.refused or not self.reason:
             return Stopper.NOBODY, Stopper.NOBODY
-        level = self.severity is Severity.LEVEL
+        level = (self.first or self.expected).severity is Severity.LEVEL  # type: ignore[union-attr]
         return (Stopper.LEVELLING if level else Stopper.QUICK_STOP,) * 2
 
     @property

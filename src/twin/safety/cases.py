@@ -23,14 +23,18 @@ from twin.safety import drive_causes
 from twin.safety.case import BRING_UP, Act, FaultCase
 from twin.safety.defences import DEFENCES
 from twin.safety.reaction import Stopper
+from twin.safety.rig_cases import PROGRAM, SETTINGS, SUPERVISED, UNFIT
 
 
 def _drive(cause: Callable[..., None], condition: Condition) -> FaultCase:
+    first: dict[str, Any] = {"first": FIRST[cause]} if condition in AFTERWARDS else {}
+    name = (cause.__doc__ or cause.__name__).rstrip(".")
     return FaultCase(
-        name=(cause.__doc__ or cause.__name__).rstrip("."),
+        name=f"{name}: afterwards" if first else name,
         act=lambda rig: cause(rig.lockstep),
         expected=condition,
         **ANSWERS.get(cause, {}),
+        **first,
     )
 
 
@@ -131,8 +135,6 @@ AT_START = (
 
 LATER = {
     (drive_causes.node_silent, akd.HEARTBEAT_LOST),
-    (drive_causes.drive_fault, akd.FAULT_NUMBER),
-    (drive_causes.remote, akd.STOP_IGNORED),
     (drive_causes.second_node, akd.DUPLICATE_ID),
 }
 """Cases left out: another condition ends the run before theirs can be reported."""
@@ -163,6 +165,11 @@ ANSWERS: dict[Callable[..., None], dict[str, Any]] = {
     drive_causes.stalled: {"speed": 1.5},
 }
 """What comes of a cause where the severity of its condition does not say it all."""
+
+AFTERWARDS = (akd.FAULT_NUMBER, akd.STOP_IGNORED)
+"""Conditions that are noted after another has ended the run."""
+FIRST = {drive_causes.drive_fault: akd.DRIVE_FAULT, drive_causes.remote: akd.REMOTE_LOST}
+"""Which that is."""
 
 DRIVES = (
     *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
@@ -224,5 +231,5 @@ LOOP = (
     FaultCase(name="The motor positions wrap", act=_wrap, expected=None, before=True),
 )
 
-CASES = (*AT_START, *DRIVES, *SCREEN, *LOOP, *DEFENCES)
+CASES = (*AT_START, *UNFIT, *DRIVES, *SCREEN, *SUPERVISED, *LOOP, *PROGRAM, *DEFENCES, *SETTINGS)
 """Every row of the matrix."""

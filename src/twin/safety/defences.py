@@ -19,7 +19,7 @@ _HANG = 3.0
 """Time in s that a host hangs: until after the run's end."""
 
 
-def _no_quick_stop(rig: LockstepRig) -> None:
+def no_quick_stop(rig: LockstepRig) -> None:
     """From now on every control word arrives as one that enables operation."""
     nodes = [_RPDO1 + drive.settings.node for drive in rig.lockstep.drives]
     rig.lockstep.bus.faults.overwrite(nodes, at=_CONTROL, data=_ENABLE, towards=Towards.DRIVES)
@@ -35,7 +35,7 @@ def _no_zero_rate(rig: LockstepRig) -> None:
 
 
 def _level_alone(rig: LockstepRig) -> None:
-    _no_quick_stop(rig)
+    no_quick_stop(rig)
     rig.port.plugged = False
 
 
@@ -44,8 +44,9 @@ def _quick_stop_alone(rig: LockstepRig) -> None:
     drive_causes.motor_jump(rig.lockstep)
 
 
-def _watch_alone(rig: LockstepRig) -> None:
-    _no_quick_stop(rig)
+def watch_alone(rig: LockstepRig) -> None:
+    """The motor encoder jumps, and neither zero rate nor quick stop reaches the drives."""
+    no_quick_stop(rig)
     _no_zero_rate(rig)
     drive_causes.motor_jump(rig.lockstep)
 
@@ -74,7 +75,7 @@ DEFENCES = (
     ),
     FaultCase(
         name="Heartbeat watch alone: the motor encoder jumps, and neither reaches the drives",
-        act=_watch_alone,
+        act=watch_alone,
         expected=akd.ENCODER_JUMP,
         stopped_by=(Stopper.HEARTBEAT, Stopper.HEARTBEAT),
         withheld=True,

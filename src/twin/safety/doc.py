@@ -14,8 +14,6 @@ from twin.hal.faults import Condition
 from twin.hal.interface import SCREEN
 from twin.hal.states import TRANSITIONS
 from twin.hal.supervisor import RIG_CONDITIONS
-from twin.safety.cases import CASES
-from twin.safety.mutations import MUTATIONS
 from twin.safety.proof import DEFENCES, NOT_PROVEN, PROVEN
 from twin.safety.row import FaultRow
 from twin.safety.trial import AFTER, LEFT
@@ -66,7 +64,7 @@ def document(rows: Sequence[FaultRow]) -> str:
     parts.append("## Conditions\n")
     for title, conditions in GROUPS.items():
         parts += [f"### {title}\n", *_conditions(conditions)]
-    parts += [DEFENCES, *_mutations(), PROVEN, NOT_PROVEN]
+    parts += [DEFENCES, PROVEN, NOT_PROVEN]
     parts += ["## Keys of a row with `--json`\n", inspect.cleandoc(KEYS), "", *_keys()]
     parts += ["## Fault matrix\n", _sentence(rows), *_matrix(rows)]
     parts += ["## What the rows are judged by\n", LIMITS, *_reasons(rows)]
@@ -93,9 +91,7 @@ def _conditions(conditions: Iterable[Condition]) -> list[str]:
 
 KEYS = """
     Times are in s, angles in rad, ways in m. A pair is that of phi and theta, or of x and y. What
-    ends in `_limit` or `_expected` is what the key before it is judged by. With `--mutate` the rows
-    are the value of `rows`, beside `mutations`: each with `name`, `change`, `noticed`, its `rows`
-    (failures by the name of a row that noticed) and the names of those `unnoticed`.
+    ends in `_limit` or `_expected` is what the key before it is judged by.
 """
 
 
@@ -106,12 +102,6 @@ def _keys() -> list[str]:
     return _table(
         ("key", "meaning"), [(f"`{key}`", " ".join(text.split())) for key, text in entries]
     )
-
-
-def _mutations() -> list[str]:
-    """What can be taken away, and how many rows rely on it."""
-    rows = [(each.name, each.change, str(sum(map(each.concerns, CASES)))) for each in MUTATIONS]
-    return _table(("taken away", "done instead", "rows that rely on it"), rows)
 
 
 def _sentence(rows: Sequence[FaultRow]) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.exchange import SHUTDOWN
 from twin.emulator.drive_settings import DriveSettings
 from twin.hal.interface import SCREEN
 from twin.hal.limits import Limits
@@ -24,12 +25,15 @@ from twin.hal.supervisor import Supervisor
 from twin.safety.case import FaultCase
 from twin.safety.reaction import LEVEL, STILL, Stopper
 
-HOST, DRIVE, RIG, BALL = AkdConfig(), DriveSettings(node=1), Limits(), BallPlate()
+DRIVE, RIG, BALL = DriveSettings(node=1), Limits(), BallPlate()
 ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
 BEYOND = ANGLE + Supervisor.ANGLE_SLACK
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
-RAMP = HOST.rate_limit / DRIVE.stop_ramp
+RAMP = AkdConfig().rate_limit / DRIVE.stop_ramp
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
+LEAVING = 2 * SHUTDOWN + 0.05
+"""Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
+then for no torque, then sends what is left."""
 
 RAMPED = f"{1e3 * RAMP:g} ms of ramp from the velocity limit"
 
@@ -70,27 +74,36 @@ def standstill(case: FaultCase, detected: float, at: AtFault) -> Limit | None:
     return max(times) if times else None
 
 
-def _quick_stopped(_: FaultCase, detected: float, __: AtFault) -> Limit:
-    return Limit(
-        detected + 2 * HOST.period + RAMP, f"detection, two periods to the drives, {RAMPED}"
-    )
+def _quick_stopped(case: FaultCase, detected: float, _: AtFault) -> Limit:
+    time = detected + 2 * case.host.period + RAMP
+    return Limit(time, f"detection, two periods to the drives, {RAMPED}")
 
 
-def _watched(case: FaultCase, detected: float, _: AtFault) -> Limit:
-    watch = HOST.silence + HOST.period + RAMP
+def _watched(case: FaultCase, detected: float, at: AtFault) -> Limit:
+    if case.zeroed:
+        return _quick_stopped(case, detected, at)
+    return _unwatched(case, detected)
+
+
+def _unwatched(case: FaultCase, detected: float) -> Limit:
+    """Until a drive has no torque that watches the host."""
+    watch = case.host.silence + case.host.period + RAMP
     if not case.withheld:
         return Limit(watch, f"the silence that the drives allow, one period, {RAMPED}")
+    if case.host.watch.stop > LEAVING:
+        why = f"detection, leaving the bus, silence, three periods, {RAMPED}"
+        return Limit(detected + LEAVING + 2 * case.host.period + watch, why)
     why = f"detection, patience with the quick stop, silence, three periods, {RAMPED}"
-    return Limit(detected + HOST.watch.stop + 2 * HOST.period + watch, why)
+    return Limit(detected + case.host.watch.stop + 2 * case.host.period + watch, why)
 
 
-def _stopped_itself(_: FaultCase, __: float, ___: AtFault) -> Limit:
-    return Limit(HOST.period + RAMP, f"one period, {RAMPED}")
+def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> Limit:
+    return Limit(case.host.period + RAMP, f"one period, {RAMPED}")
 
 
-def _run_out(_: FaultCase, __: float, at: AtFault) -> Limit:
-    rate = at.rate + 2 * ACCELERATION * HOST.period
-    time = 2 * HOST.period + DRIVE.coasting * math.log(max(rate / STILL, 1.0))
+def _run_out(case: FaultCase, _: float, at: AtFault) -> Limit:
+    rate = at.rate + 2 * ACCELERATION * case.host.period
+    time = 2 * case.host.period + DRIVE.coasting * math.log(max(rate / STILL, 1.0))
     why = f"two periods, then down to 1/e every {DRIVE.coasting:g} s without torque"
     return Limit(time, why)
 
@@ -98,7 +111,7 @@ def _run_out(_: FaultCase, __: float, at: AtFault) -> Limit:
 def _levelled(case: FaultCase, detected: float, at: AtFault) -> Limit:
     """Brake, turn back at the rate limit, then at the root of acceleration times angle."""
     angle, rate = tilt(case, detected, 0.0, at).value, _fastest(case, detected, at)
-    last = 10 * HOST.period  # time constant of the last piece, see `Clamp.towards_level`
+    last = 10 * case.host.period  # time constant of the last piece, see `Clamp.towards_level`
     back = min(RATE, math.sqrt(ACCELERATION * angle))
     time = (rate + back) / ACCELERATION
     time += max(0.0, angle - back**2 / ACCELERATION) / RATE + 2 * back / ACCELERATION
@@ -118,11 +131,13 @@ STOPS: dict[Stopper, Callable[[FaultCase, float, AtFault], Limit]] = {
 """Longest time to standstill by who has to stop an axis, from case, detection in s and fault."""
 
 
-def torque_off(case: FaultCase, stop: Limit | None) -> Limit | None:
+def torque_off(case: FaultCase, detected: float, stop: Limit | None) -> Limit | None:
     """Longest time in s to no torque; None where the plate is held, or nothing has to stop."""
     if stop is None or Stopper.LEVELLING in case.stoppers:
         return None
-    return Limit(stop.value + 2 * HOST.period, "two periods from standstill")
+    if case.zeroed:
+        stop = _unwatched(case, detected)
+    return Limit(stop.value + 2 * case.host.period, "two periods from standstill")
 
 
 def tilt(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> Limit:
@@ -139,6 +154,9 @@ def tilt(case: FaultCase, detected: float, stop: float | None, at: AtFault) -> L
     if stop is None:
         return Limit(BEYOND, "the rig runs on: what the clamp allows")
     rate = _fastest(case, detected, at)
+    if case.shoved:
+        largest = at.tilt + case.speed * case.shoved + RATE * detected
+        return Limit(largest, "tilt at the fault, the whole push, fastest rate until detection")
     if Stopper.LEVELLING in case.stoppers:
         way = rate * detected + rate**2 / (2 * ACCELERATION)
         why = "tilt at the fault, fastest rate until detection and braking; never past the clamp"
@@ -173,6 +191,9 @@ def ball(
     # A change of the plate's rate carries the ball along by c2 times it, (5.1).
     carried = 2 * BALL.c2 * _fastest(case, detected, at)
     way = at.ball + (at.velocity + carried) * stop + slope * stop**2 / 2
+    if case.goes:
+        x, y = way.tolist()
+        return (x, y), "place and speed at the fault, slope of the largest tilt until standstill"
     x, y = np.minimum(way, np.array(SCREEN) / 2).tolist()
     why = "place and speed at the fault, slope of the largest tilt until standstill; on the plate"
     return (x, y), why

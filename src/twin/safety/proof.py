@@ -13,9 +13,10 @@ DEFENCES = """\
 
 The matrix says for each row who stopped each axis: whoever took its drive out of operation, or the
 levelling if the plate was level while the drive still had torque. Its last rows leave one line
-alone, with those before it taken away on the bus. `ballplate safety --mutate` then takes one line
-away from the program after the other and repeats every row that relies on it: each must turn bad,
-and the command ends with exit code 0 only if all do.
+alone, with those before it taken away on the bus, or run with other settings than the defaults.
+The project's tests then take one line after the other away from the program, or put it wrong (an
+area limit exchanged, a bound on one axis only, a limit not written), and repeat every row that
+relies on it: each must turn bad.
 """
 PROVEN = """\
 ## What is proven without a real drive
@@ -29,7 +30,7 @@ in virtual time; drives, screen, plate and ball are emulated. Proven is, for the
 - that the drives are left with the heartbeat watch in force, so that each line of defence works
   alone as far as the drives do what CiA 402 and the vendor's documents say;
 - that the record is whole and that nothing starts again by itself;
-- that the rows would show it if a line of defence were missing (`--mutate`).
+- that the rows would show it if a line of defence were missing (`tests/safety`).
 """
 NOT_PROVEN = """\
 ## What is not proven without a real drive

@@ -49,6 +49,7 @@ class FaultRow:
         ball_limit: Their limits.
         ball_later: The same over the whole observation; not judged.
         torque: Whether a drive has torque at the end of the observation.
+        held: Whether the drives held the limits of torque and speed when the fault began.
         says: Whether the line says what it must.
         why: Where each limit comes from, in one line, by its key.
         failures: The keys that are not as they must be.
@@ -80,6 +81,7 @@ class FaultRow:
     ball_limit: Pair
     ball_later: Pair
     torque: bool
+    held: bool
     says: bool
     why: dict[str, str]
 
@@ -94,6 +96,7 @@ class FaultRow:
             "tilt": _within(self.tilt, self.tilt_limit),
             "ball": all(map(_within, self.ball, self.ball_limit)),
             "torque": not self.torque,
+            "held": self.held,
         }
 
     @property

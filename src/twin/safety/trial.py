@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -10,9 +11,12 @@ from numpy.typing import NDArray
 
 from controllers.stack import Controller
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
+from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
+from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.transports import ScreenError
 from twin.devices.rig import StartRefusedError
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import DEAD_TIME, FRAME
@@ -40,6 +44,12 @@ AGAIN = 0.5
 """How long it runs after it has been recovered, s."""
 
 
+_CURRENTS, _SPEEDS, _PER_AMPERE = (0x356E, 0x356F), (0x207F, 0x3622, 0x3623), 0x3593
+"""Objects of a drive: peak currents in 0.001 A, speeds in 0.001 rpm, torque in 0.001 N m/A."""
+_ROUNDING = 1.02
+"""What the drives' units of current and speed may add to a limit."""
+
+
 class Run(NamedTuple):
     """How a run ended, its record, and the error with which switching on was refused."""
 
@@ -59,17 +69,25 @@ class Trial:
         self.case = case
         self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
         plant = EmulatedPlant(self.scenario)
+        screen = LumioConfig(port="emulated", protocol=str(case.protocol), gate=case.gate)
         self.rig = LockstepRig(
             plant,
             transmission=plant.transmission,
             limits=build_limits(self.scenario.rig.limits),
+            config=case.host,
+            touch=screen,
             protocol=case.protocol,
             seed=self.scenario.seed,
+            relaxed=(*case.host.relaxed, *screen.relaxed),
         )
         self.trace = MotionTrace(self.rig)
         self.drives = list(self.rig.lockstep.drives)
         self.begun: float | None = None if not case.before else self.rig.now()
         """Bus time of the fault, s."""
+        self._acted = case.before
+        self._held = True
+        self._state = np.zeros(8)
+        """Of (5.5), when the fault began; zero before a run."""
         self.time_begun = 0.0
         """Time of the run at the fault, s."""
         self.last = self.rig.now()
@@ -86,7 +104,7 @@ class Trial:
         tilt = limits.tilt(case, allowed, stop.value if stop else None, at)
         ball, ball_why = limits.ball(case, allowed, stop.value if stop else None, at)
         line = str(run.refusal) if run.refusal else run.outcome.reason
-        off = limits.torque_off(case, stop)
+        off = limits.torque_off(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
         more = {"standstill_limit": stop, "torque_off_limit": off}
         why |= {key: limit.why for key, limit in more.items() if limit}
@@ -117,6 +135,7 @@ class Trial:
             ball_limit=ball,
             ball_later=seen.ball_later,
             torque=seen.live,
+            held=self._held,
             why={
                 **why,
                 **({"torque_off_limit": off.why} if off else {}),
@@ -140,27 +159,27 @@ class Trial:
 
     def _observe(self, time: float, _: Mapping[str, NDArray[Any]]) -> None:
         self.last = self.rig.now()
-        if self.begun is None and time >= BEGIN:
-            self.begun, self.time_begun = self.last, time
+        if not self._acted and time >= BEGIN:
+            self._acted = True
+            self._held = all(holds_limits(drive, self.case.host) for drive in self.drives)
             self._act()
+        if self._acted and self.begun is None and self.case.begins(self.rig):
+            self.begun, self.time_begun = self.last, time
+            self._state = self.rig.plant.devices.state[0].copy()
 
     def _act(self) -> None:
         self.case.act(self.rig)
         self.trace.note_injection()
 
     def _at_fault(self) -> limits.AtFault:
-        begun = self.begun if self.begun is not None else self.last
-        motion = self.trace.between(0.0, begun)
-        if not motion.time.size:
-            return limits.AtFault(0.0, 0.0, np.zeros(2), np.zeros(2))
-        ball, velocity = np.abs(motion.ball[-1]), np.abs(motion.velocity[-1])
-        return limits.AtFault(float(motion.tilt[-1]), float(motion.speed[-1]), ball, velocity)
+        x, x_rate, plate, plate_rate = np.abs(self._state).reshape(2, 4).T
+        return limits.AtFault(float(plate.max()), float(plate_rate.max()), x, x_rate)
 
     def _allowed(self) -> float:
         """Longest time to the detection, s."""
         case = self.case
         if case.hangs:
-            silence = limits.HOST.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
+            silence = case.host.silence if Stopper.HEARTBEAT in case.stoppers else 0.0
             return silence + self.rig.period
         late = DEAD_TIME + FRAME + self.rig.period if case.of_screen else 0.0
         return case.expected.within + late + case.wait if case.expected else 0.0
@@ -224,6 +243,12 @@ class Trial:
         rig.lockstep.adapter.plugged = rig.port.plugged = rig.plant.present = True
         rig.line.damage.clear()
         rig.stall = 0.0
+        rig.asked = None
+        rig.line.protocol = self.case.protocol
+        rig.replace_transmission(rig.plant.transmission)
+        rig.plant.shoved = np.zeros(2)
+        rig.lockstep.bus.beside.clear()
+        rig.lockstep.missing = None
         for each in self.drives:
             each.restore()
         rig.plant.restart()
@@ -241,6 +266,17 @@ class Trial:
         """Run once more, as a person does with ``--reset``."""
         self.rig.ask_reset()
         return self._run(AGAIN, act=False)
+
+
+def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
+    """Whether torque and speed that a drive allows are at most those the host is set to."""
+    held = {key: abs(drive.store.get(key)) for key in (*_CURRENTS, *_SPEEDS, _PER_AMPERE)}
+    unit = drive.settings.parameter_count
+    torques = [held[key] * unit * held[_PER_AMPERE] * 1e-3 for key in _CURRENTS]
+    speeds = [held[key] * unit * math.pi / 30 for key in _SPEEDS]
+    return (
+        max(torques) <= host.torque_limit * _ROUNDING and max(speeds) <= host.rate_limit * _ROUNDING
+    )
 
 
 def _words(state: Power) -> str:

@@ -148,7 +148,7 @@ class FaultReports:
             self._warned[key] = _LastWarning(at)
         elif key in self._latched:
             return
-        fault = Fault(condition, where, detail)
+        fault = Fault(condition, where, detail, at)
         if condition.severity is not Severity.WARNING:
             self._latched[key] = fault
             self.stopped = self.stopped or condition.severity is Severity.STOP

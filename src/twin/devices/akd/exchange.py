@@ -17,7 +17,7 @@ from twin.devices.akd.transport import CanTransport
 
 _STANDSTILL = 0.05
 """Motor rate in rad/s that counts as standstill."""
-_SHUTDOWN = 0.4
+SHUTDOWN = 0.4
 """Longest time in s for each step of the shutdown."""
 
 
@@ -140,7 +140,7 @@ class CyclicExchange:
             sleep: Waits for a number of s.
         """
         axes, period = self._axes, self._config.period
-        cycles = round(_SHUTDOWN / period)
+        cycles = round(SHUTDOWN / period)
 
         def run_until(done: Callable[[], bool], most: int = cycles) -> None:
             for _ in range(most):

@@ -1,0 +1,338 @@
+"""Rows of what the supervisor itself watches, of the host's program, and of a person's settings."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.devices.akd import conditions as akd
+from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.watch import MonitorConfig
+from twin.devices.lumio import conditions as lumio
+from twin.devices.lumio.config import PlausibilityLimits
+from twin.emulator.can_faults import Frame
+from twin.emulator.drive_power import Power
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen_bytes import Protocol
+from twin.emulator.screen_faults import ScreenFault
+from twin.hal import supervisor
+from twin.hal.interface import Transmission
+from twin.hal.limits import Limits
+from twin.safety import drive_causes
+from twin.safety.case import BRING_UP, Act, FaultCase
+from twin.safety.defences import no_quick_stop, watch_alone
+from twin.safety.reaction import Stopper
+
+_LIMITS = Limits()
+_EDGE = np.add(_LIMITS.area, _LIMITS.margin)
+"""Where the ball may be at most, x and y, m."""
+_STEEP = float(_LIMITS.angle) + supervisor.Supervisor.ANGLE_SLACK
+_NEXT = AkdConfig().period
+"""What is done after a period's commands shows in the next one's, s."""
+_SHOVE = 4.0
+"""Rate in rad/s by which the plate is turned by force: faster than a drive counts as run away."""
+_SHOVED = 0.05
+"""For how long, s."""
+_FAR, _FAST = 0.07, 1.65
+"""From where along y a ball is pushed, m, and how fast, m/s: across the plate."""
+_QUICK = 0.2
+"""Rate in rad/s at which the plate turns when a row wants it to."""
+_TURN = struct.pack("<Hi", 0x0F, round(1.2 / 0.001 / (math.pi / 30)))
+"""RPDO1: enabled, 1.2 rad/s."""
+
+
+def _ball(rig: LockstepRig) -> Array:
+    """Position of the ball along x and y, m."""
+    found: Array = rig.plant.devices.state[0, 0::4]
+    return found
+
+
+def _push(x_rate: float, y_rate: float) -> Act:
+    def act(rig: LockstepRig) -> None:
+        x, y = _ball(rig)
+        rig.plant.devices.place(np.array([[x, x_rate, y, y_rate]]))
+
+    return act
+
+
+def _push_later(rig: LockstepRig) -> None:
+    """Push the ball across the plate along y, once it is on the far side."""
+    moved = rig.lockstep.bus.moved
+
+    def move(dt: float) -> None:
+        moved(dt)
+        if _ball(rig)[1] > _FAR:
+            rig.lockstep.bus.moved = moved
+            _push(0.0, -_FAST)(rig)
+
+    rig.lockstep.bus.moved = move
+
+
+def _fast(axis: int) -> Callable[[LockstepRig], bool]:
+    limit = float(_LIMITS.ball_speed)
+    return lambda rig: bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > limit)
+
+
+def _outside(axis: int) -> Callable[[LockstepRig], bool]:
+    return lambda rig: bool(abs(_ball(rig)[axis]) > _EDGE[axis])
+
+
+def _move_ball(rig: LockstepRig) -> None:
+    x, y = _ball(rig)
+    rig.plant.devices.place(np.array([[x - 0.15, 0.0, y - 0.15, 0.0]]))
+
+
+def _shove(axis: int) -> Act:
+    def act(rig: LockstepRig) -> None:
+        end = rig.now() + _SHOVED
+        away = math.copysign(_SHOVE, rig.plant.devices.state[0, 2 + 4 * axis])
+        rig.plant.shoved[axis] = away
+        moved = rig.lockstep.bus.moved
+
+        def move(dt: float) -> None:
+            if rig.now() >= end:
+                rig.plant.shoved[:] = 0.0
+            moved(dt)
+
+        rig.lockstep.bus.moved = move
+
+    return act
+
+
+def _steep(axis: int) -> Callable[[LockstepRig], bool]:
+    return lambda rig: bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > _STEEP)
+
+
+def _ask(phi: float, theta: float) -> Act:
+    def act(rig: LockstepRig) -> None:
+        rig.asked = np.array([[phi, theta]])
+
+    return act
+
+
+class _Broken:
+    """Cams that give no number."""
+
+    def motor(self, plate: Array) -> Array:
+        """No angles."""
+        return np.full_like(plate, np.nan)
+
+
+def _break_cams(rig: LockstepRig) -> None:
+    broken: Transmission = _Broken()
+    rig.replace_transmission(broken)
+
+
+def _stick(rig: LockstepRig) -> None:
+    rig.lockstep.drives[0].store.stuck.add((0x356E, 0))
+
+
+def _no_adapter(rig: LockstepRig) -> None:
+    bad = akd.DriveError(akd.BAD_BUS, "CAN emulated", "no channel 'emulated'")
+    rig.lockstep.missing = bad
+
+
+def _unreadable(rig: LockstepRig) -> None:
+    rig.lockstep.adapter.unreadable_lines += 3
+
+
+def _refused_reset(rig: LockstepRig) -> None:
+    rig.lockstep.drives[0].fail(235, lasting=True)
+    rig.lockstep.drives[0].power.refuse_reset = True
+    rig.ask_reset()
+
+
+def _beside(frame: Frame, every: float) -> Act:
+    return lambda rig: rig.lockstep.bus.beside.append((frame, every))
+
+
+def _speak_elo(rig: LockstepRig) -> None:
+    rig.line.protocol = Protocol.ELO
+
+
+def _dead(lasting: float) -> Act:
+    return lambda rig: rig.inject(ScreenFault.MISSING_PEN_UP, lasting)
+
+
+def _nothing(_: LockstepRig) -> None:
+    """Leave the rig alone."""
+
+
+def _turns(rig: LockstepRig) -> bool:
+    return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _QUICK)
+
+
+def _jump_unstopped(rig: LockstepRig) -> None:
+    """The motor encoder jumps while the plate turns, and no quick stop reaches the drives."""
+    _ask(2 * _QUICK, 2 * _QUICK)(rig)
+    moved = rig.lockstep.bus.moved
+
+    def move(dt: float) -> None:
+        moved(dt)
+        if _turns(rig):
+            rig.lockstep.bus.moved = moved
+            no_quick_stop(rig)
+            drive_causes.motor_jump(rig.lockstep)
+
+    rig.lockstep.bus.moved = move
+
+
+WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
+
+SUPERVISED = (
+    *(
+        FaultCase(
+            name=f"The ball is pushed out of its area along {name}",
+            act=_push(*rates),
+            begins=_outside(axis),
+            expected=supervisor.BALL_OUTSIDE,
+            of_screen=True,
+            goes=True,
+        )
+        for axis, name, rates in ((0, "x", (1.0, 0.0)), (1, "y", (0.0, 0.5)))
+    ),
+    *(
+        FaultCase(
+            name=f"The ball is pushed too fast along {name}",
+            act=act,
+            begins=_fast(axis),
+            expected=supervisor.BALL_FAST,
+            of_screen=True,
+            goes=True,
+        )
+        for axis, name, act in ((0, "x", _push(-_FAST, 0.0)), (1, "y", _push_later))
+    ),
+    *(
+        FaultCase(
+            name=f"The plate is turned past its limit by force, {name}",
+            act=_shove(axis),
+            begins=_steep(axis),
+            expected=supervisor.PLATE_TILTED,
+            speed=_SHOVE,
+            shoved=_SHOVED,
+            goes=True,
+        )
+        for axis, name in ((0, "phi"), (1, "theta"))
+    ),
+    FaultCase(
+        name="The controller asks for what is no number",
+        act=_ask(math.nan, 0.0),
+        expected=supervisor.BAD_REQUEST,
+        wait=_NEXT,
+    ),
+    FaultCase(
+        name="The controller asks for the fastest turn for good",
+        act=_ask(10.0, 0.0),
+        begins=_outside(0),
+        expected=supervisor.BALL_OUTSIDE,
+        of_screen=True,
+        goes=True,
+    ),
+    FaultCase(
+        name="The ball is put elsewhere by hand",
+        act=_move_ball,
+        expected=lumio.RELOCATED,
+        of_screen=True,
+    ),
+)
+"""What the supervisor notices from measurements alone, and what the screen does of a ball."""
+
+PROGRAM = (
+    FaultCase(
+        name="The cams give no number", act=_break_cams, expected=akd.BAD_COMMAND, wait=_NEXT
+    ),
+    FaultCase(name="The adapter garbles lines", act=_unreadable, expected=akd.GARBLED),
+    FaultCase(
+        name="Another master sends SYNC",
+        act=_beside(Frame(0x080), 0.002),
+        expected=akd.SECOND_MASTER,
+    ),
+    FaultCase(
+        name="Another master turns drive phi",
+        act=_beside(Frame(0x201, _TURN), 0.0005),
+        expected=akd.SECOND_MASTER,
+        speed=1.2,
+    ),
+    FaultCase(
+        name="The screen says nothing for a moment",
+        act=_dead(0.08),
+        expected=lumio.STALE,
+        of_screen=True,
+    ),
+)
+"""What reaches the host from beside its drives and its screen."""
+
+UNFIT = (
+    FaultCase(name="The CAN adapter is absent", act=_no_adapter, expected=akd.BAD_BUS, before=True),
+    FaultCase(
+        name="Drive phi keeps its own torque limit",
+        act=_stick,
+        expected=akd.WRONG_SETTING,
+        before=True,
+    ),
+    FaultCase(
+        name="Drive phi refuses the reset of its fault when switched on",
+        act=_refused_reset,
+        expected=akd.RESET_REFUSED,
+        before=True,
+        states=(Power.FAULT, Power.SWITCH_ON_DISABLED),
+        wait=BRING_UP,
+    ),
+    FaultCase(
+        name="The screen speaks another protocol",
+        act=_speak_elo,
+        expected=lumio.UNKNOWN_PROTOCOL,
+        before=True,
+        stopped_by=(Stopper.QUICK_STOP, Stopper.QUICK_STOP),
+        wait=BRING_UP,
+    ),
+)
+"""What a rig is refused with when it is switched on, beside the first rows."""
+
+SETTINGS = (
+    FaultCase(
+        name="The safety nets are relaxed",
+        act=_nothing,
+        expected=akd.RELAXED,
+        before=True,
+        host=AkdConfig(silence=0.5),
+        gate=PlausibilityLimits(stale=0.5),
+    ),
+    FaultCase(
+        name="Silence 0.6 s, patience 2 s: the motor encoder jumps, and no stop is obeyed",
+        act=watch_alone,
+        expected=akd.ENCODER_JUMP,
+        stopped_by=WATCHES,
+        withheld=True,
+        host=AkdConfig(silence=0.6, watch=MonitorConfig(stop=2.0)),
+    ),
+    FaultCase(
+        name="Stale only after 1 s: the screen says nothing any more",
+        act=_dead(math.inf),
+        expected=lumio.BALL_LOST,
+        of_screen=True,
+        gate=PlausibilityLimits(stale=1.0),
+    ),
+    FaultCase(
+        name="Supervisor alone: the screen says nothing any more, and waits for 1 s itself",
+        act=_dead(math.inf),
+        expected=supervisor.BALL_LOST,
+        of_screen=True,
+        wait=PlausibilityLimits().stale,
+        gate=PlausibilityLimits(lost=1.0),
+    ),
+    FaultCase(
+        name="Zero rate alone: the motor encoder jumps, and no quick stop reaches the drives",
+        act=_jump_unstopped,
+        begins=_turns,
+        expected=akd.ENCODER_JUMP,
+        stopped_by=WATCHES,
+        withheld=True,
+        zeroed=True,
+    ),
+)
+"""Rows with settings other than those by default, and with one line of defence alone."""
