@@ -8,6 +8,8 @@ is left out and named by ``broken``. A class of a running program is taken in by
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -17,17 +19,20 @@ import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
+from enum import Enum
 from functools import cache, partial
 from importlib.metadata import entry_points
 from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import ModuleType
-from typing import TypeVar, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import controllers
 from controllers.interfaces import Law, Observer, Reference
 
 Kind = TypeVar("Kind", Law, Observer, Reference)
+_HELD = (bool, int, float, complex, str, PurePath, Enum, tuple, list, dict, type(None))
+"""What a scenario can hold."""
 
 GROUP = "ballplate.controllers"
 FOLDER = "laws"
@@ -49,7 +54,7 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
         try:
             module = load()
             for item in _classes(module):
-                get_type_hints(item)  # as whoever checks its settings will
+                _check_fields(item)
                 if taken.setdefault(item.name, item) is not item:
                     other = sys.modules[taken[item.name].__module__].__file__
                     raise ValueError(f"the name '{item.name}' is taken by {other}")
@@ -57,6 +62,48 @@ def _modules() -> tuple[tuple[ModuleType, ...], tuple[str, ...]]:
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's file may do anything
             lines.append(_line(error, {place}) or f"{place}: {_words(error)}")
     return tuple(modules), tuple(lines)
+
+
+def _check_fields(cls: type) -> None:
+    """Make sure that a scenario can hold every field of a class.
+
+    Raises:
+        TypeError: If it cannot hold one: which, and what to write instead.
+        NameError: If a type is not there.
+    """
+    hints = get_type_hints(cls)
+    for each in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
+        if each.init and not _holds(hints[each.name]):
+            kind = getattr(hints[each.name], "__name__", str(hints[each.name]))
+            raise TypeError(
+                f"{cls.__name__}.{each.name}{_line_of(cls, each.name)}: no scenario can hold a "
+                f"{kind}; write {each.name}: tuple[float, ...] and np.array(self.{each.name}) "
+                "where it is used"
+            )
+
+
+def _holds(kind: Any) -> bool:
+    """Whether a scenario can hold a value of a type: numbers, texts, and tables and lists of them.
+
+    Types that say no more than that, as Any or a type variable, are taken at their word.
+    """
+    if parts := get_args(kind):
+        return get_origin(kind) is Literal or all(_holds(part) for part in parts)
+    if kind is Any or not isinstance(kind, type) or dataclasses.is_dataclass(kind):
+        return True
+    return issubclass(kind, _HELD)
+
+
+def _line_of(cls: type, field: str) -> str:
+    """In which line of its file a field of a class stands, in words."""
+    try:
+        lines, first = inspect.getsourcelines(cls)
+    except (OSError, TypeError):
+        return ""
+    for number, line in enumerate(lines, first):
+        if line.split(":")[0].strip() == field:
+            return f", line {number}"
+    return ""
 
 
 def _own(path: Iterable[str], prefix: str) -> Iterator[tuple[str, Callable[[], ModuleType]]]:
@@ -85,6 +132,10 @@ def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
 def _imported(path: Path) -> ModuleType:
     """The module of a file that lies in no package."""
     name = f"{FOLDER}_{path.stem}"
+    if getattr(sys.modules.get(name), "__file__", str(path)) != str(path):
+        name += (
+            f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
+        )
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
@@ -133,12 +184,21 @@ def register(cls: type[Law | Observer | Reference]) -> None:
     if not isinstance(name, str) or inspect.isabstract(cls):
         raise ValueError(f"{cls.__name__}: needs a name of its own and every method of its kind")
     known = {item.name: item for module in _modules()[0] for item in _classes(module)}
+    if name in known and _home(known[name]) == _home(cls):
+        return  # the same class, imported a second time
     if known.get(name, cls) is not cls:
         raise ValueError(f"{cls.__name__}: the name '{name}' is taken by {known[name].__name__}")
     if name not in known:
-        get_type_hints(cls)  # as whoever checks its settings will
+        _check_fields(cls)
         _registered[name] = cls
         _all_classes.cache_clear()
+
+
+def _home(cls: type) -> tuple[str, str]:
+    """File and name of a class; of one without a file its module."""
+    module = sys.modules.get(cls.__module__)
+    file = getattr(module, "__file__", None)
+    return (str(Path(file).resolve()) if file else cls.__module__), cls.__qualname__
 
 
 def registered() -> frozenset[str]:
@@ -218,7 +278,10 @@ def broken() -> tuple[str, ...]:
 
 def blamed(error: BaseException) -> str | None:
     """File, line and error in one line, if the error came out of a module of the catalog."""
-    return _line(error, {getattr(module, "__file__", None) for module in _modules()[0]})
+    files = {getattr(module, "__file__", None) for module in _modules()[0]}
+    homes = [sys.modules.get(cls.__module__) for cls in _registered.values()]
+    outer = {getattr(module, "__file__", None) for module in (*outside(), *homes)} - {None}
+    return _line(error, outer) or _line(error, files)
 
 
 def _line(error: BaseException, files: Collection[str | None]) -> str | None:

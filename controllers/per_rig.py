@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Reference
+from controllers.probe import commanded, remembered
 from controllers.stack import SampledReference
 
 Member = TypeVar("Member")
@@ -121,19 +122,18 @@ class PerRigLaw(Law):
         """Plate accelerations in rad/s^2, shape (N, 2)."""
         u = np.empty((len(now.x), 2))
         for (own, law), plan in zip(self.groups.each, now.plan, strict=True):
-            u[own] = law.command(
-                Feedback(
-                    now.time,
-                    now.x[own],
-                    now.equivalent[own],
-                    now.needed[own][:, [self.needs.index(name) for name in law.needs]],
-                    now.rate[own],
-                    now.requested[own],
-                    _PartOf(now.reference, own),
-                    now.memory[own, : law.memory],
-                    plan,
-                )
+            mine = Feedback(
+                now.time,
+                now.x[own],
+                now.equivalent[own],
+                now.needed[own][:, [self.needs.index(name) for name in law.needs]],
+                now.rate[own],
+                now.requested[own],
+                _PartOf(now.reference, own),
+                now.memory[own, : law.memory],
+                plan,
             )
+            u[own] = commanded(law, law.command(mine), mine.rate)
         return u
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
@@ -143,7 +143,8 @@ class PerRigLaw(Law):
             if law.memory:
                 mine = q[own, : law.memory]
                 part = _PartOf(reference, own)
-                slope[own, : law.memory] = law.memory_rate(t, x[own], part, mine)
+                given = law.memory_rate(t, x[own], part, mine)
+                slope[own, : law.memory] = remembered(law, given, mine)
         return slope
 
 

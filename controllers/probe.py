@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
+from typing import Any
 
 import numpy as np
 
+from controllers.arrays import Array
 from controllers.interfaces import Law
 from controllers.references.point import Hold
 
@@ -34,7 +36,47 @@ def wrong_answer(law: Law) -> str | None:
     return None
 
 
-def _place(law: Law) -> str:
-    """File and line of a law's ``control``."""
-    own = type(law).control
+class AnswerError(ValueError):
+    """A law answers otherwise than a law does: file, line, what it must give and what it gave."""
+
+
+def commanded(law: Law, u: Any, like: Array) -> Array:
+    """The plate accelerations that a law gave, of the shape of an array.
+
+    Raises:
+        AnswerError: If they are none.
+    """
+    if getattr(u, "shape", None) != like.shape or u.dtype.kind not in "fi":
+        method = "control" if type(law).command is Law.command else "command"
+        raise _wrong(law, method, "plate accelerations (..., 2)", u, like)
+    answer: Array = u
+    return answer
+
+
+def remembered(law: Law, slope: Any, like: Array) -> Array:
+    """The rate of a law's memory that it gave, of the shape of an array.
+
+    Raises:
+        AnswerError: If it is none.
+    """
+    if np.shape(slope) != like.shape or np.iscomplexobj(slope):
+        raise _wrong(law, "memory_rate", "the rate of the memory (..., memory)", slope, like)
+    answer: Array = slope
+    return answer
+
+
+def _wrong(law: Law, method: str, what: str, given: Any, expected: Array) -> AnswerError:
+    kind = "complex numbers of " if np.iscomplexobj(given) else ""
+    said = "None" if given is None else f"{kind}shape {np.shape(given)}"
+    return AnswerError(
+        f"{_place(law, method)}: {method} must give {what}, here real numbers of shape "
+        f"{expected.shape}; it gave {said}"
+    )
+
+
+def _place(law: Law, method: str = "control") -> str:
+    """File and line of a law's method; of one that holds another's command, of that."""
+    while hasattr(law, "law"):
+        law = law.law
+    own = getattr(type(law), method)
     return f"{inspect.getsourcefile(own)}, line {inspect.getsourcelines(own)[1]}"

@@ -8,6 +8,7 @@ import numpy as np
 
 from controllers.arrays import constant
 from controllers.interfaces import Array, Feedback, Law, Measurement, Observer, Reference
+from controllers.probe import commanded, remembered
 
 
 class ControlStep(NamedTuple):
@@ -89,7 +90,7 @@ class Controller:
             self.memory,
             self.plan,
         )
-        u = self.law.command(now)
+        u = commanded(self.law, self.law.command(now), self.rate)
         self._remember(t, seen)
         self.requested = self.rate + self._period * u
         return ControlStep(x, u, self.requested, further)
@@ -98,6 +99,7 @@ class Controller:
         """Integrate the law's memory over one period, from an equivalent state."""
         if self.law.memory:
             slope = self.law.memory_rate(t, seen, self.reference, self.memory)
+            slope = remembered(self.law, slope, self.memory)
             self.memory = self.memory + self._period * slope
 
     def _make_up(self, before: float, present: Measurement) -> None:

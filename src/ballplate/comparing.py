@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
@@ -10,7 +11,7 @@ from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of
 from ballplate.comparison import Comparison
 from ballplate.reporter import Reporter, default
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
-from twin.errors import ScenarioError
+from twin.errors import LawError, ScenarioError
 from twin.shipped import find
 from twin.writing import check_writable
 
@@ -174,23 +175,30 @@ def side_by_side(
         check_writable(folder, reporter.name_of("out"))
         replaced = forget(folder)
     runs: dict[str, Result] = {}
+    failed: list[LawError] = []
     interrupted = False
     try:
         scenarios = {label: case.scenario for label, case in cases.items()}
         for label, done in _each(scenarios, processes, reporter):
+            if isinstance(done, LawError):
+                failed.append(done)
+                reporter.warn(f"{label}: {done}")
+                continue
             each = Result.of(done, label, label)
             runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
     except KeyboardInterrupt:
         interrupted = True
         if not runs:
             raise
+    if failed and not (runs or finished):
+        raise failed[0]
     ordered = {label: runs[label] for label in cases if label in runs}
     found = Comparison(
         {**finished, **ordered},
         title,
         {label: cases[label].heading for label in ordered},
         folders={label: cases[label].folder for label in ordered},
-        interrupted=interrupted,
+        interrupted=interrupted or bool(failed),
         replaced=replaced,
     )
     if folder is not None:
@@ -200,25 +208,40 @@ def side_by_side(
 
 def _each(
     cases: Mapping[str, Scenario], processes: int | None, reporter: Reporter
-) -> Iterator[tuple[str, Run]]:
-    """Label and run of every case as they come, on as many processes as are worth it."""
+) -> Iterator[tuple[str, Run | LawError]]:
+    """Label and run of every case, or how its law failed, as they come; on several processes."""
     from twin import jobs
-    from twin.run import execute
 
     if processes is None:
         long = sum(case.duration for case in cases.values()) >= 2 * WORTH_PROCESS
         processes = jobs.cores() if long else 1
     if min(processes, len(cases)) <= 1 or not all(map(importable, cases.values())):
         for label, case in cases.items():
-            done = one_run(case, label, reporter)
+            try:
+                done = one_run(case, label, reporter)
+            except LawError as error:
+                yield label, error
+                continue
             yield label, done
             if done.outcome.interrupted:
                 return
         return
     for case in cases.values():
-        warn_of_dangers(case, reporter)
+        with suppress(LawError):  # its run will tell
+            warn_of_dangers(case, reporter)
+    found: Iterator[tuple[str, Run | LawError]]
     with reporter.progress("comparison", len(cases), "runs") as advance:
-        found = jobs.results(execute.run, cases.items(), min(processes, len(cases)))
-        for number, (label, done) in enumerate(found, 1):
+        found = jobs.results(_attempt, cases.items(), min(processes, len(cases)))
+        for number, (label, each) in enumerate(found, 1):
             advance(number)
-            yield label, done
+            yield label, each
+
+
+def _attempt(scenario: Scenario) -> Run | LawError:
+    """The run of a scenario, or how its law failed."""
+    from twin.run import execute
+
+    try:
+        return execute.run(scenario)
+    except LawError as error:
+        return error

@@ -151,9 +151,10 @@ def one_run(
 def warn_of_dangers(scenario: Scenario, reporter: Reporter) -> None:
     """Warn if the scenario's loop is unstable, or its observer slower than its law."""
     from controllers.analysis import instability, slow_observer
-    from twin.run.control import build_controller
+    from twin.run.control import build_controller, own_errors
 
-    controller = build_controller(scenario)
+    with own_errors():
+        controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time
     for danger in (
         instability(controller.law, controller.observer, dead_time=dead_time),

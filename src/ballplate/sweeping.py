@@ -11,7 +11,7 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied
 from ballplate.reporter import Reporter, default
 from ballplate.running import importable
 from ballplate.swept import Sweep
-from twin.errors import ScenarioError
+from twin.errors import LawError, ScenarioError
 from twin.shipped import find
 from twin.writing import check_writable
 
@@ -45,7 +45,8 @@ def sweep(
     Raises:
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
             cannot be assembled.
-        KeyboardInterrupt: If the user interrupts.
+        KeyboardInterrupt: If the user interrupts before any run has ended; later, what has ended
+            is kept.
     """
     find(str(scenario))  # a wrong name is told before anything heavy is imported
     from twin import jobs
@@ -71,9 +72,13 @@ def sweep(
         count = 1
     rows: dict[int, dict[str, Any]] = {}
     with report.progress("sweep", len(cases), "runs") as advance:
-        for number, row in jobs.results(_judged, enumerate(cases), min(count, len(cases))):
-            rows[number] = row
-            advance(len(rows))
+        try:
+            for number, row in jobs.results(_judged, enumerate(cases), min(count, len(cases))):
+                rows[number] = row
+                advance(len(rows))
+        except KeyboardInterrupt:
+            if not rows:
+                raise
     plain = [
         [
             heading if isinstance(value, list | dict) else value
@@ -83,17 +88,32 @@ def sweep(
     ]
     title = comparison(title, varied, [each.text for each in base])
     points = list(itertools.product(*plain))
-    done = Sweep(title, list(varied), points, [rows[number] for number in range(len(cases))])
+    done = Sweep(
+        title,
+        list(varied),
+        points,
+        [rows.get(number, _none("not run")) for number in range(len(cases))],
+    )
     if out is not None:
         done.save(out)
     return done
 
 
 def _judged(scenario: Scenario) -> dict[str, Any]:
-    """The indicators of a run."""
+    """The indicators of a run; of one whose law raises an error none, but its line."""
     from twin.run import execute
 
-    done = execute.run(scenario)
+    try:
+        done = execute.run(scenario)
+    except LawError as error:
+        return _none("failed") | {"reason": str(error)}
     if done.outcome.interrupted:
         raise KeyboardInterrupt
     return done.summary()
+
+
+def _none(outcome: str) -> dict[str, Any]:
+    """The indicators of a run that there is not, and why not."""
+    from twin.run.indicators import UNITS
+
+    return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}

@@ -55,9 +55,10 @@ class Sweep:
         Raises:
             ScenarioError: If there is none of that name.
         """
-        if metric not in self.rows[0]:
-            raise ScenarioError(f"no indicator '{metric}'{nearest(metric, self.rows[0])}")
-        return [row[metric] for row in self.rows]
+        known = dict.fromkeys(name for row in self.rows for name in row)
+        if metric not in known:
+            raise ScenarioError(f"no indicator '{metric}'{nearest(metric, known)}")
+        return [row.get(metric) for row in self.rows]
 
     @property
     def finished(self) -> bool:
@@ -133,7 +134,7 @@ class Sweep:
                 scale = 1000 if unit == "mm" else 1
                 for index, (curve, rows) in enumerate(self.curves.items()):
                     early = np.array([row["outcome"] != "finished" for row in rows])
-                    known = [np.nan if row[name] is None else scale * row[name] for row in rows]
+                    known = [np.nan if row.get(name) is None else scale * row[name] for row in rows]
                     colour = COLOURS[index % len(COLOURS)]
                     shown = np.where(early, np.nan, known)
                     panel.plot(at, shown, "o-", color=colour, ms=4, label=curve)

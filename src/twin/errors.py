@@ -2,6 +2,7 @@
 
 TwinError
 +-- ScenarioError     a scenario file or an override is wrong
+|   +-- LawError      a law, observer or reference of one's own raises an error
 +-- ModelError        the MJCF model or its cam table does not fit
 +-- ViewError         a viewer cannot be started or reached
 +-- RecordError       a run folder cannot be written or read
@@ -21,6 +22,10 @@ class TwinError(Exception):
 
 class ScenarioError(TwinError, ValueError):
     """A scenario, study or override asks for something that does not exist or cannot be."""
+
+
+class LawError(ScenarioError):
+    """A law, observer or reference raises an error: its file, its line, the error."""
 
 
 class ModelError(TwinError, ValueError):

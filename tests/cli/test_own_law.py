@@ -1,7 +1,10 @@
 """A law of one's own is a law: its record says what it was, and opens where it is not."""
 
+import importlib
 import json
+import re
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +12,17 @@ import pyarrow.parquet as pq
 import pytest
 
 import ballplate as bp
-from controllers.catalog import forget
+from controllers.catalog import ADDED, forget
+from twin.errors import LawError
 
 SHORT = ("--set", "controller.kind=mine", "--set", "duration=0.1", "--set", "plant.kind=lagrange")
 RUN = Path("runs/circle-controller=mine-duration=0.1-plant=lagrange")
 
 
 @pytest.fixture
-def mine(ballplate):
+def mine(ballplate, monkeypatch):
     """A law in the folder of laws of the current folder."""
+    monkeypatch.setenv(ADDED, "")
     forget()
     assert ballplate("new", "law", "mine")[0] == 0
     forget()
@@ -172,3 +177,125 @@ def test_where_a_reference_of_ones_own_led_is_in_the_record(ballplate):
     np.testing.assert_allclose(found.replay.reference(0.05)[1], [0.1, 0.0], atol=1e-9)
     assert found.replay.reference(found.motion.time).shape == (5, len(found.motion.time), 2)
     assert ballplate("view", "x", "--rrd", "x.rrd")[0] == 0
+
+
+WRONG = {
+    "raise NameError('kp')": "line 24: NameError: kp",
+    "import sys; sys.exit(3)": "line 24: SystemExit: 3",
+    "input()": "line 24: EOFError",
+    "return np.zeros((3, 2))": "it gave shape (3, 2)",
+    "return 1j * np.ones((1, 2))": "it gave complex numbers of shape (1, 2)",
+    "return None": "it gave None",
+}
+STUDY = """
+title = "both"
+scenario = "circle"
+set = ["duration=0.1", "metrics.start=0.05", "baseline=false", "plant.kind=lagrange"]
+method = "grid"
+[parameters."plant.friction.rolling_mm"]
+values = [0.0]
+unit = "mm"
+[[variants]]
+name = "lqr"
+set = ["controller.kind=lqr"]
+[[variants]]
+name = "mine"
+set = ["controller.kind=mine"]
+"""
+
+
+@pytest.fixture(params=WRONG)
+def wrong(request, mine):
+    """A law that goes wrong in mid-run, and what must be said of it."""
+    text = mine.read_text()
+    first = "        position, velocity"
+    mine.write_text(text.replace(first, f"        if t > 0.05: {request.param}\n{first}", 1))
+    forget()
+    return WRONG[request.param]
+
+
+BOTH = ('controller.kind=["lqr","mine"]', "--set", "duration=0.1", "--set", "plant.kind=lagrange")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "circle", *SHORT),
+        ("sweep", "circle", *BOTH),
+        ("compare", "circle", "--vary", *BOTH),
+        ("explain", "circle", *SHORT),
+        ("study", "both.toml"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, wrong, command):
+    Path("both.toml").write_text(STUDY)
+    code, out, err = ballplate(*command)
+    said = " ".join((out + err).split())
+    assert said.count(wrong) == 1
+    assert "mine.py" in said
+    assert "Traceback" not in said
+    kept = {"sweep": "sweep.csv", "compare": "compare.png", "study": "rows.csv"}.get(command[0])
+    if kept is None:
+        assert code == 1
+        assert not list(Path().glob("runs/*/run.parquet"))
+    else:
+        (file,) = Path("runs").glob(f"*/{kept}")
+        assert "lqr" in file.read_text() if file.suffix == ".csv" else file.stat().st_size
+
+
+def test_from_python_a_law_that_goes_wrong_is_the_same_line(wrong):
+    short = {"duration": 0.1, "plant": {"kind": "lagrange"}}
+    with pytest.raises(LawError, match=re.escape(wrong)):
+        bp.run("circle", controller="mine", **short)
+    done = bp.sweep("circle", {"controller.kind": ["lqr", "mine"]}, **short)
+    assert done["outcome"] == ["finished", "failed"]
+    assert wrong in done["reason"][1]
+
+
+def test_a_state_that_is_indexed_as_one_row_is_told_its_shape(ballplate, mine):
+    mine.write_text(mine.read_text().replace("r = reference(t)", "r = reference(t) + 0 * x[4]"))
+    forget()
+    code, _, err = ballplate("run", "circle", *SHORT)
+    assert (code, err.count("\n")) == (1, 1)
+    assert "mine.py, line 25: IndexError" in err
+    assert "shape (1, 8)" in err
+
+
+def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballplate, mine):
+    field = "    K: np.ndarray = None\n\n    def control"
+    mine.write_text(mine.read_text().replace("    def control", field, 1))
+    forget()
+    code, out, err = ballplate("describe", "lqr")
+    assert code == 0
+    assert "rho" in out
+    (line,) = err.splitlines()
+    assert "laws/mine.py" in line
+    assert "Mine.K, line 22: no scenario can hold a ndarray; write K: tuple[float, ...]" in line
+    assert ballplate("run", "circle", *SHORT)[0] == 2
+
+
+def test_a_law_imported_from_its_folder_runs_as_an_object(mine, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    for name in [each for each in sys.modules if each.partition(".")[0] == "laws"]:
+        monkeypatch.delitem(sys.modules, name)
+    laws = importlib.import_module("laws.mine")
+    done = bp.run(
+        "circle", controller=laws.Mine(plate=(50.0, 12.0)), duration=0.1, plant={"kind": "lagrange"}
+    )
+    assert done.scenario.controller.settings == {"plate": [50.0, 12.0]}
+    assert done.replay.classes["controller"]["file"] == "mine.py"
+
+
+def test_of_two_files_with_one_name_of_a_law_both_are_named(ballplate, mine):
+    for folder in ("alice", "bob"):
+        Path(folder).mkdir()
+        shutil.copy(mine, Path(folder) / "law.py")
+    shutil.rmtree("laws")
+    forget()
+    code, _, err = ballplate(
+        "run", "circle", "--law", "alice/law.py", "--law", "bob/law.py", *SHORT
+    )
+    assert (code, err.count("\n")) == (2, 1)
+    assert "alice/law.py" in err
+    assert "bob/law.py" in err

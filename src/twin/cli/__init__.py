@@ -10,7 +10,7 @@ from importlib import import_module
 
 import click
 
-from twin.errors import TwinError, shortened
+from twin.errors import LawError, TwinError, shortened
 from twin.installation import problem
 
 COMMANDS = {
@@ -149,7 +149,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         code = _fail("interrupted", 1)
     except TwinError as error:
-        code = _fail(str(error))
+        code = _fail(str(error), 1 if isinstance(error, LawError) else 2)
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise

@@ -73,6 +73,8 @@ def study(
     done = carried_out(
         work, out=folder, processes=processes, scheduler=scheduler, reporter=Terminal()
     )
+    from twin.study.report import endings
+
     about, found = work.study, done.answers
     if doc is not None:
         from twin.study.report import document
@@ -82,6 +84,8 @@ def study(
         print_json(_numbers(about, found))
     else:
         _show(about, found)
+        for line in endings(work, done.rows):
+            console.print(line, markup=False)
         console.print(f"written to {folder}/: report.html, figures/, rows.parquet, rows.csv")
     return 0
 

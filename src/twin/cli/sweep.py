@@ -9,7 +9,7 @@ import click
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, VARY, with_plant
-from twin.cli.output import console, print_json
+from twin.cli.output import console, print_json, warn
 from twin.cli.terminal import Terminal
 from twin.shipped import find
 
@@ -65,8 +65,17 @@ def sweep(
         print_json({"title": done.title, "key": key, "values": points, "runs": done.curves})
     else:
         _show(done)
+        _tell(done)
         console.print(f"written to {folder}/: sweep.png, sweep.csv", markup=False, soft_wrap=True)
     return int(not done.finished)
+
+
+def _tell(done: Sweep) -> None:
+    """Why runs failed, each reason once."""
+    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
+        warn(reason)
+    if any(row["outcome"] == "not run" for row in done.rows):
+        warn("interrupted: what had not ended is not in the table")
 
 
 def _show(done: Sweep) -> None:
@@ -93,7 +102,8 @@ def _show(done: Sweep) -> None:
             for key in keys[:1] if several else keys:
                 each = runs[at]
                 early = each["outcome"] != "finished"
-                words = f"{each['outcome']} at {each['outcome_time']:.3g} s"
+                when = f" at {each['outcome_time']:.3g} s" if each["outcome_time"] else ""
+                words = f"{each['outcome']}{when}"
                 cells.append(words if early else shown(each.get(key), LABELS[key][1]))
         table.add_row(escape(named(value)), *cells)
     console.print(table)

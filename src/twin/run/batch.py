@@ -14,6 +14,7 @@ import numpy as np
 
 from controllers.per_rig import PerRigReference
 from twin.run.assemble import assemble, shared
+from twin.run.control import own_errors
 from twin.run.loop import Ending, drive
 from twin.run.metrics import Metrics, Motion, measure
 from twin.run.plants import build_friction
@@ -52,6 +53,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
+@own_errors()
 def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metrics]:
     """The indicators of each scenario, all of them alike.
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Callable, Hashable, Sequence
+import sys
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -11,16 +14,43 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from controllers.catalog import blamed
 from controllers.held import HeldLaw
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
-from controllers.probe import wrong_answer
+from controllers.probe import AnswerError, wrong_answer
 from controllers.smith import Smith
 from controllers.stack import Controller, needed
-from twin.errors import ScenarioError
+from twin.errors import LawError, ScenarioError, TwinError
 from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 
 Made = TypeVar("Made")
+
+
+@contextmanager
+def own_errors() -> Iterator[None]:
+    """Errors of laws, observers and references as one line within the context.
+
+    There is no input to be had in it: who asks for some gets the end of it.
+
+    Raises:
+        LawError: What came out of one of them: file, line and error; also an exit.
+    """
+    stdin, sys.stdin = sys.stdin, io.StringIO()
+    try:
+        yield
+    except TwinError:
+        raise
+    except (Exception, SystemExit) as error:
+        line = str(error) if isinstance(error, AnswerError) else blamed(error)
+        if isinstance(error, IndexError) and line:
+            line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
+        line = None if sys.flags.dev_mode else line
+        if line is None:
+            raise
+        raise LawError(line) from error
+    finally:
+        sys.stdin = stdin
 
 
 def build_controllers(scenarios: Sequence[Scenario]) -> Controller:

@@ -15,7 +15,7 @@ from controllers.interfaces import Reference
 from twin.hal.rig import Rig
 from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
-from twin.run.control import build_controller
+from twin.run.control import build_controller, own_errors
 from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metadata import classes_of
@@ -29,6 +29,7 @@ from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
 
 
+@own_errors()
 def run(
     scenario: Scenario,
     progress: Callable[[float], None] = lambda _: None,

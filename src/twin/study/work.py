@@ -17,7 +17,7 @@ from controllers.catalog import outside
 from twin.errors import TwinError
 from twin.paths import model_path
 from twin.run.batch import alike, simulate
-from twin.run.control import build_controller
+from twin.run.control import build_controller, own_errors
 from twin.run.loop import Ending
 from twin.run.metrics import Metrics
 from twin.scenario import Scenario
@@ -178,7 +178,8 @@ CONTROLLER = {"duration", "rig", "controller", "observer", "predictor", "referen
 def _refusal(scenario: Scenario) -> TwinError | None:
     """Why a scenario has no controller; None if it has."""
     try:
-        build_controller(scenario)
+        with own_errors():
+            build_controller(scenario)
     except TwinError as error:
         return error
     return None
