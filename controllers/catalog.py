@@ -181,7 +181,7 @@ def register(cls: type[Law | Observer | Reference]) -> None:
         ValueError: If it is abstract, has no name, or its name is that of a class of the catalog.
     """
     name = vars(cls).get("name")
-    if not isinstance(name, str) or inspect.isabstract(cls):
+    if not isinstance(name, str) or not _whole(cls):
         raise ValueError(f"{cls.__name__}: needs a name of its own and every method of its kind")
     known = {item.name: item for module in _modules()[0] for item in _classes(module)}
     if name in known and _home(known[name]) == _home(cls):
@@ -267,8 +267,14 @@ def _classes(module: ModuleType) -> list[type[Law | Observer | Reference]]:
         for _, item in inspect.getmembers(module, inspect.isclass)
         if issubclass(item, Law | Observer | Reference)
         and isinstance(vars(item).get("name"), str)
-        and not inspect.isabstract(item)
+        and _whole(item)
     ]
+
+
+def _whole(cls: type) -> bool:
+    """Whether a class has every method of its kind; a law acts by ``control`` or ``command``."""
+    idle = issubclass(cls, Law) and cls.control is Law.control and cls.command is Law.command
+    return not (idle or inspect.isabstract(cls))
 
 
 def broken() -> tuple[str, ...]:

@@ -130,16 +130,21 @@ class Law(ABC):
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""
 
-    @abstractmethod
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations u = (phi'', theta'') in rad/s^2, shape (..., 2).
+
+        A law that overrides ``command`` may leave it out; it then has no linearisation.
 
         Args:
             t: Time in s.
             x: State or its estimate, shape (..., 8).
             reference: The path to follow.
             q: The law's memory, shape (..., memory).
+
+        Raises:
+            NotImplementedError: If the law acts by ``command`` alone.
         """
+        raise NotImplementedError(f"law '{self.name}' acts by command alone")
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Time derivative of the memory q, shape (..., memory)."""

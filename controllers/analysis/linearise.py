@@ -37,6 +37,8 @@ def linear_law(law: Law) -> System:
     Raises:
         ValueError: If the law has no linearisation, as a sliding mode has none.
     """
+    if type(law).control is Law.control:
+        raise ValueError(f"law '{law.name}' acts by command alone: it has no linearisation")
     J = _law_jacobian(law, STEP)
     if np.abs(J - _law_jacobian(law, STEP / 10)).max() > 1e-3 * np.abs(J).max():
         raise ValueError(f"law '{law.name}' has no linearisation about the level plate")

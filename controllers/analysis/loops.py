@@ -194,10 +194,17 @@ def measured_late(plant: System, dead_time: float) -> System:
     )
 
 
+STATE = 8
+"""States of the plant, the first of a loop's."""
+IDLE = 1e-6
+"""Share of an eigenvector in the plant's states, and distance of z from 1, that count as none."""
+
+
 def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str | None:
     """One line with the poles outside the stable region, or None.
 
-    None as well for a law or observer without linearisation, about which nothing can be said.
+    None as well for a law or observer without linearisation, about which nothing can be said. A
+    memory that moves neither plate nor ball, as an integrator with gain 0, is no part of the loop.
 
     Args:
         law: Any law.
@@ -205,12 +212,19 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
         dead_time: Of the ball's measurement in s.
     """
     try:
-        z = sampled_loop(law, observer, dead_time=dead_time).eigenvalues()
+        loop = sampled_loop(law, observer, dead_time=dead_time)
     except ValueError:
         return None
-    outside = unstable(z)
+    z, v = np.linalg.eig(loop.A)
+    moving = np.linalg.norm(v[:STATE], axis=0) > IDLE
+    outside = unstable(z[moving].astype(complex))
     if len(outside) == 0:
         return None
+    if (np.abs(outside - 1) < IDLE).all():
+        return (
+            "the sampled loop only integrates about the level plate: "
+            f"{len(outside)} poles at 0 1/s, so nothing brings the ball back"
+        )
     poles = np.unique((np.log(outside) / observer.period).round(3))
     return f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
 

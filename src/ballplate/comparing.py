@@ -218,7 +218,8 @@ def _each(
     if min(processes, len(cases)) <= 1 or not all(map(importable, cases.values())):
         for label, case in cases.items():
             try:
-                done = one_run(case, label, reporter)
+                warn_of_dangers(case, reporter, label if len(cases) > 1 else "")
+                done = one_run(case, label, reporter, warn=False)
             except LawError as error:
                 yield label, error
                 continue
@@ -226,9 +227,9 @@ def _each(
             if done.outcome.interrupted:
                 return
         return
-    for case in cases.values():
+    for label, case in cases.items():
         with suppress(LawError):  # its run will tell
-            warn_of_dangers(case, reporter)
+            warn_of_dangers(case, reporter, label)
     found: Iterator[tuple[str, Run | LawError]]
     with reporter.progress("comparison", len(cases), "runs") as advance:
         found = jobs.results(_attempt, cases.items(), min(processes, len(cases)))

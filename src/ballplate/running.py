@@ -127,6 +127,8 @@ def one_run(
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
     past: Past | None = None,
+    *,
+    warn: bool = True,
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -137,19 +139,27 @@ def one_run(
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
         past: What has been simulated already.
+        warn: Whether nobody has warned of its dangers yet.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
     from twin.run import execute
 
-    warn_of_dangers(scenario, reporter)
+    if warn:
+        warn_of_dangers(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
         return execute.run(scenario, advance, attach, rig, past)
 
 
-def warn_of_dangers(scenario: Scenario, reporter: Reporter) -> None:
-    """Warn if the scenario's loop is unstable, or its observer slower than its law."""
+def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
+    """Warn if the scenario's loop is unstable, or its observer slower than its law.
+
+    Args:
+        scenario: What is to run.
+        reporter: Who is told.
+        label: Which of several runs it is.
+    """
     from controllers.analysis import instability, slow_observer
     from twin.run.control import build_controller, own_errors
 
@@ -161,7 +171,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter) -> None:
         slow_observer(controller.law, controller.observer),
     ):
         if danger:
-            reporter.warn(danger)
+            reporter.warn(f"{label}: {danger}" if label else danger)
 
 
 def importable(scenario: Scenario) -> bool:
