@@ -8,9 +8,15 @@ from controllers.backstepping import Backstepping
 from controllers.ballplate import BallPlate
 from controllers.feedback_linearization import AFL, AFLIntegral
 from controllers.feedforward import Feedforward
-from controllers.interfaces import Array, Law, Reference
+from controllers.interfaces import Array, Feedback, Law, Reference
+from controllers.internal_model import InternalModel
+from controllers.iterative_learning import IterativeLearning
+from controllers.pid import Pid
+from controllers.predictive import Predictive
 from controllers.sliding_mode import SlidingMode
+from controllers.stable_inversion import StableInversion
 from controllers.state_feedback import LQR, PolePlacement
+from controllers.time_varying_lqr import TimeVaryingLQR
 
 __all__ = [
     "AFL",
@@ -19,9 +25,16 @@ __all__ = [
     "Array",
     "Backstepping",
     "BallPlate",
+    "Feedback",
     "Feedforward",
+    "InternalModel",
+    "IterativeLearning",
     "Law",
+    "Pid",
     "PolePlacement",
+    "Predictive",
     "Reference",
     "SlidingMode",
+    "StableInversion",
+    "TimeVaryingLQR",
 ]

@@ -5,13 +5,33 @@ on the nominal model for the control period of the run.
 """
 
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Array, Mask, Measurement, Observer
-from controllers.observers import ExtendedKalman, Ideal, Kalman, Luenberger, NonlinearLuenberger
+from controllers.interfaces import (
+    Array,
+    DelayedObserver,
+    Mask,
+    Measurement,
+    Observer,
+    Quantity,
+)
+from controllers.observers import (
+    ExtendedKalman,
+    Ideal,
+    Kalman,
+    Luenberger,
+    NonlinearLuenberger,
+)
+from controllers.observers.disturbance_observer import DisturbanceObserver
+from controllers.observers.friction_kalman import FrictionKalman
+from controllers.observers.friction_map_kalman import FrictionMapKalman
 
 __all__ = [
     "Array",
     "BallPlate",
+    "DelayedObserver",
+    "DisturbanceObserver",
     "ExtendedKalman",
+    "FrictionKalman",
+    "FrictionMapKalman",
     "Ideal",
     "Kalman",
     "Luenberger",
@@ -19,4 +39,5 @@ __all__ = [
     "Measurement",
     "NonlinearLuenberger",
     "Observer",
+    "Quantity",
 ]

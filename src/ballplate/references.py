@@ -5,7 +5,16 @@ and four derivatives, shape (5, ..., 2).
 """
 
 from controllers.interfaces import Array, Reference
-from controllers.references import Circle, Hold, Lissajous, Path, Sine, Step, Transition
+from controllers.references import (
+    Circle,
+    Hold,
+    Lissajous,
+    Path,
+    Setpoints,
+    Sine,
+    Step,
+    Transition,
+)
 
 __all__ = [
     "Array",
@@ -14,6 +23,7 @@ __all__ = [
     "Lissajous",
     "Path",
     "Reference",
+    "Setpoints",
     "Sine",
     "Step",
     "Transition",

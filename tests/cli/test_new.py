@@ -1,3 +1,4 @@
+import importlib
 import json
 import os
 import re
@@ -5,12 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from controllers import catalog as catalog_module
 from controllers.catalog import ADDED, add, broken, catalog, outside
 from controllers.interfaces import Law, Observer, Reference
 from twin.cli import main
+from twin.cli.new import LIKE
 from twin.run.execute import run
 from twin.scenario import load
 from twin.study import schema
@@ -62,6 +65,41 @@ def test_what_it_writes_is_found_by_its_name_and_runs(kind, folder, capsys):
     cls = catalog(BASES[kind])["my_own"]
     assert cls.__name__ == "MyOwn"
     assert run(load("hold", (key, *SHORT))).outcome.ending == "finished"
+
+
+@pytest.mark.parametrize("like", LIKE)
+def test_a_law_may_begin_like_another(like, folder, capsys):
+    assert ballplate("new", "law", "mine", "--like", like) == 0
+    catalog_module.forget()
+    law = catalog(Law)["mine"]
+    assert law.__name__ == "Mine"
+    assert law.memory == (4 if like == "pid" else 0)
+    assert run(load("hold", ("controller.kind=mine", *SHORT))).outcome.ending == "finished"
+
+
+def test_a_law_written_like_a_pid_moves_the_ball_as_the_shipped_one(folder):
+    assert ballplate("new", "law", "mine", "--like", "pid") == 0
+    catalog_module.forget()
+    ways = [
+        run(load("hold", (f"controller.kind={kind}", "reference.x=0.001", *SHORT))).motion.ball
+        for kind in ("mine", "pid")
+    ]
+    np.testing.assert_allclose(*ways, atol=1e-12)
+
+
+def test_only_a_law_may_begin_like_another(folder, capsys):
+    assert "--like" in refusal(capsys, "new", "observer", "mine", "--like", "pid")
+
+
+@pytest.mark.parametrize("kind", list(BASES))
+def test_every_class_has_the_public_path_that_templates_and_examples_use(kind):
+    public = importlib.import_module(f"ballplate.{kind}s")
+    shipped = {
+        cls.__name__ for cls in catalog(BASES[kind]).values() if "controllers." in cls.__module__
+    }
+    assert shipped <= set(public.__all__)
+    more = {"law": "Feedback", "observer": "DelayedObserver Quantity", "reference": "Reference"}
+    assert set(more[kind].split()) <= set(public.__all__)
 
 
 def test_the_scenario_and_the_study_it_writes_are_whole(folder):

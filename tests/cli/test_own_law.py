@@ -93,7 +93,7 @@ def test_nothing_goes_on_with_another_law_of_the_name(ballplate, mine):
 
 def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, mine):
     ballplate("run", "circle", *SHORT, "--set", "controller.plate=[50,10]", "--out", "x")
-    mine.write_text(mine.read_text().replace("plate", "angle"))
+    mine.write_text(mine.read_text().replace("    plate:", "    angle:"))
     forget()
     code, _, err = ballplate("report", "x")
     assert code == 0

@@ -243,7 +243,7 @@ WRONG = {
     ("--at", "-1"): "--at -1: .* goes from 0 to",
     ("--at", "1", "--set", "plant.ball.radius=0.03"): "plant.ball.radius: cannot change while",
     ("--at", "1", "--set", "duration=3"): "duration: cannot change while a plant runs",
-    ("--at", "1", "--set", "controller.kind=pid"): "no 'pid'",
+    ("--at", "1", "--set", "controller.kind=pod"): "no 'pod'",
     ("--at", "1", "--set", "plant.friction.rolling_mm=-1"): "must be greater than or equal",
     ("--at", "1", "--scenario", "circle"): "says itself what ran",
 }

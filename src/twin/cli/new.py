@@ -28,6 +28,13 @@ class Start(NamedTuple):
     then: str
 
 
+LIKE = {
+    "cascade": ("law.py", ("Cascade", "cascade")),
+    "pid": ("law_pid.py", ("OwnPid", "own_pid")),
+    "lqr": ("law_lqr.py", ("OwnLqr", "own_lqr")),
+    "blank": ("law_blank.py", ("Blank", "blank")),
+}
+"""What a law may begin as: its file, and what the class in it is called, and its name."""
 STARTS = {
     "law": Start("law.py", ("Cascade", "cascade"), "run circle --set controller.kind={name}"),
     "observer": Start(
@@ -43,12 +50,21 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 @click.command()
 @click.argument("kind", type=click.Choice(list(STARTS)))
 @click.argument("name")
-def new(kind: str, name: str) -> int:
+@click.option(
+    "--like",
+    type=click.Choice(list(LIKE)),
+    help="What a law begins as: pid has a memory, lqr designs on the model  [cascade]",
+)
+def new(kind: str, name: str, like: str | None) -> int:
     """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
         allowed = "small letters, digits and _, no word of Python, as in my_law"
         raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
     start = STARTS[kind]
+    if like is not None:
+        if kind != "law":
+            raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
+        start = start._replace(source=LIKE[like][0], called=LIKE[like][1])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
         raise ScenarioError(f"{file}: exists; nothing was written")

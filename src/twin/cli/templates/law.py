@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Law, Reference
+from ballplate.laws import Array, Law, Reference
 
 
 @dataclass(frozen=True, kw_only=True)

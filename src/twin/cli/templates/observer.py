@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Measurement, Observer
+from ballplate.observers import Array, Measurement, Observer
 
 
 @dataclass(kw_only=True)

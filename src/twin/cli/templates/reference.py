@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Reference
+from ballplate.references import Array, Reference
 
 
 @dataclass(frozen=True, kw_only=True)
