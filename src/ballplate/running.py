@@ -12,7 +12,7 @@ from ballplate.hardware import connected, tell_timing
 from ballplate.reporter import Reporter, default
 from twin.errors import ScenarioError
 from twin.shipped import find
-from twin.writing import check_writable
+from twin.writing import check_writable, written_alone
 
 if TYPE_CHECKING:
     from ballplate.results import Result
@@ -56,7 +56,8 @@ def run(
         scenario: A shipped scenario, one of ``scenarios()``, or a TOML file.
         settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
         beside: Scenarios to run as well, simulated and changed alike, for table and picture.
-        out: Folder to save in; see ``Result.save`` for later.
+        out: Folder to save in; see ``Result.save`` for later. A run that is interrupted leaves one
+            that is finished there, and goes to the next free folder of the name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
         resume: Whether to go on with the interrupted run that is in the folder to save in.
@@ -77,6 +78,8 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in beside}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess
+    from twin.run.folders import free
+    from twin.run.replay import holds_finished
 
     folder = None if out is None else Path(out)
     past = _past(folder, chosen, on, report) if resume else None
@@ -84,7 +87,8 @@ def run(
         check_writable(folder, report.name_of("out"))
     label = PLANTS[chosen.plant.kind] if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
-    with SecondProcess(wanted=compared and on is None and _parallel(chosen)) as second:
+    alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
+    with alone, SecondProcess(wanted=compared and on is None and _parallel(chosen)) as second:
         baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         keys = [each.key for each in changed]
@@ -103,7 +107,11 @@ def run(
         for other, its in {} if done.outcome.interrupted else further.items():
             with suppress(KeyboardInterrupt):
                 result.beside[other] = Result.of(one_run(its, other, report), other, other)
-        return result if folder is None else kept(result, folder, second)
+        if folder is None:
+            return result
+        if done.outcome.interrupted and past is None and holds_finished(folder):
+            folder = free(folder)  # what is finished is worth more than a beginning
+        return kept(result, folder, second)
 
 
 def _past(folder: Path | None, scenario: Scenario, on: str | None, reporter: Reporter) -> Past:

@@ -53,7 +53,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     if "\0" in str(path):
         raise DataError("cannot be read: a NUL in its name")
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             return parse_toml(file.read(LONGEST + 1))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"not a TOML file: {error}") from error

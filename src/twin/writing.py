@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,35 @@ def check_writable(folder: Path, option: str = "--out") -> None:
             each.rmdir()
     except OSError as error:
         raise ScenarioError(f"{option} {folder}: cannot be written: {_why(error)}") from error
+
+
+@contextmanager
+def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
+    """Make sure that no other process writes into a folder within the context.
+
+    A lock of the system, gone with the process that holds it; where there are none, nothing.
+
+    Raises:
+        ScenarioError: If another process does.
+    """
+    try:
+        import fcntl  # noqa: PLC0415  not on Windows
+    except ImportError:
+        yield
+        return
+    mark = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:24]
+    name = Path(tempfile.gettempdir()) / f"ballplate-{os.getuid()}-{mark}.lock"
+    with name.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise ScenarioError(
+                f"{option} {folder}: another run is writing there; name another folder"
+            ) from None
+        try:
+            yield
+        finally:
+            name.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:

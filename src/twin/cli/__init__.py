@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
 
 import click
 
@@ -135,9 +137,13 @@ def main(arguments: list[str] | None = None) -> None:
     _end_in_order()
     # matrices here are small: further threads only wait for one, on cores that have other work
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _have_streams()
     wrong = problem()
     if wrong:
         sys.exit(_fail(wrong))
+    given = sys.argv[1:] if arguments is None else arguments
+    if "--out=" in given or ("--out", "") in pairwise(given):
+        sys.exit(_fail("--out: names no folder or file"))
     try:
         code = ballplate.main(arguments, prog_name="ballplate", standalone_mode=False)
         _warn_of_broken_files()
@@ -151,6 +157,9 @@ def main(arguments: list[str] | None = None) -> None:
     except TwinError as error:
         code = _fail(str(error), 1 if isinstance(error, LawError) else 2)
     except OSError as error:
+        if error.errno in _FULL and error.filename is None:
+            sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115  nothing may be written now
+            sys.exit(_fail(f"standard output cannot be written: {error.strerror}", 1))
         if error.errno != errno.ENAMETOOLONG:
             raise
         code = _fail(f"'{shortened(str(error.filename))}': no file can have so long a name")
@@ -161,6 +170,17 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         code = _fail(line, 1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
+"""What writing to a full or broken standard output ends with."""
+
+
+def _have_streams() -> None:
+    """Have somewhere to print to where whoever began this program has closed its streams."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115  for the whole program
 
 
 def _end_in_order() -> None:

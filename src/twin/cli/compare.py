@@ -123,7 +123,8 @@ def _measured(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
-        runs.append(log_run(rows, scenario, path.stem))
+        taken = sum(run.name.partition("~")[0] == path.stem for run in runs)
+        runs.append(log_run(rows, scenario, f"{path.stem}~{taken + 1}" if taken else path.stem))
     return runs, fitted
 
 

@@ -15,10 +15,20 @@ from twin.shipped import find
 if TYPE_CHECKING:
     from twin.scenario import Scenario
 
+
+def _each_once(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
+    """Refuse a key that is given twice: which of both is meant nobody knows."""
+    keys = [text.partition("=")[0].strip() for text in values]
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
+    return values
+
+
 SETTING = click.option(
     "--set",
     "overrides",
     multiple=True,
+    callback=_each_once,
     metavar="KEY=VALUE",
     help="Change a key of the scenario.",
     shell_complete=tab.settings,

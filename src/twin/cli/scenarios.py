@@ -82,7 +82,7 @@ def run(
     own = out is None and not resume and rig is None
     other = own and of_other_class(named, lambda: load_scenario(scenario, changed))
     folder = out or (free(named) if other or rig is not None else named)
-    replaced = former(folder)
+    replaced, named_out = former(folder), folder
     replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
     terminal = Terminal()
     done = run_scenario(
@@ -96,6 +96,9 @@ def run(
         watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
         reporter=terminal,
     )
+    if done.folder != folder and done.folder is not None:
+        folder = done.folder
+        replaced = f" ({named_out}/ keeps its finished run)"
     examined = _examined(folder) if shadow else None
     model = done.baseline
     if as_json:

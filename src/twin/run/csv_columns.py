@@ -36,12 +36,22 @@ def read_csv(
         look: Is shown the names of all columns before the rows are read.
 
     Raises:
-        LogError: If a unit is unknown, or a cell is no number.
+        LogError: If a unit is unknown, a cell is no number, two columns have one name, or
+            columns are not separated by commas.
         OSError: If the file cannot be read.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
-        header = [_split_unit(cell) for cell in next(rows, [])]
+        first = next(rows, [])
+        if len(first) == 1 and ";" in first[0]:
+            raise LogError(
+                f"{path.name}: columns are separated by ';', as where a comma is the decimal "
+                "point; write ',' between columns and '.' in numbers"
+            )
+        header = [_split_unit(cell) for cell in first]
+        names = [name for name, _ in header]
+        if twice := [name for name in units if names.count(name) > 1]:
+            raise LogError(f"{path.name}: {twice[0]}: two columns have this name")
         look([name for name, _ in header])
         used = [
             (i, name, scale(name, unit, units[name], path.name))

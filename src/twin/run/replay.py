@@ -20,6 +20,7 @@ from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.finished import Run
 from twin.run.folders import is_last, last, record_of, run_folders
+from twin.run.loop import INTERRUPTED
 from twin.run.metadata import check_metadata, classes_of
 from twin.run.metrics import Motion, held
 from twin.run.record import CHANNELS
@@ -324,6 +325,15 @@ def open_runs(
             tell(run.lacking)
         told |= new
     return runs
+
+
+def holds_finished(folder: Path) -> bool:
+    """Whether a folder holds a run that nobody interrupted."""
+    try:
+        metadata = parse_json(read_beside(folder / "run.parquet", "ballplate") or b"{}")
+        return bool(metadata["metrics"].get("reason") != INTERRUPTED)
+    except (RecordError, DataError, KeyError, TypeError, AttributeError):
+        return False
 
 
 def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:

@@ -133,6 +133,10 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     except DataError as error:
         raise ScenarioError(f"--vary '{key[:200]}': {error}") from None
     setting(f"{key}=0")  # the key is one
+    if listed == []:
+        raise ScenarioError(
+            f"--vary '{key[:200]}': needs at least one value, as in {key[:200]}=[1]"
+        )
     return key, listed if isinstance(listed, list) else [listed]
 
 
