@@ -15,7 +15,9 @@ from controllers.poles import Pole, gains_from, real_gains, require_stable, stab
 
 @dataclass(frozen=True, kw_only=True)
 class AFL(Law):
-    """AFL tracking (6.59): e^(4) + p3 e''' + p2 e'' + p1 e' + p0 e = 0 on the flat model (6.55c).
+    """Approximate feedback linearization (AFL), tracking (6.59) on the flat model (6.55c).
+
+    The error obeys e^(4) + p3 e''' + p2 e'' + p1 e' + p0 e = 0.
 
     Raises:
         ValueError: If the poles or gains are of wrong number, not real (poles: not in conjugate
@@ -60,7 +62,9 @@ class AFL(Law):
 
 @dataclass(frozen=True, kw_only=True)
 class AFLIntegral(AFL):
-    """AFL with integral action (6.62): e^(5) + p3 e^(4) + ... + p0 e' + p_I e = 0 (6.61).
+    """Approximate feedback linearization (AFL) with integral action (6.62).
+
+    The error obeys e^(5) + p3 e^(4) + ... + p0 e' + p_I e = 0 (6.61).
 
     The memory q is the integral of the error for x and y in m s.
 

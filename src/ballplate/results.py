@@ -72,8 +72,8 @@ class Result(Signals):
 
     @property
     def outcome(self) -> str:
-        """How it ended: finished, fell, lost, fault, aborted or diverged."""
-        return str(self.metrics["outcome"])
+        """How it ended: finished, fell, lost, fault, aborted, diverged, or unknown."""
+        return str(self.metrics.get("outcome") or "unknown")
 
     @property
     def finished(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -120,5 +121,7 @@ def _check(value: Any, level: int = 0) -> None:
     elif isinstance(value, list):
         for inner in value:
             _check(inner, level + 1)
+    elif isinstance(value, date | time):
+        raise DataError(f"{value} is a date or a time; a text stands in quotes")
     elif isinstance(value, int) and not INTEGERS[0] <= value <= INTEGERS[1]:
         raise DataError(_TOO_LARGE)

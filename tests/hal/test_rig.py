@@ -5,6 +5,7 @@ import pytest
 
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.virtual import EmulatedPlant
+from twin.hal.rig import Rig
 from twin.hal.states import State
 from twin.run.assemble import assemble, build_limits
 
@@ -154,3 +155,24 @@ def test_a_plate_whose_drives_drift_is_held_however_far_its_commands_add_up(simu
             measured = simulated.read().y
         assert (np.abs(added) > np.radians(11)).all()  # far beyond what the cams can do
         assert measured[:, 1::2] == pytest.approx(np.full((2, 2), drift / gain), rel=0.1)
+
+
+@pytest.mark.parametrize("period", [0.0005, 0.002, 0.0025, 0.004, 0.005, 0.01, 0.02])
+def test_the_plate_is_looked_at_again_every_20_ms_at_any_period(period, scenario, monkeypatch):
+    seen, look = [], Rig._anchor
+
+    def count(rig):
+        seen.append(rig)
+        look(rig)
+
+    monkeypatch.setattr(Rig, "_anchor", count)
+    rig, controller = assemble(scenario(f"rig.period={period}", "plant.step=0.0005"))
+    with rig:
+        controller.start(rig.read())
+        rig.start()
+        seen.clear()
+        for _ in range(round(0.4 / period)):
+            rig.write(np.zeros((1, 2)))
+            rig.wait()
+            rig.read()
+        assert len(seen) == 20

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.errors import ScenarioError
+from twin.errors import ModelError, ScenarioError
 from twin.run.episodes import Episodes
 from twin.study.build import Builder
 from twin.study.family import drawn, read
@@ -88,3 +88,16 @@ def test_what_all_episodes_share_is_not_changed_by_one_of_them():
         other = BUILD(["plant.kind=lagrange", f"{key}={value}"], {})
         with pytest.raises(ScenarioError, match=rf"{key.removesuffix('.rate_deg')}.* must agree"):
             rigs.begin(np.array([1]), [other])
+
+
+def test_an_episode_that_cannot_begin_leaves_scenarios_and_plant_together(monkeypatch):
+    episodes = Episodes(nominal(3, 1), threads=1)
+    before = list(episodes.scenarios)
+
+    def refuse(*_):
+        raise ModelError("no such spring")
+
+    monkeypatch.setattr("twin.run.episodes.rebuild_plant", refuse)
+    with pytest.raises(ModelError):
+        episodes.begin(BEGUN, nominal(2, 2))
+    assert episodes.scenarios == before

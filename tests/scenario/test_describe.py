@@ -107,11 +107,26 @@ def test_a_table_shows_its_keys_only():
     assert len(described("plant")) > len(described("plant.friction"))
 
 
-@pytest.mark.parametrize("wrong", ["rolling", "plant.fricton", "lqrr"])
+@pytest.mark.parametrize("wrong", ["roling_mm", "plant.fricton", "lqrr"])
 def test_an_unknown_name_is_one_line_with_the_nearest(wrong):
     with pytest.raises(ScenarioError, match=r"nothing called .*; did you mean '") as caught:
         described(wrong)
     assert len(str(caught.value)) < 200
+
+
+def test_a_word_finds_a_table_within_another_or_what_keys_mean():
+    assert {key.key.rpartition(".")[0] for key in described("servo")} == {"plant.servo"}
+    assert "plant.friction.rolling_mm" in {key.key for key in described("arm")}
+    assert all("corner" in key.meaning.lower() for key in described("corner"))
+
+
+@pytest.mark.parametrize("table", ["law", "observer", "reference"])
+def test_all_of_a_kind_are_listed_with_a_sentence_each(table):
+    lines = told(f"{table}s").splitlines()
+    assert len(lines) > 7
+    assert all(re.fullmatch(r"\w+: .+", line) for line in lines[:-1])
+    if table == "law":
+        assert "afl: Approximate feedback linearization (AFL)" in lines[0]
 
 
 def test_the_command_prints_words_or_json():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from twin.errors import ScenarioError
 from twin.scenario import load, shipped
-from twin.scenario.load import check, override
+from twin.scenario.load import check, override, read
 
 MINIMAL = {
     "title": "t",
@@ -127,3 +127,19 @@ def test_a_start_that_is_given_is_kept_or_refused():
 def test_a_scenario_can_be_sent_to_another_process():
     chosen = load("circle", ["plant.friction.rolling_mm=0.1", "sensors.touch.grid=64"])
     assert pickle.loads(pickle.dumps(chosen)) == chosen
+
+
+@pytest.mark.parametrize(("kind", "other"), [("hollow", "steel"), ("steel", "hollow")])
+def test_another_kind_of_ball_over_a_recorded_scenario_is_that_ball(kind, other):
+    tables, source = read("circle")
+    recorded = check(override(tables, [f"plant.ball.kind={kind}"]), source).model_dump(mode="json")
+    changed = check(override(recorded, [f"plant.ball.kind={other}"]), source)
+    assert changed.plant == check(override(tables, [f"plant.ball.kind={other}"]), source).plant
+    own = override(recorded, ["plant.ball.mass=0.2"])
+    assert check(override(own, [f"plant.ball.kind={other}"]), source).plant.ball.mass == 0.2
+
+
+def test_a_date_is_no_text():
+    with pytest.raises(ScenarioError, match="2026-01-01 is a date or a time") as told:
+        override(read("circle")[0], ["title=2026-01-01"])
+    assert "\n" not in str(told.value)

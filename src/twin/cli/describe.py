@@ -28,6 +28,10 @@ of a key, a table, or a law, observer or reference.
 """
 
 
+WORDS = {"laws": "controller", "observers": "observer", "references": "reference"}
+"""What lists all of a kind, and the table of a scenario that names one."""
+
+
 @click.command()
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
@@ -36,7 +40,11 @@ of a key, a table, or a law, observer or reference.
 @LAW
 @JSON
 def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
-    """Describe what a scenario may set: a key, a table, or a law, observer or reference."""
+    """Describe what a scenario may set: a key, a table, or a law, observer or reference.
+
+    A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
+    list those there are, with one sentence each.
+    """
     from twin.scenario.describe import about, described
 
     if doc is not None:
@@ -46,6 +54,8 @@ def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
         write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
         console.print(f"written to {doc}")
         return 0
+    if name in WORDS:
+        return _kinds(WORDS[name], as_json=as_json)
     found = described(name)
     if as_json:
         print_json([key.as_dict() for key in found])
@@ -58,6 +68,21 @@ def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
         _print(key)
     if not name:
         console.print("Settings of a law, observer or reference: ballplate describe NAME")
+    return 0
+
+
+def _kinds(table: str, *, as_json: bool) -> int:
+    """List the laws, observers or references with one sentence each."""
+    from twin.scenario.describe import about
+    from twin.scenario.schema import choices
+
+    sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
+    if as_json:
+        print_json(sentences)
+        return 0
+    for kind, sentence in sentences.items():
+        console.print(f"{kind}: {sentence}", markup=False, soft_wrap=True)
+    console.print(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
     return 0
 
 

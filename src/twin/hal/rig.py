@@ -39,7 +39,7 @@ class Rig:
         period: Control period in s.
         fault_sources: The devices that report faults; one rig only.
         anchor: Time in s after which the cams are looked up where the plate is measured to be,
-            again; 0 for every period.
+            again, to the nearest whole number of periods; 0 for every period.
     """
 
     LEVELLING_TIME = 2.0
@@ -75,8 +75,8 @@ class Rig:
         self._transmission = transmission
         self._plate: Array = supervisor.angle
         self._motor: Array = supervisor.angle
-        self._anchor_time = anchor
-        self._unanchored = 0.0
+        self._anchor_ticks = max(1, round(anchor / period))
+        self._unanchored = 0
 
     def __enter__(self) -> Self:
         self.supervisor.handle(Event.INITIALISE)
@@ -150,8 +150,8 @@ class Rig:
 
         The applied rates are the requested ones after every clamp of the supervisor.
         """
-        self._unanchored += self.period
-        if self._unanchored > self._anchor_time:
+        self._unanchored += 1
+        if self._unanchored >= self._anchor_ticks:
             self._anchor()
         applied = self.supervisor.clamp(rate)
         self._plate = self._plate + self._period * applied
@@ -164,7 +164,7 @@ class Rig:
         """Re-reference the commanded angle to the encoders, since integrated commands drift."""
         self._plate = self.supervisor.angle
         self._motor = self._transmission.motor(self._plate)
-        self._unanchored = 0.0
+        self._unanchored = 0
 
     def adopt(self, rigs: NDArray[np.integer], other: Rig) -> None:
         """Let some rigs go on as others that have just been started.

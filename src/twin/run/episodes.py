@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.errors import ScenarioError
+from twin.errors import ScenarioError, TwinError
 from twin.hal.states import State
 from twin.run.assemble import build_rig, shared
 from twin.run.changes import change_devices, change_transmission, without_error
@@ -99,6 +99,14 @@ class Episodes:
         before = list(self.scenarios)
         for rig, scenario in zip(rigs.tolist(), scenarios, strict=True):
             self.scenarios[rig] = scenario
+        try:
+            self._begin(rigs, before)
+        except TwinError:
+            self.scenarios[:] = before  # the plant is still theirs
+            raise
+
+    def _begin(self, rigs: NDArray[np.integer], before: Sequence[Scenario]) -> None:
+        """Let rigs begin with their present scenarios."""
         if len(rigs) == len(self._all):
             plant, transmission = build_plant(self.scenarios, threads=self._threads)
             self._known = without_error(transmission)

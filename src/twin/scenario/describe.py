@@ -109,6 +109,10 @@ def described(name: str = "") -> list[Key]:
     # one setting of a kind, as reference.path.points
     full, _, leaf = name.rpartition(".")
     found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
+    if not found:  # a table within another, as servo; then a word of a meaning, as vibration
+        found = [key for key in every if name in key.key.split(".")]
+        word = re.compile(rf"\b{re.escape(name)}", re.IGNORECASE)
+        found = found or [key for key in every if len(name) > 2 and word.search(key.meaning)]
     if not found:
         names = {key.key for key in every} | {key.key.rpartition(".")[2] for key in every}
         names |= kinds.keys() | {kind.partition(".")[2] for kind in kinds}

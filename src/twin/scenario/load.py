@@ -15,6 +15,7 @@ from controllers.catalog import broken
 from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
+from twin.scenario.plant import without_ball
 from twin.scenario.schema import KINDS, Scenario, choices, settings_model
 from twin.shipped import find
 from twin.validation import Model, keys_of, one_line
@@ -159,6 +160,8 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
                 raise ScenarioError(f"override '{key}': {path} is a value, not a table")
         if names[-1] == "kind" and names[0] in KINDS and table.get("kind") != new:
             table.clear()
+        if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
+            without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)
     return result
 

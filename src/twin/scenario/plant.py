@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -152,3 +152,16 @@ MECHANISM_ONLY = {
     if about.exact
 }
 """Keys of ``plant`` that the exact equations cannot follow, and why."""
+
+
+def without_ball(plant: dict[str, Any], kind: Any) -> None:
+    """Take out of the tables of a plant what its kind of ball sets, as a record has it in them."""
+    known = PlantTable()
+    keys = {
+        (name, key) for each in BALLS.values() for name, values in each.items() for key in values
+    }
+    for name, key in keys:
+        default = type(getattr(known, name)).model_fields[key].default
+        own = plant.get(name, {})
+        if own.get(key) == BALLS.get(kind, {}).get(name, {}).get(key, default):
+            del own[key]
