@@ -134,7 +134,7 @@ def test_a_law_that_only_this_process_knows_runs_in_it(own, monkeypatch):
         (lambda: ballplate.run("hold", reset=True), "reset: a simulated rig .* needs on"),
         (lambda: ballplate.run("hold", {"plant.kind": "x"}, on="r.toml"), "mujoco"),
         (lambda: ballplate.load("nowhere"), "no such record"),
-        (lambda: ballplate.describe("rolling"), "nothing called 'rolling'; did you mean"),
+        (lambda: ballplate.describe("roling_mm"), "nothing called 'roling_mm'; did you mean"),
         (lambda: ballplate.sweep("hold", {}), "at least one key"),
         (lambda: ballplate.rig("hold", count=0), "count: must be at least 1"),
         (lambda: ballplate.identify("nowhere"), "log nowhere: not found"),

@@ -147,3 +147,20 @@ def test_a_ball_at_rest_for_longer_than_a_turn_is_held():
     expected = ((time >= 1.0) & (time < 2.0)) | (time >= 2.9)
     # the last interval lasts 98 ms, until the last row: less than is judged
     np.testing.assert_array_equal(held(time, speed), expected & (time < 2.0))
+
+
+@pytest.mark.parametrize("ending", [Ending.FELL, Ending.LOST, Ending.DIVERGED])
+def test_a_ball_that_is_gone_has_no_error_and_one_that_was_stopped_has(ending):
+    moved = motion(np.linspace(0, [0.2, 0.1], 101), np.full((101, 2), 0.05))
+    gone = measure(moved, Outcome(ending, 1.0, "gone"), start=0.5)
+    whole = measure(moved, Outcome(Ending.ABORTED, 1.0, "stopped"), start=0.5)
+    errors = ("tracking_error_percent", "rms_error", "mean_error", "rms_distance")
+    assert [getattr(gone, name) for name in errors] == [None] * 4
+    assert None not in [getattr(whole, name) for name in errors]
+    assert gone.phi_max_deg == whole.phi_max_deg
+
+
+def test_the_largest_steady_error_is_not_that_of_a_transient():
+    moved = motion(np.linspace([0.2, 0.1], 0, 101), np.zeros((101, 2)))
+    assert measure(moved, DONE).max_steady_error is None
+    assert measure(moved, DONE, start=5.0).max_steady_error == pytest.approx(0.1)

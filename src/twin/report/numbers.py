@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from twin.run.indicators import UNITS
+from twin.run.indicators import LEFT, UNITS
 
 if TYPE_CHECKING:
     from twin.run.replay import Replay
@@ -133,7 +133,13 @@ def _rows(
     for key, (label, unit) in labels.items():
         values = [each.get(key) for each in summaries]
         if any(value is not None for value in values):
-            found.append(IndicatorRow(label, unit, tuple(shown(value, unit) for value in values)))
+            texts = (
+                each["outcome"]
+                if value is None and each.get("outcome") in LEFT
+                else shown(value, unit)
+                for value, each in zip(values, summaries, strict=True)
+            )
+            found.append(IndicatorRow(label, unit, tuple(texts)))
     return found
 
 

@@ -19,3 +19,5 @@ UNITS = {
     "real_time_factor": "1",
 }
 """Unit of every indicator as JSON has it."""
+LEFT = ("fell", "lost", "diverged")
+"""Endings after which no error is told: that of a ball that is gone would flatter its run."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from twin.run.indicators import LEFT
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
 
@@ -97,7 +98,8 @@ class Metrics:
         tracking_error_percent: e_tt of (C.7) in %, both axes, from ``metrics.start`` on.
         rms_error: Root mean square error on x over the whole run, m.
         mean_error: Mean absolute error on x over the whole run, m, (C.4).
-        max_steady_error: Largest absolute error on x from ``metrics.start`` on, m.
+        max_steady_error: Largest absolute error on x from ``metrics.start`` on, m; None where that
+            is the beginning.
         rms_distance: Root mean square distance from the reference, both axes, from
             ``metrics.start`` on, m.
         overshoot_percent: Largest passing of a constant goal, in % of the way to it, on x.
@@ -156,17 +158,19 @@ def measure(
     error = motion.error
     steady = motion.time >= start - 1e-9
     found: dict[str, Any] = {
-        "rms_error": _rms(error[:, 0]),
-        "mean_error": float(np.abs(error[:, 0]).mean()),
         "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
         "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
         "u1_max": float(np.abs(motion.u[:, 0]).max()),
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
         "u_rms": _rms(motion.u),
     }
+    if outcome.ending.value in LEFT:
+        return Metrics(**ended, **found)
+    found |= {"rms_error": _rms(error[:, 0]), "mean_error": float(np.abs(error[:, 0]).mean())}
     if steady.any():
         found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])
-        found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
+        if start > 0:  # from the beginning on, it would be that of the transient
+            found["max_steady_error"] = float(np.abs(error[steady, 0]).max())
         found["rms_distance"] = float(np.sqrt((error[steady] ** 2).sum(axis=-1).mean()))
     found |= _approach(motion, band_percent)
     return Metrics(**ended, **found)

@@ -153,7 +153,8 @@ def _add(
     ball = 1000 * motion.ball
     panels["plate"].plot(*ball.T, label=label, **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
-    panels["plate"].plot(*ball[-1], "s", color=colour, ms=5)
+    gone = (np.abs(ball[-1]) > 500 * np.array(SCREEN)).any()  # a cross where it left the plate
+    panels["plate"].plot(*ball[-1], "X" if gone else "s", color=colour, ms=9 if gone else 5)
     panels["x"].plot(motion.time, ball[:, 0], **look)
     panels["y"].plot(motion.time, ball[:, 1], **look)
     distance = 1000 * np.hypot(*motion.error.T)
