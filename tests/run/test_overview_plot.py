@@ -5,6 +5,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from twin.run.metrics import Motion
+from twin.run.overview_held import HEIGHT
 from twin.run.overview_plot import COLOURS, LEAST_ERROR, WINDOW, picture
 
 TIME = np.arange(0.0, 4.0, 0.01)
@@ -146,7 +147,7 @@ def test_where_friction_holds_the_ball_is_shaded_and_said():
         ((paths, colour),) = bands(panels[name])
         (path,) = paths
         assert colour.upper() == COLOURS[0]
-        assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, 1.0])
+        assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, 0.8 * HEIGHT])
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "honest twin held by friction, 25.0 % of the time" in words
 
@@ -156,7 +157,8 @@ def test_bands_of_several_runs_lie_above_each_other_under_one_entry():
     found = bands(panels["Tracking error"])
     assert [colour.upper() for _, colour in found] == [COLOURS[2], COLOURS[0]]
     heights = [path.get_extents().intervaly.tolist() for (path,), _ in found]
-    assert heights == [[0.0, 0.5], [0.5, 1.0]]
+    expected = np.array([[0.0, 0.8], [1.0, 1.8]]) * HEIGHT
+    np.testing.assert_allclose(heights, expected)
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "held by friction, 25.0 to 50.0 % of the time" in words
 
@@ -165,3 +167,23 @@ def test_nothing_is_shaded_where_no_friction_held_the_ball():
     figure, panels = drawn(run=resting(9.0, 9.0), unknown=motion())
     assert not bands(panels["Tracking error"])
     assert not any("held" in text.get_text() for text in figure.legends[0].get_texts())
+
+
+def test_strips_of_many_runs_keep_below_a_third_of_the_panel():
+    runs = {str(number): resting(0.5, 1.0) for number in range(23)}
+    _, panels = drawn(**runs)
+    tops = [path.get_extents().y1 for paths, _ in bands(panels["Position"]) for path in paths]
+    assert len(tops) == 23
+    assert max(tops) <= 0.3
+
+
+def test_a_ball_that_left_the_plate_ends_in_a_cross():
+    ends = {}
+    for name, x in (("left", 0.349), ("stays", 0.2)):
+        still = motion()
+        ball = still.ball.copy()
+        ball[-1] = x, 0.0
+        _, panels = drawn(**{name: replace(still, ball=ball)})
+        ends[name] = {line.get_marker() for line in panels["Ball on the screen, from above"].lines}
+    assert "X" in ends["left"] - ends["stays"]
+    assert "s" in ends["stays"] - ends["left"]

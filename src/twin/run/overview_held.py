@@ -1,4 +1,4 @@
-"""Bands in a run's picture where friction held the ball at rest."""
+"""Strips in a run's picture where friction held the ball at rest."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from controllers.arrays import Array, Mask
 from twin.run.metrics import Motion
 
 PANELS = ("x", "y", "error")
-LOOK: Any = {"alpha": 0.18, "linewidth": 0}
+LOOK: Any = {"alpha": 0.6, "linewidth": 0}
+HEIGHT, HIGHEST = 0.035, 0.3
+"""Height of a strip, and of all of them at most, as shares of a panel's."""
 GREY = "0.5"
 """Colour of the legend's entry for several runs, each of which has bands in its own."""
 
 
 def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Sequence[str]) -> None:
-    """Shade where friction held the ball; of several runs that it held, each has a lane.
+    """Mark where friction held the ball: a thin strip for each such run, on the time axis.
 
     Args:
         panels: The panels by name.
@@ -34,7 +36,8 @@ def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Seque
         edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
         first, last = time[edges[::2]], time[edges[1::2] - 1]
         spans = list(zip(first, last - first, strict=True))
-        place = (lane / len(found), 1 / len(found))
+        height = min(HEIGHT, HIGHEST / len(found))
+        place = (lane * height, 0.8 * height)
         for panel in (panels[name] for name in PANELS):
             across = panel.get_xaxis_transform()
             panel.broken_barh(spans, place, transform=across, facecolors=colour, **LOOK)

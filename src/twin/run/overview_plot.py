@@ -43,6 +43,8 @@ WINDOW = 0.5
 """Seconds over which that is taken."""
 SAME = 1e-4
 """Distance in m below which two references are one."""
+EDGE = 3.0
+"""Distance in mm from the edge of the screen within which a ball that fell was seen last."""
 LEAST_ERROR = 0.1
 """Least height of the axis of the tracking error in mm: less than the screen can tell."""
 DPI = 110
@@ -153,7 +155,7 @@ def _add(
     ball = 1000 * motion.ball
     panels["plate"].plot(*ball.T, label=label, **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
-    gone = (np.abs(ball[-1]) > 500 * np.array(SCREEN)).any()  # a cross where it left the plate
+    gone = (np.abs(ball[-1]) > 500 * np.array(SCREEN) - EDGE).any()  # a cross: it left the plate
     panels["plate"].plot(*ball[-1], "X" if gone else "s", color=colour, ms=9 if gone else 5)
     panels["x"].plot(motion.time, ball[:, 0], **look)
     panels["y"].plot(motion.time, ball[:, 1], **look)
