@@ -8,9 +8,9 @@
 
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
 for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
-``rig``. The model behind it: ``model``, and the classes of ``laws``, ``observers`` and
-``references``; plants and controllers for python-control: ``systems``. What there is to run and to
-set: ``scenarios``, ``describe``.
+``rig``; a control law out of a function: ``law``. The model behind it: ``model``, and the classes
+of ``laws``, ``observers``, ``references``; plants and controllers for python-control: ``systems``.
+What there is to run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
 is a ``TwinError`` of one line: what, where, and what is allowed. Importing this package loads no
@@ -28,6 +28,7 @@ from ballplate.catalogue import Keys, describe, scenarios
 from ballplate.changes import Changes
 from ballplate.comparing import compare
 from ballplate.comparison import Comparison
+from ballplate.first_law import law
 from ballplate.identifying import Identified, identify
 from ballplate.loading import Log, load
 from ballplate.models import model
@@ -61,6 +62,7 @@ __all__ = [
     "compare",
     "describe",
     "identify",
+    "law",
     "laws",
     "load",
     "model",

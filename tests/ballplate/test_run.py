@@ -228,3 +228,31 @@ def test_the_import_loads_no_library_but_its_own():
 def test_what_is_varied_over_no_list_is_one_line(values):
     with pytest.raises(ScenarioError, match=r"vary controller\.kind: give a list of values"):
         ballplate.compare("circle", vary={"controller.kind": values})
+
+
+def pd(t, x, reference, *, kp=6.0, kd=5.0):
+    """Proportional and derivative, of ball and plate."""
+    r = reference(t)
+    goal = (kp * (r[0] - x[..., 0::4]) + kd * (r[1] - x[..., 1::4])) / 5.886
+    return 100 * (goal * [1, -1] - x[..., 2::4]) - 20 * x[..., 3::4]
+
+
+def test_a_function_is_a_law_with_its_keywords_as_settings():
+    law = ballplate.law(pd)
+    done = ballplate.run("hold", controller=law(kp=7.0), duration=0.2, plant={"kind": "lagrange"})
+    assert done.finished
+    assert done.scenario.controller.kind == "pd"
+    assert done.replay.classes["controller"]["settings"] == {"kp": 7.0, "kd": 5.0}
+    assert done.replay.classes["controller"]["file"] == "test_run.py"
+    x = np.array([[0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]])
+    hold = ballplate.references.Hold()
+    np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))
+
+
+@pytest.mark.parametrize(
+    "wrong", [lambda t, x: x, lambda t, x, r, *, kp: x], ids=["arguments", "no default"]
+)
+def test_a_function_that_is_no_law_is_one_line(wrong):
+    with pytest.raises(ScenarioError, match="must take") as told:
+        ballplate.law(wrong)
+    assert "\n" not in str(told.value)

@@ -180,7 +180,8 @@ def test_on_the_exact_equations_nothing_mechanical_is_left(full):
 @pytest.mark.long
 def test_the_command_writes_its_files_and_prints_one_json_object(tmp_path):
     settings = (*CLEAN, "plant.kind=lagrange", "plant.friction.rolling_mm=0.2", "duration=1")
-    arguments = [part for setting in settings for part in ("--set", setting)]
+    last = {setting.partition("=")[0]: setting for setting in settings}
+    arguments = [part for setting in last.values() for part in ("--set", setting)]
     out = tmp_path / "out"
     result = CliRunner().invoke(
         command, ["sine", *arguments, "--out", str(out), "--json"], standalone_mode=False

@@ -93,8 +93,9 @@ def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, pr
         while attempt % 5 and child.poll() is None and len(kept(folder)) == before:
             time.sleep(0.01)
         try:
-            # now and then while it starts, else while it works
-            child.wait(rng.uniform(0, 0.5 if attempt % 5 else 3))
+            # now and then while it starts, else while it works; soon, until some have been killed
+            most = 0.5 if attempt % 5 else 3
+            child.wait(rng.uniform(0, most if kills >= 3 else 0.1 * most))
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
             kills += 1
