@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,23 @@ def test_replays_of_several_logs_are_those_of_each_alone(recorded, monkeypatch):
         for name in ("time", "error", "spread", "told", "path"):
             known = getattr(each, name)
             assert getattr(together, name) == pytest.approx(known, rel=1e-6, abs=1e-9, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda belief: replace(belief, grip=0.2),
+        lambda belief: replace(belief, model=replace(belief.model, inertia=4e-6)),
+    ],
+    ids=["grip", "ball"],
+)
+def test_twins_that_differ_in_what_a_batch_has_once_are_replayed_apart(recorded, other):
+    (clean, belief, _), _ = recorded
+    some = [(clean, each, np.zeros((0, 2))) for each in (belief, other(belief))]
+    alone = [replays([each], 1.0, 1.0)[0] for each in some]
+    assert not np.allclose(alone[0].error, alone[1].error, rtol=1e-6, equal_nan=True)
+    for together, each in zip(replays(some, 1.0, 1.0), alone, strict=True):
+        assert together.error == pytest.approx(each.error, rel=1e-6, abs=1e-9, nan_ok=True)
 
 
 def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
