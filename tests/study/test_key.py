@@ -66,13 +66,14 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
     [
         ("devices", "akd", "config.py"),
         ("view", "scene.py"),
-        ("run", "picture.py"),
+        ("run", "overview_plot.py"),
         ("scenario", "load.py"),
         ("study", "report.py"),
     ],
     ids="/".join,
 )
 def test_what_a_simulated_run_never_sees_is_not(key, parts):
+    assert source(*parts).is_file()
     assert key(changed=source(*parts)) == key()
 
 

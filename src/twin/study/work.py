@@ -247,7 +247,9 @@ def sources() -> list[Path]:
     return sorted(found)
 
 
-RUN = ("assemble", "batch", "changes", "control", "loop", "metrics", "plants", "record")
+RUN = (
+    "assemble", "batch", "changes", "control", "indicators", "loop", "metrics", "plants", "record",
+)  # fmt: skip
 """What of the room ``run`` a run of a study executes."""
 SCENARIO = ("change", "changing", "plant", "schema", "tables")
 """The same of the room ``scenario``."""
