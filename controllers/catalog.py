@@ -142,7 +142,7 @@ def _imported(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        _texts[name] = path.read_text(encoding="utf-8", errors="replace")
+        _texts[name] = _text(path)
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
@@ -185,6 +185,8 @@ def register(cls: type[Law | Observer | Reference]) -> None:
         raise ValueError(f"{cls.__name__}: needs a name of its own and every method of its kind")
     known = {item.name: item for module in _modules()[0] for item in _classes(module)}
     if name in known and _home(known[name]) == _home(cls):
+        if _is_stale(known[name]):
+            forget()
         return  # the same class, imported a second time
     if known.get(name, cls) is not cls:
         raise ValueError(f"{cls.__name__}: the name '{name}' is taken by {known[name].__name__}")
@@ -192,6 +194,18 @@ def register(cls: type[Law | Observer | Reference]) -> None:
         _check_fields(cls)
         _registered[name] = cls
         _all_classes.cache_clear()
+
+
+def _is_stale(cls: type) -> bool:
+    """Whether the file of a class that lies in no package is another than when it was imported."""
+    held, module = _texts.get(cls.__module__), sys.modules.get(cls.__module__)
+    file = Path(getattr(module, "__file__", None) or "")
+    return held is not None and file.is_file() and held != _text(file)
+
+
+def _text(file: Path) -> str:
+    """A source file's text, whatever bytes are in it."""
+    return file.read_text(encoding="utf-8", errors="replace")
 
 
 def _home(cls: type) -> tuple[str, str]:

@@ -275,16 +275,33 @@ def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballp
     assert ballplate("run", "circle", *SHORT)[0] == 2
 
 
-def test_a_law_imported_from_its_folder_runs_as_an_object(mine, monkeypatch):
+@pytest.fixture
+def laws(mine, monkeypatch):
+    """The module of the law as a script or a notebook imports it."""
     monkeypatch.syspath_prepend(str(Path.cwd()))
     for name in [each for each in sys.modules if each.partition(".")[0] == "laws"]:
         monkeypatch.delitem(sys.modules, name)
-    laws = importlib.import_module("laws.mine")
-    done = bp.run(
-        "circle", controller=laws.Mine(plate=(50.0, 12.0)), duration=0.1, plant={"kind": "lagrange"}
-    )
+    return importlib.import_module("laws.mine")
+
+
+BRIEF = {"duration": 0.1, "plant": {"kind": "lagrange"}}
+
+
+def test_a_law_imported_from_its_folder_runs_as_an_object(laws):
+    done = bp.run("circle", controller=laws.Mine(plate=(50.0, 12.0)), **BRIEF)
     assert done.scenario.controller.settings == {"plate": [50.0, 12.0]}
     assert done.replay.classes["controller"]["file"] == "mine.py"
+
+
+def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
+    before = bp.run("circle", controller=laws.Mine(), **BRIEF)
+    text = mine.read_text(encoding="utf-8")
+    field = next(line for line in text.splitlines() if line.strip().startswith("plate:"))
+    mine.write_text(text.replace(field, f"    more: float = 1.0\n{field}"), encoding="utf-8")
+    done = bp.run("circle", controller=importlib.reload(laws).Mine(more=2.0), **BRIEF)
+    assert done.scenario.controller.settings["more"] == 2.0
+    marks = {run.replay.classes["controller"]["sha256"] for run in (before, done)}
+    assert len(marks) == 2
 
 
 def test_of_two_files_with_one_name_of_a_law_both_are_named(ballplate, mine):

@@ -99,25 +99,24 @@ def _named(*names: str) -> Callable[[FaultCase], bool]:
     return lambda case: case.name in names
 
 
-def _supervised(name: str, instead: Callable[[Supervisor], Callable[..., Any]]) -> Any:
-    """Supervisors with another method, made of the object itself."""
-    made = Supervisor.__init__
+def _made(cls: type, change: Callable[[Any], None]) -> AbstractContextManager[Any]:
+    """Objects of a class, changed as soon as they are made."""
+    made = cls.__init__
 
-    def init(self: Supervisor, *arguments: Any, **more: Any) -> None:
+    def init(self: Any, *arguments: Any, **more: Any) -> None:
         made(self, *arguments, **more)
-        setattr(self, name, instead(self))
+        change(self)
 
-    return patch.object(Supervisor, "__init__", init)
+    return patch.object(cls, "__init__", init)
+
+
+def _supervised(name: str, instead: Callable[[Supervisor], Any]) -> AbstractContextManager[Any]:
+    """Supervisors with another method or bounds, made of the object itself."""
+    return _made(Supervisor, lambda self: setattr(self, name, instead(self)))
 
 
 def _bounds(change: Callable[[Array], Array]) -> AbstractContextManager[Any]:
-    made = Supervisor.__init__
-
-    def init(self: Supervisor, *arguments: Any, **more: Any) -> None:
-        made(self, *arguments, **more)
-        self._bounds = change(self._bounds)
-
-    return patch.object(Supervisor, "__init__", init)
+    return _supervised("_bounds", lambda self: change(self._bounds))
 
 
 def _without_bound(at: int) -> Callable[[], AbstractContextManager[Any]]:
@@ -135,13 +134,10 @@ def _speed_along_x(self: Supervisor) -> Callable[..., Any]:
 
 
 def _half_the_way() -> AbstractContextManager[Any]:
-    made = Clamp.__init__
+    def twice(clamp: Clamp) -> None:
+        clamp._whole_way, clamp._per_angle = 2 * clamp._whole_way, 2 * clamp._per_angle
 
-    def init(self: Clamp, *arguments: Any, **more: Any) -> None:
-        made(self, *arguments, **more)
-        self._whole_way, self._per_angle = 2 * self._whole_way, 2 * self._per_angle
-
-    return patch.object(Clamp, "__init__", init)
+    return _made(Clamp, twice)
 
 
 def _old_rate() -> AbstractContextManager[Any]:

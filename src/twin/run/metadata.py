@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from controllers.catalog import origin
 from twin.errors import RecordError, ScenarioError
 from twin.scenario.load import validated
-from twin.scenario.schema import KINDS, Scenario, choices, settings_model
+from twin.scenario.schema import KINDS, Scenario, choices, with_settings
 
 
 class _Open(BaseModel):
@@ -91,7 +90,7 @@ def classes_of(scenario: Scenario) -> dict[str, dict[str, Any]]:
     for table in KINDS:
         choice = getattr(scenario, table)
         cls = choices(table)[choice.kind]
-        given = settings_model(cls).model_validate_json(json.dumps(choice.settings, default=str))
+        given = with_settings(cls, choice.settings)
         found[table] = {"settings": given.model_dump(mode="json", warnings=False)}
         if (place := origin(cls)) is not None:
             file, text = place

@@ -329,11 +329,8 @@ def open_runs(
 
 def holds_finished(folder: Path) -> bool:
     """Whether a folder holds a run that nobody interrupted."""
-    try:
-        metadata = parse_json(read_beside(folder / "run.parquet", "ballplate") or b"{}")
-        return bool(metadata["metrics"].get("reason") != INTERRUPTED)
-    except (RecordError, DataError, KeyError, TypeError, AttributeError):
-        return False
+    metrics = _metadata(folder).get("metrics")
+    return isinstance(metrics, dict) and metrics.get("reason") != INTERRUPTED
 
 
 def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
@@ -343,14 +340,21 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
         folder: Run folder, there or not.
         scenario: Gives what is to run; asked only if there is a run with classes of its own.
     """
-    try:
-        content = read_beside(folder / "run.parquet", "ballplate")
-        was = parse_json(content or b"{}")["classes"]
-        marks = {table: its["sha256"] for table, its in was.items() if its.get("sha256")}
-    except (RecordError, DataError, KeyError, TypeError, AttributeError):
+    was = _metadata(folder).get("classes")
+    if not isinstance(was, dict):
         return False
+    marks = {table: its["sha256"] for table, its in was.items() if its.get("sha256")}
     now = classes_of(scenario()) if marks else {}
     return any(mark != now[table].get("sha256", "") for table, mark in marks.items())
+
+
+def _metadata(folder: Path) -> Mapping[str, Any]:
+    """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
+    try:
+        found = parse_json(read_beside(folder / "run.parquet", "ballplate") or b"{}")
+    except (RecordError, DataError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _records(paths: tuple[Path, ...]) -> list[Path]:

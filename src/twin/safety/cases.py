@@ -23,7 +23,7 @@ from twin.safety import drive_causes
 from twin.safety.case import BRING_UP, Act, FaultCase
 from twin.safety.defences import DEFENCES
 from twin.safety.reaction import Stopper
-from twin.safety.rig_cases import PROGRAM, SETTINGS, SUPERVISED, UNFIT
+from twin.safety.rig_cases import PROGRAM, SETTINGS, SUPERVISED, UNFIT, WATCHES, nothing
 
 
 def _drive(cause: Callable[..., None], condition: Condition) -> FaultCase:
@@ -88,10 +88,6 @@ def _sto_before(rig: LockstepRig) -> None:
     rig.lockstep.drives[0].open_sto()
 
 
-def _nothing(_: LockstepRig) -> None:
-    """Leave the rig alone."""
-
-
 def _lasting_fault(rig: LockstepRig) -> None:
     rig.lockstep.drives[0].fail(235, lasting=True)
     rig.lockstep.drives[0].power.refuse_reset = True
@@ -139,7 +135,6 @@ LATER = {
 }
 """Cases left out: another condition ends the run before theirs can be reported."""
 
-WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
 BUS_GONE: dict[str, Any] = {"stopped_by": WATCHES}
 DEAF: dict[str, Any] = {"stopped_by": (Stopper.HEARTBEAT, Stopper.QUICK_STOP), "withheld": True}
 NO_TORQUE: dict[str, Any] = {"stopped_by": (Stopper.LOST_TORQUE, Stopper.QUICK_STOP)}
@@ -217,7 +212,7 @@ SCREEN = (
     _screen("The touch axes are swapped", ScreenFault.SWAP_AXES, lumio.SWAPPED_AXES, lasting=1.0),
     _screen("The touch is frozen", ScreenFault.FREEZE, lumio.FROZEN, lasting=math.inf),
     _screen("One touch frame jumps", ScreenFault.JUMP, lumio.JUMP),
-    FaultCase(name="The ball rests", act=_nothing, expected=None, resting=True),
+    FaultCase(name="The ball rests", act=nothing, expected=None, resting=True),
     FaultCase(
         name="The touch screen is unplugged",
         act=_no_screen,

@@ -25,12 +25,12 @@ from twin.hal.limits import Limits
 from twin.safety import drive_causes
 from twin.safety.case import BRING_UP, Act, FaultCase
 from twin.safety.defences import no_quick_stop, watch_alone
+from twin.safety.limits import BEYOND
 from twin.safety.reaction import Stopper
 
 _LIMITS = Limits()
 _EDGE = np.add(_LIMITS.area, _LIMITS.margin)
 """Where the ball may be at most, x and y, m."""
-_STEEP = float(_LIMITS.angle) + supervisor.Supervisor.ANGLE_SLACK
 _NEXT = AkdConfig().period
 """What is done after a period's commands shows in the next one's, s."""
 _SHOVE = 4.0
@@ -59,17 +59,22 @@ def _push(x_rate: float, y_rate: float) -> Act:
     return act
 
 
-def _push_later(rig: LockstepRig) -> None:
-    """Push the ball across the plate along y, once it is on the far side."""
+def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> None:
+    """Act as soon as something is so, after the step of the bus in which it comes about."""
     moved = rig.lockstep.bus.moved
 
     def move(dt: float) -> None:
         moved(dt)
-        if _ball(rig)[1] > _FAR:
+        if there(rig):
             rig.lockstep.bus.moved = moved
-            _push(0.0, -_FAST)(rig)
+            act(rig)
 
     rig.lockstep.bus.moved = move
+
+
+def _push_later(rig: LockstepRig) -> None:
+    """Push the ball across the plate along y, once it is on the far side."""
+    _once(rig, lambda rig: bool(_ball(rig)[1] > _FAR), _push(0.0, -_FAST))
 
 
 def _fast(axis: int) -> Callable[[LockstepRig], bool]:
@@ -104,7 +109,7 @@ def _shove(axis: int) -> Act:
 
 
 def _steep(axis: int) -> Callable[[LockstepRig], bool]:
-    return lambda rig: bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > _STEEP)
+    return lambda rig: bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > BEYOND)
 
 
 def _ask(phi: float, theta: float) -> Act:
@@ -158,7 +163,7 @@ def _dead(lasting: float) -> Act:
     return lambda rig: rig.inject(ScreenFault.MISSING_PEN_UP, lasting)
 
 
-def _nothing(_: LockstepRig) -> None:
+def nothing(_: LockstepRig) -> None:
     """Leave the rig alone."""
 
 
@@ -167,18 +172,15 @@ def _turns(rig: LockstepRig) -> bool:
 
 
 def _jump_unstopped(rig: LockstepRig) -> None:
-    """The motor encoder jumps while the plate turns, and no quick stop reaches the drives."""
+    """The motor encoder jumps, and no quick stop reaches the drives."""
+    no_quick_stop(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def _jump_in_turn(rig: LockstepRig) -> None:
+    """The same while the plate turns."""
     _ask(2 * _QUICK, 2 * _QUICK)(rig)
-    moved = rig.lockstep.bus.moved
-
-    def move(dt: float) -> None:
-        moved(dt)
-        if _turns(rig):
-            rig.lockstep.bus.moved = moved
-            no_quick_stop(rig)
-            drive_causes.motor_jump(rig.lockstep)
-
-    rig.lockstep.bus.moved = move
+    _once(rig, _turns, _jump_unstopped)
 
 
 WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
@@ -296,7 +298,7 @@ UNFIT = (
 SETTINGS = (
     FaultCase(
         name="The safety nets are relaxed",
-        act=_nothing,
+        act=nothing,
         expected=akd.RELAXED,
         before=True,
         host=AkdConfig(silence=0.5),
@@ -327,7 +329,7 @@ SETTINGS = (
     ),
     FaultCase(
         name="Zero rate alone: the motor encoder jumps, and no quick stop reaches the drives",
-        act=_jump_unstopped,
+        act=_jump_in_turn,
         begins=_turns,
         expected=akd.ENCODER_JUMP,
         stopped_by=WATCHES,

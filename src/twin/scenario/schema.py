@@ -232,9 +232,17 @@ def checked_settings(cls: type, settings: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         pydantic.ValidationError: If one is unknown, missing or of the wrong type.
     """
-    model = settings_model(cls)
-    checked = model.model_validate_json(json.dumps(settings, default=str))
-    return {name: getattr(checked, name) for name in model.model_fields}
+    checked = with_settings(cls, settings)
+    return {name: getattr(checked, name) for name in type(checked).model_fields}
+
+
+def with_settings(cls: type, settings: Mapping[str, Any]) -> BaseModel:
+    """The model of all settings of a class, those given as read from a file.
+
+    Raises:
+        pydantic.ValidationError: If one is unknown, missing or of the wrong type.
+    """
+    return settings_model(cls).model_validate_json(json.dumps(settings, default=str))
 
 
 def choices(table: str) -> dict[str, type]:

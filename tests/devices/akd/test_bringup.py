@@ -75,16 +75,26 @@ def test_after_the_start_the_drive_holds_what_was_meant(rig):
     assert {key: store.get(*key) for key in WRITTEN} == WRITTEN
 
 
+@pytest.fixture
+def kept(rig, monkeypatch):
+    """Makes the first drive keep another value of an object than was written."""
+
+    def keep(key, value):
+        store, write = rig.drives[0].store, rig.drives[0].store.write
+
+        def forgetful(index, sub, data, **more):
+            write(index, sub, data, **more)
+            if (index, sub) == key and store.get(*key) == WRITTEN[key]:
+                store.set(*key, value)
+
+        monkeypatch.setattr(store, "write", forgetful)
+
+    return keep
+
+
 @pytest.mark.parametrize("key", WRITTEN, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
-def test_a_drive_that_keeps_something_else_is_refused_by_object(rig, key, monkeypatch):
-    store, write = rig.drives[0].store, rig.drives[0].store.write
-
-    def forgetful(index, sub, data, **more):
-        write(index, sub, data, **more)
-        if (index, sub) == key and store.get(*key) == WRITTEN[key]:
-            store.set(*key, WRITTEN[key] + max(1, abs(WRITTEN[key]) // 200))  # 0.5 % off
-
-    monkeypatch.setattr(store, "write", forgetful)
+def test_a_drive_that_keeps_something_else_is_refused_by_object(rig, key, kept):
+    kept(key, WRITTEN[key] + max(1, abs(WRITTEN[key]) // 200))  # 0.5 % off
     assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
 
 
@@ -92,16 +102,9 @@ SWITCHED_OFF = [key for key in WRITTEN if key[1] == 1 and key[0] >> 8 in (0x14, 
 
 
 @pytest.mark.parametrize("key", SWITCHED_OFF, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
-def test_a_drive_that_keeps_a_message_the_other_way_is_refused(rig, key, monkeypatch):
+def test_a_drive_that_keeps_a_message_the_other_way_is_refused(rig, key, kept):
     """Bit 31 of a COB-ID says that the message is off: a drive that keeps the rest is not set."""
-    store, write = rig.drives[0].store, rig.drives[0].store.write
-
-    def other_way(index, sub, data, **more):
-        write(index, sub, data, **more)
-        if (index, sub) == key and store.get(*key) == WRITTEN[key]:
-            store.set(*key, WRITTEN[key] ^ 1 << 31)
-
-    monkeypatch.setattr(store, "write", other_way)
+    kept(key, WRITTEN[key] ^ 1 << 31)
     assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
 
 
