@@ -8,6 +8,7 @@ Finished tasks are kept in runs/cure and used again while scenarios and code sta
 
 from __future__ import annotations
 
+import inspect
 import json
 import tomllib
 from pathlib import Path
@@ -76,7 +77,8 @@ def known(
     """The same of scenarios that run as one batch, as they are kept or simulated."""
     from twin.study.work import code, digest  # noqa: PLC0415
 
-    texts = [code(), judged, *(each.model_dump_json() for each in runs)]
+    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
+    texts = [code(), judged, how, *(each.model_dump_json() for each in runs)]
     file = kept / f"{digest(' '.join(texts))}.json"
     if file.is_file():
         found: list[float | None] = json.loads(file.read_text())

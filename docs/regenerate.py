@@ -65,8 +65,9 @@ PAGES = {
         ("experiments.md", "figures/experiments.png"),
         ("reproduce", "9", "--doc", "docs/experiments.md"),
     ),
-    # the second part of the same page
-    "explained": Page((), ("reproduce", "9", "--explained", "--doc", "docs/experiments.md")),
+    "explained": Page(
+        ("explained.md",), ("reproduce", "9", "--explained", "--doc", "docs/explained.md")
+    ),
     **{
         f"study-{name}": Page(
             (f"studies/{name}.md", f"studies/{name}-*.svg"),

@@ -3,12 +3,13 @@
 uv run python docs/tuned.py                          # what tuned.toml says
 uv run python docs/tuned.py --only "AFL, thesis"     # one law; no page
 uv run python docs/tuned.py --finished               # a page of the laws that are tuned, at once
-Finished runs are kept in runs/tuned and used again while scenarios and code stay the same, also by
-a larger budget.
+Finished runs are kept in runs/tuned and used again while what a run executes stays the same, also
+by a larger budget; what a search found, while all that it read does.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tomllib
 from pathlib import Path
@@ -29,17 +30,28 @@ def asked(plan: dict[str, Any], law: dict[str, Any]) -> Any:
     return read(law["tune"], set=law.get("set"), **{key: plan[key] for key in BUDGET})
 
 
+def everything() -> str:
+    """All that a search reads: more than its runs do, as costs, margins, families and tasks."""
+    found = [
+        path
+        for folder in ("src", "controllers", "scenarios", "models")
+        for path in (HERE.parent / folder).rglob("*")
+        if path.suffix in {".py", ".toml", ".xml", ".json"}
+    ]
+    return " ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(found))
+
+
 def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     """What a tune found, as its ``--json`` says; None if it is not known."""
     from twin.study.executors import executors  # noqa: PLC0415
     from twin.study.store import Store  # noqa: PLC0415
-    from twin.study.work import code, digest  # noqa: PLC0415
+    from twin.study.work import digest  # noqa: PLC0415
     from twin.tune.fragment import settings  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
     from twin.tune.tune import tuned  # noqa: PLC0415
     from twin.writing import write_json  # noqa: PLC0415
 
-    file = kept / f"{digest(code() + tune.model_dump_json())}.json"
+    file = kept / f"{digest(everything() + tune.model_dump_json())}.json"
     if file.is_file():
         known: dict[str, Any] = json.loads(file.read_text())
         return known

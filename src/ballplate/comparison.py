@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.notebook import page, png_image, showable, table
-from ballplate.signals import pandas
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,12 +59,10 @@ class Comparison(Mapping[str, "Result"]):
         return {label: each.metrics for label, each in self._runs.items()}
 
     def to_pandas(self) -> pd.DataFrame:
-        """The indicators, a row per run.
+        """The indicators, a row per run."""
+        import pandas as pd
 
-        Raises:
-            TwinError: If pandas is not installed.
-        """
-        return pandas().DataFrame.from_dict(self.metrics, orient="index")
+        return pd.DataFrame.from_dict(self.metrics, orient="index")
 
     @property
     def motions(self) -> dict[str, Motion]:

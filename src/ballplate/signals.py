@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from twin.errors import RecordError, TwinError, nearest
+from twin.errors import RecordError, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,12 +55,10 @@ class Signals(Mapping[str, "Array"]):
         return self["time"]
 
     def to_pandas(self) -> pd.DataFrame:
-        """The columns as a table over time in s; ``attrs["units"]`` has their units.
+        """The columns as a table over time in s; ``attrs["units"]`` has their units."""
+        import pandas as pd
 
-        Raises:
-            TwinError: If pandas is not installed.
-        """
-        frame = pandas().DataFrame(dict(self)).set_index("time")
+        frame = pd.DataFrame(dict(self)).set_index("time")
         frame.attrs["units"] = self.units
         return frame
 
@@ -77,16 +75,3 @@ class Signals(Mapping[str, "Array"]):
 
         export(Path(file), self._columns, self.units)
         return Path(file)
-
-
-def pandas() -> Any:
-    """The package pandas.
-
-    Raises:
-        TwinError: If it is not installed.
-    """
-    try:
-        import pandas as pd
-    except ModuleNotFoundError:
-        raise TwinError("tables for pandas need it: pip install pandas") from None
-    return pd

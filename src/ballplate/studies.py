@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from ballplate.notebook import page, paragraphs, png_image, showable, table
 from ballplate.reporter import Reporter, default
-from ballplate.signals import pandas
 from twin.errors import ScenarioError
 from twin.writing import check_writable
 
@@ -48,14 +47,12 @@ class StudyResult:
         return sentences(self.work.study, self.answers)
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per run: variant, point, seed, parameters, outcome, indicators.
+        """A row per run: variant, point, seed, parameters, outcome, indicators."""
+        import pandas as pd
 
-        Raises:
-            TwinError: If pandas is not installed.
-        """
         from twin.study.report import data
 
-        return pandas().DataFrame(data(self.work, self.rows).to_pydict())
+        return pd.DataFrame(data(self.work, self.rows).to_pydict())
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.notebook import page, png_image, showable, table
-from ballplate.signals import pandas
 from twin.errors import ScenarioError, nearest
 
 if TYPE_CHECKING:
@@ -79,14 +78,12 @@ class Sweep:
         return found
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per run: values of the keys, then indicators.
+        """A row per run: values of the keys, then indicators."""
+        import pandas as pd
 
-        Raises:
-            TwinError: If pandas is not installed.
-        """
         values = [dict(zip(self.keys, point, strict=True)) for point in self.points]
         lines = [{**at, **row} for at, row in zip(values, self.rows, strict=True)]
-        return pandas().DataFrame(lines)
+        return pd.DataFrame(lines)
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""

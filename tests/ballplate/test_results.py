@@ -1,6 +1,5 @@
 """What runs give: columns with units, tables, pictures, folders, and a look in a notebook."""
 
-import builtins
 import re
 from html.parser import HTMLParser
 
@@ -65,19 +64,6 @@ def test_a_table_for_pandas_has_the_columns_over_time_and_their_units(done):
     assert frame.index.name == "time"
     assert frame["true_x"].to_numpy().tobytes() == done["true_x"].tobytes()
     assert frame.attrs["units"]["true_x"] == "m"
-
-
-def test_without_pandas_its_tables_are_refused_in_one_line(done, monkeypatch):
-    real = builtins.__import__
-
-    def missing(name, *rest):
-        if name == "pandas":
-            raise ModuleNotFoundError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(ballplate.TwinError, match="pip install pandas"):
-        done.to_pandas()
 
 
 @pytest.mark.long

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -9,7 +12,10 @@ import pytest
 from twin.identify.identify import identify
 from twin.identify.log import COLUMNS, LogError, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
+from twin.identify.prepare import prepare
+from twin.identify.validation import hold_out
 from twin.run.execute import run, save
+from twin.run.replay import open_run
 from twin.scenario import load
 
 
@@ -136,3 +142,24 @@ def test_an_unknown_parameter_is_refused_with_those_known():
     with pytest.raises(LogError, match="no 'frction'") as caught:
         chosen("rolling,frction")
     assert all(name in str(caught.value) for name in CHOICES)
+
+
+@pytest.mark.parametrize("rate", [50, 200])
+def test_the_ball_that_stays_stays_where_it_was_at_the_last_sample(tmp_path, rate):
+    """On a screen of few frames some bins have no sample; a ball on a circle tells by its way."""
+    touch = f"sensors.touch.frame_rate={rate}"
+    done = run(load("circle", ("duration=16", "plant.kind=lagrange", touch)))
+    save(done, tmp_path, {"run": done.motion})
+    log = prepare(read(tmp_path))
+    names = ("delay", "rolling")
+    theta = np.array([0.042, done.scenario.plant.friction.rolling_mm * 1e-3])
+    fit = SimpleNamespace(problem=SimpleNamespace(names=names, model=log.model, grip=0.0))
+    fit.theta = theta
+    found = hold_out(log, fit, 0.0)
+    (recorded,) = open_run(tmp_path)
+    rows = recorded.rows
+    ball = np.stack((rows["true_x"], rows["true_y"]), axis=1)
+    for ahead, still in zip(found.ahead[1:4], found.still[1:4], strict=True):
+        steps = round(ahead / 0.002)
+        way = np.hypot(*(ball[steps:] - ball[:-steps]).T)
+        assert still == pytest.approx(float(np.median(way)), rel=0.1), ahead

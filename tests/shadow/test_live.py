@@ -25,6 +25,7 @@ from twin.shadow import follow, report
 from twin.shadow.alarms import Alarm
 from twin.shadow.causes import Cause
 from twin.shadow.drawn import scores
+from twin.shadow.evidence import Evidence
 from twin.shadow.examine import examine
 from twin.shadow.follow import Said
 from twin.shadow.horizon import BAND, Replays
@@ -217,3 +218,12 @@ def test_a_twin_that_hangs_or_dies_changes_nothing_in_the_record(blow):
     assert all(
         np.array_equal(watched.record[name], alone.record[name]) for name in alone.record.data
     )
+
+
+def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():
+    first, second = (
+        Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)),
+                    np.zeros((len(spans), 2)))
+        for spans in (np.array([[0.0, 1.0], [1.0, 3.0]]), np.array([[1.0, 2.0]]))
+    )  # fmt: skip
+    assert follow._joined(first, second).end.tolist() == [1.0, 3.0, 2.0]

@@ -17,7 +17,7 @@ from twin.study.figures import figures
 from twin.study.report import write
 from twin.study.schema import METRICS, Study
 from twin.study.store import Store
-from twin.study.summary import sentences
+from twin.study.summary import needed, sentences
 from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")
@@ -27,7 +27,7 @@ Function = Callable[[float, float, float], float]
 def study(method: str, samples: int, low: float = -np.pi, high: float = np.pi, **more) -> Study:
     parameters = {key: {"uniform": (low, high)} for key in KEYS}
     about = {"title": "known", "scenario": "hold", "method": method, "samples": samples}
-    return Study.model_validate({**about, "parameters": parameters, **more})
+    return Study.model_validate({**about, "parameters": parameters} | more)
 
 
 def answered(about: Study, function: Function, folder: Path, *, page: bool = False) -> Answer:
@@ -53,6 +53,18 @@ def row(job: Job, function: Function) -> Row:
     good = np.isfinite(value)
     outcome = {"key": job.key, "outcome": "finished" if good else "fell", "reason": ""}
     return {**dict.fromkeys(METRICS), "tracking_error_percent": value if good else None, **outcome}
+
+
+def test_a_whole_number_that_decides_is_ranked_and_a_seed_without_effect_is_not(tmp_path):
+    whole = {"plant.start.spin": {"integers": [-3, 3]}, "seed": {"integers": [1, 50]}}
+    about = study("montecarlo", 60, parameters=whole)
+    answer = answered(about, lambda a, b, c: c, tmp_path)
+    found = {each.key: each for each in answer.indices}
+    assert found["plant.start.spin"].value > 0.99
+    assert found["plant.start.spin"].decided
+    assert found["plant.start.spin"].slope == pytest.approx(1)
+    assert needed(about, [answer]) == []
+    assert not found["seed"].decided
 
 
 def ishigami(a: float, b: float, c: float) -> float:

@@ -11,6 +11,7 @@ from twin.cli.study import study as command
 from twin.errors import ScenarioError
 from twin.run.batch import alike, simulate
 from twin.study.build import Builder
+from twin.study.design import points
 from twin.study.distribution import Parameter
 from twin.study.family import drawn, read
 from twin.study.schema import Study
@@ -63,6 +64,13 @@ def test_rigs_are_distributed_as_the_family_says():
 def test_integers_reach_both_ends_and_nothing_beyond():
     about = Parameter(integers=(3, 5))
     assert about.at(np.array([0.0, 0.34, 0.99, 1.0])).tolist() == [3, 4, 5, 5]
+
+
+@pytest.mark.parametrize("method", ["grid", "oat"])
+def test_a_grid_over_whole_numbers_has_each_once(method):
+    about = {"title": "t", "scenario": "hold", "method": method, "samples": 16}
+    study = Study.model_validate({**about, "parameters": {"seed": {"integers": [1, 5]}}})
+    assert points(study).columns["seed"].tolist() == [1, 2, 3, 4, 5]
 
 
 def test_a_study_takes_the_parameters_of_a_family_and_its_own_over_them():

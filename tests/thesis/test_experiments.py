@@ -194,7 +194,7 @@ def test_the_command_prints_one_json_list_with_the_promised_keys(monkeypatch):
     [
         (["9.10"], "no table '9.10'; there are 8.1 to 8.21 and 9.1 to 9.9"),
         (["8.1", "--fit"], "--fit belongs to chapter 9"),
-        (["9", "--keep"], "--keep to --fit"),
+        (["9", "--out", "x.toml"], "--out belongs to --fit"),
         (["9.1", "--doc", "x.md"], "--doc of chapter 9 needs all its tables"),
         (["8.1", "9", "--doc", "x.md"], "--doc of chapter 9 needs all its tables"),
     ],

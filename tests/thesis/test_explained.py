@@ -8,7 +8,6 @@ from twin.cli.reproduce import reproduce as command
 from twin.fit.misfit import cells
 from twin.fit.runs import Runs
 from twin.study.store import Store
-from twin.thesis.experiments import explained_page
 from twin.thesis.experiments.deciding import oscillation
 from twin.thesis.experiments.explained import goals, rows, sample, stored
 from twin.thesis.experiments.explanation import INDICATORS, PARAMETERS, table
@@ -119,14 +118,6 @@ def test_variants_side_by_side_leave_out_what_they_say(tmp_path):
         assert scenario.controller.settings["epsilon"] == (0.1 if variant.case_2 else 0.3)
 
 
-def test_the_two_parts_of_the_page_stay_apart():
-    page = "# Predicted\n\ntext\n\n" + explained_page.HEADING + "\n\nmore\n"
-    assert explained_page.prediction(page) == "# Predicted\n\ntext\n\n"
-    assert explained_page.explanation(page) == f"\n{explained_page.HEADING}\n\nmore\n"
-    assert explained_page.prediction("# Predicted\n") == "# Predicted\n\n"
-    assert explained_page.explanation("# Predicted\n") == ""
-
-
 def test_the_oscillation_is_found_beside_the_reference():
     time = np.arange(0, 25, 0.01)
     angle = 0.02 * np.sin(0.75 * time) + 0.004 * np.sin(2 * math.pi * 0.8 * time)
@@ -140,7 +131,7 @@ def test_the_oscillation_is_found_beside_the_reference():
     [
         (["8", "--explained"], "--explained belongs to chapter 9"),
         (["9.3", "--explained", "--fit"], "needs all tables of chapter 9"),
-        (["9", "--explained", "--keep"], "--keep belongs to --fit"),
+        (["9", "--explained", "--out", "x.toml"], "--out belongs to --fit"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(arguments, message):

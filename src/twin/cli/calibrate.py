@@ -14,7 +14,7 @@ from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
 from twin.cli.output import console, print_json, progress
 from twin.paths import model_path
-from twin.writing import write_whole
+from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
     from twin.identify.verdict import ParameterVerdict
@@ -36,9 +36,11 @@ calibrate.add_command(lost_motion)
 
 @calibrate.command()
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Table file [cams.json beside the model]."
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Write the table to this file; without it, it is only tried.",
 )
-@click.option("--check", is_flag=True, help="Only check the existing table.")
+@click.option("--check", is_flag=True, help="Only check the table of the model, or of --out.")
 @click.option(
     "--rig",
     metavar="FILE",
@@ -65,13 +67,16 @@ def cams(
         _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
         return
     path = out or model_path("cams.json")
+    if out is not None and not check:
+        check_writable(out.parent, "--out")
     with progress("measuring the cams", 3) as advance:
         if check:
             table = CamTable.from_file(path)
             table.check(model_path())
         else:
             table = sweep_cams()
-            write_whole(path, table.save)
+            if out is not None:
+                write_whole(out, table.save)
         advance(1)
         found = {
             "two-dimensional table": static_error(table),
@@ -86,7 +91,8 @@ def cams(
             axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
             for axis, r in resonances.items()
         }
-        print_json({"table": str(path), "residual": left, "resonance": ringing})
+        named = str(path) if check or out is not None else None
+        print_json({"table": named, "residual": left, "resonance": ringing})
         return
     _show(found)
     for axis, resonance in resonances.items():
@@ -94,7 +100,12 @@ def cams(
             f"plate resonance in {axis}: {resonance.frequency_hz:.2f} Hz, "
             f"damping {100 * resonance.damping:.1f} %"
         )
-    console.print(f"{'checked' if check else 'written to'} {path}")
+    if check:
+        console.print(f"checked {path}")
+    elif out is not None:
+        console.print(f"written to {out}")
+    else:
+        console.print("not written: --out FILE")
 
 
 @calibrate.command()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,14 +37,14 @@ def document(path: Path) -> int:
     return 0
 
 
-def fit(*, keep: bool, as_json: bool) -> int:
-    """Choose the reading, fit the friction to Table 9.3 and print the result."""
+def fit(out: Path | None, *, as_json: bool) -> int:
+    """Choose the reading, fit the friction to Table 9.3, print the result and write it if asked."""
     from twin.thesis.experiments import fit as fitting
 
     with progress("fitting", 1.0) as advance:
         result = fitting.fit(advance)
-    if keep:
-        fitting.write(result, Path(str(files(fitting.__package__) / "data/identified.toml")))
+    if out is not None:
+        fitting.write(result, out)
     if as_json:
         print_json(asdict(result))
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 
 from twin.cli.experiments import predict
@@ -13,7 +12,7 @@ FOLDER = Path("runs") / "explained"
 """Where the runs of the fit are kept: an interrupted one goes on."""
 
 
-def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
+def fit(processes: int | None, out: Path | None, *, as_json: bool) -> int:
     """Fit chapter 9, once whole and once without each table, and print the result."""
     from rich.table import Table
 
@@ -32,8 +31,8 @@ def fit(processes: int | None, *, keep: bool, as_json: bool) -> int:
         runs = Runs(about, store, executor=executor, processes=count)
         found = fit_table(about, runs, advance=advance)
     write_report(found, FOLDER)
-    if keep:
-        explained.write(found, Path(str(files(explained.__package__) / "data/explained.toml")))
+    if out is not None:
+        explained.write(found, out)
     if as_json:
         print_json(found.as_dict())
     else:
@@ -73,7 +72,7 @@ def show(tables: Sequence[str], *, as_json: bool, whole: bool) -> int:
 
 
 def document(path: Path) -> int:
-    """Write the explanation into the page of the experiments, after the prediction."""
+    """Write the page of the explanation."""
     from twin.thesis.experiments import (
         deciding,
         explained,

@@ -31,17 +31,21 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Chapter 9 only: few numbers fitted to all tables; with --fit, fit them again.",
 )
-@click.option("--keep", is_flag=True, help="With --fit: use the result from now on.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --fit: also write the result to this TOML file.",
+)
 @PROCESSES
 @JSON
 def reproduce(
     tables: tuple[str, ...],
     doc: Path | None,
+    out: Path | None,
     processes: int | None,
     *,
     fit: bool,
     explained: bool,
-    keep: bool,
     as_json: bool,
 ) -> int:
     """Recompute the thesis's tables and compare.
@@ -56,18 +60,9 @@ def reproduce(
     from twin.thesis.reproduce.tables import chosen
 
     of_8, of_9 = _chapters(tables)
-    if explained:
-        return _explained(of_8, of_9, doc, processes, fit=fit, keep=keep, as_json=as_json)
-    if fit or keep:
-        if of_8 or not fit:
-            raise ScenarioError("--fit belongs to chapter 9, and --keep to --fit: reproduce 9")
-        return measured.fit(keep=keep, as_json=as_json)
-    if doc is not None:
-        check_writable(doc.parent, "--doc")
-        if of_9 and (of_8 or len(of_9) < len(measured_tables())):
-            raise ScenarioError("--doc of chapter 9 needs all its tables and no others: 9")
-        if of_9:
-            return measured.document(doc)
+    _check(of_8, of_9, doc, out, fit=fit, explained=explained)
+    if explained or fit or (doc is not None and of_9):
+        return _of_chapter_9(of_9, doc, out, processes, fit=fit, explained=explained, json=as_json)
     wanted = chosen(of_8) if of_8 else []
     jobs = plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
@@ -89,37 +84,64 @@ def reproduce(
     return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
 
 
-def _explained(
+def _check(
     of_8: list[str],
     of_9: list[str],
     doc: Path | None,
-    processes: int | None,
+    out: Path | None,
     *,
     fit: bool,
-    keep: bool,
-    as_json: bool,
-) -> int:
-    """What --explained asks for.
+    explained: bool,
+) -> None:
+    """Make sure that the options go together.
 
     Raises:
-        ScenarioError: If the options do not go together.
+        ScenarioError: If not, or if nothing can be written where they say.
     """
-    from twin.cli import explanation
     from twin.thesis.experiments.tables import tables as measured_tables
 
     whole = len(of_9) == len(measured_tables())
-    if of_8 or not of_9:
-        raise ScenarioError("--explained belongs to chapter 9: reproduce 9 --explained")
-    if keep and not fit:
-        raise ScenarioError("--keep belongs to --fit")
-    if (fit or doc is not None) and not whole:
-        raise ScenarioError("--explained with --fit or --doc needs all tables of chapter 9: 9")
+    wrong = {
+        "--out belongs to --fit: reproduce 9 --fit --out FILE": out is not None and not fit,
+        "--explained belongs to chapter 9: reproduce 9 --explained": explained
+        and (of_8 or not of_9),
+        "--fit belongs to chapter 9: reproduce 9 --fit": fit and of_8,
+        "--explained with --fit or --doc needs all tables of chapter 9: 9": explained
+        and (fit or doc is not None)
+        and not whole,
+        "--doc of chapter 9 needs all its tables and no others: 9": doc is not None
+        and of_9
+        and (of_8 or not whole),
+    }
+    for line, so in wrong.items():
+        if so:
+            raise ScenarioError(line)
+    for option, file in (("--doc", doc), ("--out", out)):
+        if file is not None:
+            check_writable(file.parent, option)
+
+
+def _of_chapter_9(
+    of_9: list[str],
+    doc: Path | None,
+    out: Path | None,
+    processes: int | None,
+    *,
+    fit: bool,
+    explained: bool,
+    json: bool,
+) -> int:
+    """What is asked of chapter 9 alone: to fit, to explain or to document it."""
+    from twin.cli import explanation
+    from twin.thesis.experiments.tables import tables as measured_tables
+
     if doc is not None:
-        check_writable(doc.parent, "--doc")
-        return explanation.document(doc)
+        return explanation.document(doc) if explained else measured.document(doc)
+    if fit and explained:
+        return explanation.fit(processes, out, as_json=json)
     if fit:
-        return explanation.fit(processes, keep=keep, as_json=as_json)
-    return explanation.show(of_9, as_json=as_json, whole=whole)
+        return measured.fit(out, as_json=json)
+    return explanation.show(of_9, as_json=json, whole=len(of_9) == len(measured_tables()))
 
 
 def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:

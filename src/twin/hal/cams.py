@@ -20,7 +20,7 @@ from twin.hal.cubic import cubic
 from twin.paths import model_path
 
 _ORDER = 3
-_REMEDY = "run `ballplate calibrate cams`"
+_REMEDY = "run `ballplate calibrate cams --out"
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,11 @@ class CamTable:
             angles = np.array(data["motor_rad"], dtype=float)
             return cls(grid, angles, dict(data["provenance"]))
         except OSError as error:
-            raise ModelError(f"cam table {path}: {error.strerror}; {_REMEDY}") from error
+            raise ModelError(f"cam table {path}: {error.strerror}; {_REMEDY} {path}`") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise ModelError(f"cam table {path}: not a cam table ({error}); {_REMEDY}") from error
+            raise ModelError(
+                f"cam table {path}: not a cam table ({error}); {_REMEDY} {path}`"
+            ) from error
 
     @classmethod
     def packaged(cls) -> Self:
@@ -155,7 +157,8 @@ class CamTable:
         """
         if self.provenance.get("model_sha256") != model_hash(model):
             raise ModelError(
-                f"cam table was made with another {model.name} than {model}; {_REMEDY}"
+                f"cam table was made with another {model.name} than {model}; "
+                f"{_REMEDY} {model.with_name('cams.json')}`"
             )
 
 

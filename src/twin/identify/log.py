@@ -81,7 +81,6 @@ class Log:
         grips: Times in s within which friction may stop a ball, see ``replay``; more than one
             where it is not known.
         late: How long after its time each row was taken, s, shape (K,); None if unknown.
-        true: True x and y in m of a simulated run, shape (K, 2); for checks, never for a fit.
         scenario: What a run of this program was started with; empty for any other log.
     """
 
@@ -96,7 +95,6 @@ class Log:
     own_lag: float
     grips: tuple[float, ...]
     late: Array | None = None
-    true: Array | None = None
     scenario: Mapping[str, Any] = field(default_factory=dict)
 
     def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
@@ -110,7 +108,6 @@ class Log:
             touched=self.touched[chosen],
             command=None if self.command is None else self.command[chosen],
             late=None if self.late is None else self.late[chosen],
-            true=None if self.true is None else self.true[chosen],
         )
 
 
@@ -133,7 +130,7 @@ def read(path: Path) -> Log:
 def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     table = pq.read_table(path)
     schema = table.schema
-    names = [name for name in schema.names if name in COLUMNS or name in ("true_x", "true_y")]
+    names = [name for name in schema.names if name in COLUMNS]
     _require(schema.names, path.name)
     if "rig" in schema.names and len(table):
         rigs = table["rig"].to_numpy()
@@ -209,7 +206,6 @@ def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: s
         touched=np.nan_to_num(touched) > 0.5,
         command=command,
         late=columns.get("lateness"),
-        true=pair("true_x", "true_y"),
         scenario=metadata.get("scenario") or {},
         **rig,
     )

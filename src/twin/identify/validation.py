@@ -74,17 +74,17 @@ def hold_out(log: PreparedLog, fit: FitResult, lag: float) -> Horizons | None:
         if name in names:
             frictionless[names.index(name)] = value
     delay = float(fit.theta[names.index("delay")])
-    lead = windows.time < LOOKBACK + LEAD
+    counted = windows.weight[..., 0] > 0
+    lead = counted & (windows.time < LOOKBACK + LEAD)
     known = replace(windows, weight=windows.weight * lead[..., None])
     places = [
         _replayed(Problem(model, known, names, fit.problem.grip), theta, delay)
         for theta in (fit.theta, frictionless)
     ]
-    last = np.maximum(lead.sum(axis=1) - 1, 0)
+    last = np.max(lead * np.arange(lead.shape[1]), axis=1)
     rows = np.arange(len(windows))
-    # the ball that stays: where the fitted twin has it when the samples for the start end
+    # the ball that stays: where the fitted twin has it at the last sample for the start
     still = np.broadcast_to(places[0][rows, last][:, None], places[0].shape)
-    counted = windows.weight[..., 0] > 0
     distance = {
         name: np.hypot(*np.moveaxis(place - windows.ball, -1, 0))
         for name, place in (("twin", places[0]), ("frictionless", places[1]), ("still", still))
@@ -97,7 +97,8 @@ def hold_out(log: PreparedLog, fit: FitResult, lag: float) -> Horizons | None:
         replays.append(int(near.sum()))
         for name, values in distance.items():
             medians[name].append(float(np.median(values[near])) if near.any() else np.nan)
-    median = int(np.argsort(distance["twin"].mean(axis=1))[len(rows) // 2])
+    mean = np.nanmean(np.where(counted, distance["twin"], np.nan), axis=1)
+    median = int(np.argsort(mean)[len(rows) // 2])
     shown = median, counted[median]
     example = (windows.time[shown] - LOOKBACK - LEAD, windows.ball[shown], places[0][shown])
     noise = float(np.hypot(*(log.sigma / np.sqrt(max(1, BIN / log.sample_period)))))

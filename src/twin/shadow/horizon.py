@@ -19,8 +19,6 @@ from twin.shadow.gaps import clear
 from twin.shadow.open_loop import OpenLoop
 from twin.shadow.smoothing import LEAD
 
-HORIZONS = (0.5, 1.0, 2.0)
-"""Seconds ahead that may be chosen."""
 MEDIAN, BAND = 2 * np.log(2.0), 5.991
 """Median and 95 % quantile of a chi-square of two degrees of freedom."""
 ROWS = ("time", "error", "spread", "told", "path")

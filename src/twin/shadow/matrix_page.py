@@ -223,7 +223,6 @@ def _confusion(found: Sequence[Trial]) -> list[str]:
             if each.kind == kind
         )
         for kind in KINDS
-        if kind != HEALTHY
     }
     columns = sorted({cause for row in rows.values() for cause in row})
     return [

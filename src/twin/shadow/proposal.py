@@ -77,7 +77,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
         since: Time in s before which the rig was another.
     """
     begin = max(since, float(np.nanmax(log.time)) - LAST)
-    last = replace(log, model=belief.model, true=None).rows(log.time >= begin)
+    last = replace(log, model=belief.model).rows(log.time >= begin)
     try:
         found = identify(last, NAMES, SHARE)
         text = parameters(found)

@@ -107,7 +107,7 @@ def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
     Args:
         log: What was recorded.
         belief: The twin.
-        horizon: Seconds ahead and from one start to the next, of ``HORIZONS``.
+        horizon: Seconds ahead and from one start to the next: 0.5, 1 or 2.
 
     Raises:
         LogError: If the log is broken, too short, or does not say what was commanded.
@@ -120,7 +120,7 @@ def shadows(pairs: Sequence[tuple[Log, Belief]], horizon: float = 1.0) -> list[S
 
     Args:
         pairs: What was recorded, and the twin, of each.
-        horizon: Seconds ahead and from one start to the next, of ``HORIZONS``.
+        horizon: Seconds ahead and from one start to the next: 0.5, 1 or 2.
 
     Raises:
         LogError: If a log is broken, too short, or does not say what was commanded.

@@ -29,8 +29,6 @@ LEAD = 1.2
 UNKNOWN = 4e-4
 """Standard deviation in m/s^2 of what the plate's play and cams, too, do to a ball unknown to the
 twin: as much as a tilt of 0.004 deg."""
-TINY = 1e-10
-"""Variance of a deviation without which that of several in one place would have no root."""
 STEPS = 6
 """Most Gauss-Newton steps that look for the ball's start."""
 

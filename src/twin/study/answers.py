@@ -190,7 +190,7 @@ def _indices(
             float(half),
             float(first),
             bool(value - half > 0),
-            _slope(design.columns[key], mean),
+            _slope(design.columns[key].astype(float), mean),
         )
         for key, (value, half, first) in zip(keys, triples, strict=True)
     )
@@ -199,9 +199,10 @@ def _indices(
 def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
     found = []
     good = np.isfinite(mean)
-    for key, settings in design.columns.items():
+    for key, column in design.columns.items():
         if good.sum() < 5 or not design.numeric(key):
             continue
+        settings = column.astype(float)
         rank = float(stats.spearmanr(settings[good], mean[good]).statistic)
         # Fisher's transformation, with the variance of a rank correlation (Fieller et al. 1957)
         reach = np.arctanh(np.clip(rank, -0.9999, 0.9999))

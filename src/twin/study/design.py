@@ -64,7 +64,7 @@ class Design(Sequence[Point]):
 
     def numeric(self, key: str) -> bool:
         """Whether a parameter is a number at every point."""
-        return self.columns[key].dtype.kind == "f"
+        return all(type(value) in {float, int} for value in self.columns[key].tolist())
 
 
 def points(study: Study) -> Design:

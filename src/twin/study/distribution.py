@@ -90,8 +90,8 @@ class Parameter(BaseModel):
         return low + (high - low) * quantiles
 
     def steps(self, count: int) -> tuple[float | str, ...]:
-        """Its values, or so many quantiles of its distribution from end to end."""
-        return self.values or tuple(self.at(np.linspace(0, 1, count)).tolist())
+        """Its values, or so many quantiles of its distribution from end to end, each once."""
+        return self.values or tuple(dict.fromkeys(self.at(np.linspace(0, 1, count)).tolist()))
 
 
 def column(values: Sequence[float | str | None]) -> NDArray[Any]:

@@ -83,11 +83,16 @@ def _importance(answer: Answer, metric: str) -> list[str]:
 
 
 def needed(study: Study, found: Sequence[Answer]) -> list[tuple[str, str, str, str]]:
-    """How well each parameter must be known: rows of variant, where, parameter, tolerance."""
+    """How well each parameter must be known: rows of variant, where, parameter, tolerance.
+
+    Nothing is asked of what is drawn from a list, as a frame rate is.
+    """
     out = []
     for answer in found:
         known: list[tuple[str, Point, float | None]] = [
-            (index.key, {}, index.needed) for index in answer.indices
+            (index.key, {}, index.needed)
+            for index in answer.indices
+            if study.parameters[index.key].continuous
         ]
         known += [(curve.key, curve.where, curve.needed) for curve in answer.curves]
         for key, where, reach in known:

@@ -40,11 +40,15 @@ def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
     known, ball = samples
     found = np.full((len(time), 2, 2), np.nan)
     first, last = np.searchsorted(known, time - HALF), np.searchsorted(known, time + HALF)
-    for row, (now, begin, end) in enumerate(zip(time, first, last, strict=True)):
-        if end - begin < FEWEST or known[begin] > now or known[end - 1] < now:
-            continue
-        s = (known[begin:end] - now) / HALF
-        powers = np.stack((np.ones_like(s), s, s * s), axis=-1)
-        fitted = np.linalg.solve(powers.T @ powers, powers.T @ ball[begin:end])
-        found[row, 0], found[row, 1] = fitted[0], fitted[1] / HALF
+    enough = np.flatnonzero(last - first >= FEWEST)
+    about = known[first[enough]] <= time[enough], known[last[enough] - 1] >= time[enough]
+    rows = enough[about[0] & about[1]]
+    at = first[rows, None] + np.arange(np.max(last - first, initial=0))
+    there = at < last[rows, None]
+    at = np.minimum(at, len(known) - 1)
+    s = np.where(there, (known[at] - time[rows, None]) / HALF, 0.0)
+    powers = there[..., None] * s[..., None] ** np.arange(3)
+    flipped = powers.swapaxes(1, 2)
+    fitted = np.linalg.solve(flipped @ powers, flipped @ ball[at])
+    found[rows, 0], found[rows, 1] = fitted[:, 0], fitted[:, 1] / HALF
     return found[:, 0], found[:, 1]

@@ -21,7 +21,7 @@ from twin.study.build import Builder
 from twin.study.store import Store
 from twin.thesis.experiments.explained import sample, stored
 from twin.thesis.experiments.explanation import table
-from twin.thesis.experiments.tables import chosen
+from twin.thesis.experiments.tables import LATE, chosen
 
 STARTS = (1.6, 1.9, 2.2, 2.6, 3.0, 3.5, 4.0)
 """Lengths of the start in s that each run may have of its own."""
@@ -71,7 +71,7 @@ def outcomes(rows: Sequence[tuple[str, float]]) -> list[Outcome]:
         for case, changes in CASES.items():
             point = {
                 "plant.friction.rolling_mm": known["friction"]
-                * (known["without_predictor"] if number in ("9.2", "9.4", "9.6", "9.8") else 1.0),
+                * (known["without_predictor"] if number in LATE else 1.0),
                 "reference.start": known["start"],
                 "plant.servo.backlash_deg": known["play"],
                 **changes,

@@ -175,7 +175,7 @@ def write(found: FitResult, path: Path) -> None:
 
     lines = [
         "# Fitted to all of Tables 9.1 to 9.9, and to all but one each, on the exact equations by",
-        "# `ballplate reproduce 9 --explained --fit --keep`; units as in explanation.py.",
+        "# `ballplate reproduce 9 --explained --fit --out FILE`; units as in explanation.py.",
         f"chi2 = {found.chi2:.2f}",
         f"runs = {found.runs}",
         "correlation = ["

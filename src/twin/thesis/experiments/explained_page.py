@@ -1,4 +1,4 @@
-"""The explanation of chapter 9 as the second part of the page on the experiments."""
+"""The explanation of chapter 9 as a page beside that on the prediction."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.errors import RecordError
 from twin.thesis.experiments import cells_page, ingredients_page, numbers_page
 from twin.thesis.experiments.deciding import Outcome
 from twin.thesis.experiments.deciding_page import deciding
@@ -15,14 +14,14 @@ from twin.thesis.experiments.ingredients import VariantResult
 from twin.thesis.experiments.joint_friction import Loop
 from twin.writing import write_whole
 
-HEADING = "# The thesis's experiments, explained"
-INTRODUCTION = f"""\
-{HEADING}
+INTRODUCTION = """\
+# The thesis's experiments, explained
 
-Written by `ballplate reproduce 9 --explained --doc docs/experiments.md`. What stands above is a
-prediction: it knows three of the numbers it is compared with. This is an explanation: four numbers
+Written by `ballplate reproduce 9 --explained --doc docs/explained.md`.
+[What the twin predicts](experiments.md) is a prediction: it knows three of the numbers it is
+compared with. This is an explanation: four numbers
 fitted to all of Tables 9.1 to 9.9, on the exact equations, by
-`ballplate reproduce 9 --explained --fit --keep`. It is judged by *held out* alone: each cell
+`ballplate reproduce 9 --explained --fit --out FILE`. It is judged by *held out* alone: each cell
 computed with numbers that were fitted without its table. The ingredients were chosen with all
 tables in sight, from some hundred hypotheses and a thousand combinations that another simulator had
 gone through; leaving a table out guards the numbers, not the choice of the ingredients.
@@ -46,7 +45,7 @@ def write(
     starts: Sequence[tuple[str, str, float, float, float]],
     found: Sequence[Loop],
 ) -> None:
-    """Put the explanation after the prediction on its page, in place of the former one.
+    """Write the page.
 
     Args:
         path: Of the page.
@@ -58,12 +57,8 @@ def write(
         found: What a slow triangle shows on mechanisms with dry friction.
 
     Raises:
-        RecordError: If a file cannot be read or written.
+        RecordError: If it cannot be written.
     """
-    try:
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordError(f"cannot read {path}: {error}") from error
     parts = [
         INTRODUCTION,
         *numbers_page.defaults(),
@@ -75,17 +70,5 @@ def write(
         *deciding(outcomes, variants, found),
         *cells_page.maxima(cells, confirmed),
     ]
-    page = prediction(text) + "\n".join(parts).rstrip() + "\n"
+    page = "\n".join(parts).rstrip() + "\n"
     write_whole(path, lambda target: target.write_text(page, encoding="utf-8"))
-
-
-def prediction(text: str) -> str:
-    """The first part of a page, with an empty line after it."""
-    first = text.partition(f"\n{HEADING}")[0].rstrip()
-    return f"{first}\n\n" if first else ""
-
-
-def explanation(text: str) -> str:
-    """The second part of a page; empty if it has none."""
-    _, found, rest = text.partition(f"\n{HEADING}")
-    return f"\n{HEADING}{rest}" if found else ""

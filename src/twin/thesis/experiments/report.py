@@ -9,7 +9,6 @@ import numpy as np
 
 from controllers.ballplate import BallPlate
 from twin.markdown import table
-from twin.thesis.experiments.explained_page import explanation
 from twin.thesis.experiments.figure import draw
 from twin.thesis.experiments.fit import FrictionFit, identified
 from twin.thesis.experiments.hypotheses import HypothesisResult
@@ -66,8 +65,7 @@ def write_doc(
         *_single_runs(),
         *_all_cells(rows),
     ]
-    old = path.read_text(encoding="utf-8") if path.exists() else ""
-    text = "\n".join(parts).rstrip() + "\n" + explanation(old)
+    text = "\n".join(parts).rstrip() + "\n"
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
