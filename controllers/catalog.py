@@ -21,10 +21,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from enum import Enum
 from functools import cache, partial
+from importlib.machinery import SourceFileLoader
 from importlib.metadata import entry_points
 from itertools import chain
 from pathlib import Path, PurePath
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import controllers
@@ -129,6 +130,16 @@ def _files() -> Iterator[tuple[str, Callable[[], ModuleType]]]:
         yield str(path), partial(_imported, path)
 
 
+class _FromSource(SourceFileLoader):
+    """Compiles a file anew each time.
+
+    Python takes stored bytecode for that of a file of the same size, changed in the same second.
+    """
+
+    def get_code(self, fullname: str) -> CodeType:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 def _imported(path: Path) -> ModuleType:
     """The module of a file that lies in no package."""
     name = f"{FOLDER}_{path.stem}"
@@ -136,7 +147,9 @@ def _imported(path: Path) -> ModuleType:
         name += (
             f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
         )
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(
+        name, path, loader=_FromSource(name, str(path))
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

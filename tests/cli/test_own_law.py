@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 import shutil
 import sys
@@ -12,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import ballplate as bp
-from controllers.catalog import ADDED, forget
+from controllers.catalog import ADDED, catalog, forget
+from controllers.interfaces import Law
 from twin.errors import LawError
 
 SHORT = ("--set", "controller.kind=mine", "--set", "duration=0.1", "--set", "plant.kind=lagrange")
@@ -89,6 +91,18 @@ def test_nothing_goes_on_with_another_law_of_the_name(ballplate, mine):
     code, _, err = ballplate("whatif", str(RUN), "--at", "0.05")
     assert (code, err.count("\n")) == (2, 1)
     assert "mine.py has changed since" in err
+
+
+def test_a_law_changed_within_the_second_is_the_changed_one(ballplate, mine, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    forget()
+    ballplate("run", "circle", *SHORT)
+    was = mine.stat()
+    mine.write_text(mine.read_text().replace("60.0", "61.0"))
+    os.utime(mine, ns=(was.st_atime_ns, was.st_mtime_ns))
+    assert mine.stat().st_size == was.st_size
+    forget()
+    assert catalog(Law)["mine"]().plate == (61.0, 14.0)
 
 
 def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, mine):
