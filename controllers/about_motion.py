@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +12,7 @@ from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.motion import MotionPlan
+from controllers.ranges import NotNegative
 from controllers.two_sided import Tilts
 
 
@@ -31,11 +31,11 @@ class AboutMotion(Law):
         ValueError: If a setting is not finite or has the wrong sign.
     """
 
-    Q: tuple[float, float, float, float] = (20000.0, 2000.0, 100.0, 10.0)
+    Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (20000.0, 2000.0, 100.0, 10.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
-    preview: float = 1.4
+    preview: NotNegative = 1.4
     """How far the reference is asked ahead, s; 0 for not at all."""
-    spread: float = 1.3
+    spread: NotNegative = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""
 
@@ -44,12 +44,9 @@ class AboutMotion(Law):
 
     def __post_init__(self) -> None:
         """Check the settings and compute the gain once."""
-        if len(self.Q) != 4 or not all(math.isfinite(w) and w >= 0 for w in self.Q):
-            raise ValueError(f"Q must be 4 finite numbers, none negative, got {list(self.Q)}")
+        super().__post_init__()
         if not self.Q[0] > 0:
             raise ValueError(f"Q must have a positive weight of eta, got {list(self.Q)}")
-        for name in ("preview", "spread"):
-            check(name, getattr(self, name), least=0.0)
         object.__setattr__(self, "K", self._gain())
 
     def _gain(self) -> Array:
@@ -89,9 +86,3 @@ def flat_axis(model: BallPlate) -> tuple[Array, Array]:
     A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
     A[1, 2] = model.k1
     return A, B
-
-
-def check(name: str, value: float, *, least: float) -> None:
-    """Raise a ValueError unless a setting is a finite number, so much or more."""
-    if not (math.isfinite(value) and value >= least):
-        raise ValueError(f"{name} must be a number, {least:g} or more, got {value}")

@@ -147,9 +147,7 @@ def _imported(path: Path) -> ModuleType:
         name += (
             f"_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"  # another file of this name
         )
-    spec = importlib.util.spec_from_file_location(
-        name, path, loader=_FromSource(name, str(path))
-    )
+    spec = importlib.util.spec_from_file_location(name, path, loader=_FromSource(name, str(path)))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

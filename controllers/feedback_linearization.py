@@ -11,6 +11,7 @@ import numpy as np
 from controllers.ballplate import desired
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, gains_from, real_gains, require_stable, stable_poles
+from controllers.ranges import Positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +82,7 @@ class AFLIntegral(AFL):
     """The gains (p0, p1, p2, p3, p_I) themselves; given, they replace the poles."""
     powers: ClassVar[tuple[int, ...]] = (1, 2, 3, 4, 0)
     """As of AFL, in the polynomial s^5 + p3 s^4 + ... + p0 s + p_I (6.61)."""
-    integral_limit: float | None = None
+    integral_limit: Positive | None = None
     """Anti-windup: q grows no further than this in m s. None, as in the thesis: no limit."""
 
     def __post_init__(self) -> None:

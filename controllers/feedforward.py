@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, stable_poles
+from controllers.ranges import NotNegative, Positive
 from controllers.state_feedback import optimal, placed, weights
 
 STEEPEST = 0.5
@@ -31,9 +32,9 @@ class Feedforward(Law):
 
     poles: tuple[Pole, ...] | None = None
     """Four closed-loop poles for each axis in 1/s; given, they replace ``rho`` and ``kappa``."""
-    rho: float = 300.0
+    rho: Positive = 300.0
     """Weight of the state against the input (6.11)."""
-    kappa: float = 0.3
+    kappa: NotNegative = 0.3
     """Weight of the rates against the positions (6.11)."""
 
     K: Array = field(init=False, repr=False, compare=False)

@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from controllers.ranges import NotNegative, Positive, check
 
 __all__ = [
     "Array",
@@ -130,6 +131,10 @@ class Law(ABC):
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the law is designed on."""
 
+    def __post_init__(self) -> None:
+        """Check the ranges of the settings."""
+        check(self)
+
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations u = (phi'', theta'') in rad/s^2, shape (..., 2).
 
@@ -190,11 +195,15 @@ class Observer(ABC):
 
     model: BallPlate = field(default_factory=BallPlate, repr=False)
     """The model the observer is designed on."""
-    period: float = 0.002
+    period: Positive = 0.002
     """Control period in s."""
 
     x: Array = field(init=False, repr=False)
     """The present estimate, shape (..., 8)."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges of the settings."""
+        check(self)
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8)."""
@@ -226,5 +235,5 @@ class DelayedObserver(Observer):
     It takes the place of a predictor, which must not be put around it.
     """
 
-    delay: float = 0.0
+    delay: NotNegative = 0.0
     """Dead time of the ball's position in s; given by whoever builds the observer."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 import scipy
 
-from controllers.about_motion import check, flat_axis
+from controllers.about_motion import flat_axis
 from controllers.arrays import Array
 from controllers.ballplate import SIGN
 from controllers.interfaces import Law, Reference
+from controllers.ranges import NotNegative, Positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,13 @@ class InternalModel(Law):
 
     name: ClassVar[str] = "internal_model"
 
-    frequencies: tuple[float, ...] = (0.75,)
+    frequencies: tuple[Positive, ...] = (0.75,)
     """Frequencies w in rad/s: the reference's, and what of its multiples is to be taken away."""
-    Q: tuple[float, float, float, float] = (2000.0, 200.0, 100.0, 10.0)
+    Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (2000.0, 200.0, 100.0, 10.0)
     """Weights of error (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
-    memory_weight: float = 100.0
+    memory_weight: Positive = 100.0
     """Weight of every state of the memory, 1/(m s)^2."""
-    decay: float = 0.2
+    decay: NotNegative = 0.2
     """Rate in 1/s by which all that is wrong dies out at least."""
 
     K: Array = field(init=False, repr=False, compare=False)
@@ -61,12 +61,7 @@ class InternalModel(Law):
 
     def __post_init__(self) -> None:
         """Check the settings and compute the gain once."""
-        if len(self.Q) != 4 or not all(math.isfinite(w) and w >= 0 for w in self.Q):
-            raise ValueError(f"Q must be 4 finite numbers, none negative, got {list(self.Q)}")
-        check("memory_weight", self.memory_weight, least=1e-6)
-        check("decay", self.decay, least=0.0)
-        if not all(math.isfinite(w) and w > 0 for w in self.frequencies):
-            raise ValueError(f"frequencies must be positive, got {list(self.frequencies)}")
+        super().__post_init__()
         if len(set(self.frequencies)) != len(self.frequencies):
             raise ValueError(f"frequencies must differ, got {list(self.frequencies)}")
         S, count = self.oscillators(), 1 + 2 * len(self.frequencies)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Gt, Lt
 
-from controllers.about_motion import AboutMotion, check
+from controllers.about_motion import AboutMotion
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Feedback, Reference
@@ -47,24 +48,15 @@ class IterativeLearning(AboutMotion):
 
     name: ClassVar[str] = "iterative_learning"
 
-    omega: float = 0.75
+    omega: Annotated[float, Ge(1e-3)] = 0.75
     """Frequency w of the lap in rad/s: a lap takes 2 pi / w."""
-    harmonics: int = 8
+    harmonics: Annotated[int, Ge(1)] = 8
     """Highest harmonic of the lap that is learnt."""
-    gain: float = 0.7
+    gain: Annotated[float, Gt(0), Lt(2)] = 0.7
     """Part of the error of a lap that is taken away on the next, above 0 and below 2."""
 
-    fade: float = 1.0
+    fade: Annotated[float, Ge(1e-3)] = 1.0
     """Time in s over which what a lap taught comes in."""
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        super().__post_init__()
-        check("fade", self.fade, least=1e-3)
-        check("omega", self.omega, least=1e-3)
-        check("harmonics", self.harmonics, least=1)
-        if not 0 < self.gain < 2:
-            raise ValueError(f"gain must lie above 0 and below 2, got {self.gain}")
 
     def start(self, x: Array, reference: Reference, period: float) -> Laps:
         """The motion, and a table with nothing learnt."""

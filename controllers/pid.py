@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Gt, Le
 
 from controllers.arrays import Array
 from controllers.interfaces import Law, Reference
+from controllers.ranges import NotNegative, Positive
 
 SIGN = np.array([1.0, -1.0])
 """A positive phi moves the ball along +x, a positive theta along -y, (5.35)."""
@@ -21,33 +23,23 @@ class Pid(Law):
     What the controller asks of the ball, an acceleration, becomes the plate angle that rolls it so
     on the model, ``sin(angle) = acceleration / k1``, and a PD brings the plate there. Not in the
     thesis. The memory holds the integral of the error and the filtered error, of x and y.
-
-    Raises:
-        ValueError: If a gain is negative, or the filter or the angle is not positive.
     """
 
     name: ClassVar[str] = "pid"
     memory: ClassVar[int] = 4
 
-    kp: float = 6.0
+    kp: NotNegative = 6.0
     """Gain on the error, 1/s^2."""
-    ki: float = 1.0
+    ki: NotNegative = 1.0
     """Gain on its integral, 1/s^3."""
-    kd: float = 4.0
+    kd: NotNegative = 4.0
     """Gain on its filtered derivative, 1/s."""
-    filter: float = 0.04
+    filter: Positive = 0.04
     """Time constant of the derivative, s."""
-    angle: float = 8.0
+    angle: Annotated[float, Gt(0), Le(10)] = 8.0
     """Largest plate angle that is asked for, deg; there the integral stops growing."""
-    plate: tuple[float, float] = (144.0, 24.0)
+    plate: tuple[NotNegative, NotNegative] = (144.0, 24.0)
     """Gains on the plate's angle and rate, 1/s^2 and 1/s."""
-
-    def __post_init__(self) -> None:
-        """Refuse what is no PID."""
-        if min(self.kp, self.ki, self.kd, *self.plate) < 0:
-            raise ValueError("kp, ki, kd and plate must not be negative")
-        if not (self.filter > 0 and 0 < self.angle <= 10):
-            raise ValueError("filter must be positive, angle above 0 to 10 deg")
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations (phi'', theta'') in rad/s^2, shape (..., 2)."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy
+from annotated_types import Ge
 
-from controllers.about_motion import AboutMotion, check, flat_axis
+from controllers.about_motion import AboutMotion, flat_axis
 from controllers.arrays import Array
 from controllers.ballplate import SIGN
 from controllers.interfaces import Feedback, Reference
 from controllers.motion import MotionPlan
+from controllers.ranges import NotNegative
 
 MOST = 100
 """Iterations of the solver, to bound its time; three times what references far beyond the limits
@@ -50,20 +52,20 @@ class Predictive(AboutMotion):
 
     name: ClassVar[str] = "mpc"
 
-    Q: tuple[float, float, float, float] = (5000.0, 1500.0, 100.0, 10.0)
+    Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (5000.0, 1500.0, 100.0, 10.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1.
     Softer than those of other laws: an input that is held leaves less margin."""
-    spread: float = 0.0
+    spread: NotNegative = 0.0
     """Time in s over which a jump of 0.15 m is spread; by default it is left to the limits."""
-    step: float = 0.02
+    step: Annotated[float, Ge(1e-3)] = 0.02
     """Period of the law in s, a multiple of the control period or rounded to it."""
-    horizon: float = 0.8
+    horizon: Annotated[float, Ge(1e-3)] = 0.8
     """How far it looks ahead, s."""
-    angle_deg: float = 9.0
+    angle_deg: Annotated[float, Ge(1e-3)] = 9.0
     """Limit of the plate's angle, deg."""
-    rate_deg: float = 30.0
+    rate_deg: Annotated[float, Ge(1e-3)] = 30.0
     """Limit of its rate, deg/s."""
-    acceleration: float = 6.0
+    acceleration: Annotated[float, Ge(1e-3)] = 6.0
     """Limit of its acceleration, rad/s^2."""
 
     A: Array = field(init=False, repr=False, compare=False)
@@ -75,8 +77,6 @@ class Predictive(AboutMotion):
 
     def _gain(self) -> Array:
         """K of the deviation, shape (4,)."""
-        for name in ("step", "horizon", "angle_deg", "rate_deg", "acceleration"):
-            check(name, getattr(self, name), least=1e-3)
         try:
             import daqp  # noqa: F401, PLC0415  an extra
         except ImportError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from controllers.ballplate import SIGN, desired
 from controllers.interfaces import Array, Law, Reference
+from controllers.ranges import Positive
 
 POWERS = np.array((3.0, 4.0, 6.0))
 ROOTS = np.array((1 / 4, 1 / 6, 1 / 12))
@@ -29,22 +29,13 @@ class SlidingMode(Law):
 
     name: ClassVar[str] = "sliding_mode"
 
-    alpha: float = 1.5
+    alpha: Positive = 1.5
     """Largest plate acceleration in rad/s^2. The thesis prints alpha = -1.5 and one sign for both
     axes, with which one of them runs away; here alpha is the amplitude and positive."""
-    betas: tuple[float, float, float] = (0.5, 1.0, 3.0)
+    betas: tuple[Positive, Positive, Positive] = (0.5, 1.0, 3.0)
     """Gains beta1 to beta3; the default is case 1 of Table 8.10."""
-    epsilon: float = 0.1
+    epsilon: Positive = 0.1
     """Width of the sigmoid s / (|s| + epsilon) (2.52)."""
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        for name in ("alpha", "epsilon"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number, got {value}")
-        if len(self.betas) != 3 or not all(math.isfinite(b) and b > 0 for b in self.betas):
-            raise ValueError(f"betas must be 3 positive numbers, got {list(self.betas)}")
 
     def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""

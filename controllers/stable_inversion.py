@@ -8,11 +8,12 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.about_motion import AboutMotion, check
+from controllers.about_motion import AboutMotion
 from controllers.arrays import Array
 from controllers.interfaces import Feedback, Reference
 from controllers.motion import Slices, inverse
 from controllers.preview import Preview
+from controllers.ranges import NotNegative, Positive
 from controllers.two_sided import Tilts
 
 
@@ -50,29 +51,22 @@ class StableInversion(AboutMotion):
         "tilt_gain_y",
     )
 
-    Q: tuple[float, float, float, float] = (300_000.0, 30_000.0, 10_000.0, 200.0)
+    Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (3e5, 3e4, 1e4, 200.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1. An
     uneven friction and a ball that sticks ask for a stiff feedback; noise, effort and play of the
     drives for a soft one."""
-    smooth: float = 0.006
+    smooth: Positive = 0.006
     """Wished speed vs in m/s over which the friction fed forward changes its sign."""
-    resting_speed: float = 0.015
+    resting_speed: NotNegative = 0.015
     """Wished speed in m/s, now and a second on, below which the ball is to be held rather than
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
-    dither_deg: float = 0.0
+    dither_deg: NotNegative = 0.0
     """Amplitude of the dither in deg; 0 for none. Play needs three quarters of its own width."""
-    dither_frequency: float = 8.0
+    dither_frequency: Positive = 8.0
     """Frequency of the dither in Hz."""
-    dither_speed: float = 0.03
+    dither_speed: Positive = 0.03
     """Wished speed in m/s at which half of the dither is left."""
-
-    def __post_init__(self) -> None:
-        """Check the settings and compute the gain once."""
-        super().__post_init__()
-        for name in ("smooth", "dither_frequency", "dither_speed"):
-            check(name, getattr(self, name), least=1e-6)
-        check("dither_deg", self.dither_deg, least=0.0)
 
     @property
     def dither_effort(self) -> float:

@@ -6,13 +6,15 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import scipy
+from annotated_types import Len
 
 from controllers.interfaces import Array, Law, Reference
 from controllers.poles import Pole, listed, stable_poles
+from controllers.ranges import NotNegative, Positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,13 +82,13 @@ class LQR(_StateFeedback):
 
     name: ClassVar[str] = "lqr"
 
-    rho: float = 300.0
+    rho: Positive = 300.0
     """Weight of the state against the input (6.11)."""
-    kappa: float = 0.3
+    kappa: NotNegative = 0.3
     """Weight of the rates against the positions (6.11)."""
-    Q: tuple[float, ...] | None = None
+    Q: Annotated[tuple[NotNegative, ...], Len(8, 8)] | None = None
     """Diagonal of the state weight, eight numbers; given, it replaces ``rho`` and ``kappa``."""
-    R: tuple[float, float] = (1.0, 1.0)
+    R: tuple[Positive, Positive] = (1.0, 1.0)
     """Diagonal of the input weight."""
 
     def _gain(self) -> Array:
@@ -99,7 +101,7 @@ class LQR(_StateFeedback):
         return optimal(self.model.linear().A, self.model.linear().B, Q, self.R)
 
 
-def weights(rho: float, kappa: float) -> tuple[float, ...]:
+def weights(rho: Positive, kappa: NotNegative) -> tuple[float, ...]:
     """Diagonal of Q = rho diag(1, kappa, 1, kappa, ...) (6.11).
 
     Raises:

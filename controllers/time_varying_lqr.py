@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
+from annotated_types import Ge
 
-from controllers.about_motion import AboutMotion, check
+from controllers.about_motion import AboutMotion
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
@@ -42,13 +43,8 @@ class TimeVaryingLQR(AboutMotion):
 
     name: ClassVar[str] = "tvlqr"
 
-    horizon: float = 1.5
+    horizon: Annotated[float, Ge(KNOT)] = 1.5
     """Time in s over which P forgets where it began; the reference is asked a second further."""
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        super().__post_init__()
-        check("horizon", self.horizon, least=KNOT)
 
     def start(self, x: Array, reference: Reference, period: float) -> VaryingGain:
         """The motion and the gains of the first half second."""

@@ -12,6 +12,7 @@ from controllers.arrays import Array, Mask
 from controllers.interfaces import Quantity
 from controllers.observers.late_ball import LateBall
 from controllers.observers.rolling_ball import Tilt, components, together
+from controllers.ranges import Positive
 
 LONGEST = 50
 """Control periods between two samples from which on the gain is that of so many."""
@@ -49,14 +50,12 @@ class DisturbanceObserver(LateBall):
         Quantity("disturbance_y", "m/s^2"),
     )
 
-    pole: float = 6.0
+    pole: Positive = 6.0
     """The three poles of the error, as a rate in 1/s."""
 
     def __post_init__(self) -> None:
         """Check the settings and compute the gains once."""
         super().__post_init__()
-        if not (math.isfinite(self.pole) and self.pole > 0):
-            raise ValueError(f"pole must be a positive number, got {self.pole}")
         ticks = np.arange(1, LONGEST + 1)
         self._gains = np.array([gains(self.pole, count * self.period) for count in ticks])
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Len
 
 from controllers.arrays import Array, every
 from controllers.ballplate import MEASURED
 from controllers.interfaces import Measurement, Observer
 from controllers.observers.innovation import OUTPUTS
-from controllers.observers.kalman import DISTURBANCE, NOISE, Kalman, check_positive
-from controllers.observers.sampling import check_period
+from controllers.observers.kalman import DISTURBANCE, NOISE, Kalman
+from controllers.ranges import Positive
 
 OF_PLATE = np.array([False, True, False, True])
 """Which measurements are the plate's: they hold without a touch, too."""
@@ -52,11 +53,11 @@ class ExtendedKalman(Observer):
 
     name: ClassVar[str] = "ekf"
 
-    Q: tuple[float, float] = DISTURBANCE
+    Q: tuple[Positive, Positive] = DISTURBANCE
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[float, float, float, float] = NOISE
+    R: tuple[Positive, Positive, Positive, Positive] = NOISE
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
-    spread: tuple[float, ...] | None = None
+    spread: Annotated[tuple[Positive, ...], Len(8, 8)] | None = None
     """Standard deviations of the eight states at the start; by default the covariance in which
     the Kalman filter about the level plate settles."""
     input_terms: bool = True
@@ -67,13 +68,10 @@ class ExtendedKalman(Observer):
 
     def __post_init__(self) -> None:
         """Find the covariance to start with."""
-        check_period(self.period)
-        check_positive("Q", self.Q, 2)
-        check_positive("R", self.R, 4)
+        super().__post_init__()
         if self.spread is None:
             self._P = Kalman(model=self.model, period=self.period, Q=self.Q, R=self.R).S
         else:
-            check_positive("spread", self.spread, 8)
             self._P = np.diag(np.square(self.spread))
         self._R = np.array(self.R) / self.period
         # inputs are counted in standard deviations of the disturbance: G G' is then G Q G' / T

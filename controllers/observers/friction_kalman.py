@@ -9,9 +9,10 @@ import numpy as np
 
 from controllers.arrays import Array, Mask, every, some
 from controllers.interfaces import Measurement, Quantity
-from controllers.observers.kalman import NOISE, check_positive
+from controllers.observers.kalman import NOISE
 from controllers.observers.late_ball import LateBall
 from controllers.observers.rolling_ball import Derivatives, Tilt, components, together
+from controllers.ranges import Positive
 
 KNOWN = (
     Quantity("friction", "m/s^2"),
@@ -70,25 +71,25 @@ class FrictionKalman(LateBall):
     name: ClassVar[str] = "friction_kalman"
     knows: ClassVar[tuple[Quantity, ...]] = KNOWN
 
-    believed_mm: float = 0.18
+    believed_mm: Positive = 0.18
     """Rolling resistance arm in mm that is believed at the start."""
-    plate_pole: float = 30.0
+    plate_pole: Positive = 30.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
-    smooth: float = 0.005
+    smooth: Positive = 0.005
     """Speed vs in m/s over which the friction changes its sign."""
-    learning_speed: float = 0.02
+    learning_speed: Positive = 0.02
     """Speed in m/s above which friction and tilt gain are learnt."""
-    walk: tuple[float, float, float, float] = (0.01, 0.02, 0.005, 0.0005)
+    walk: tuple[Positive, Positive, Positive, Positive] = (0.01, 0.02, 0.005, 0.0005)
     """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
     as standard deviation after a second."""
-    resting_walk: float | None = None
+    resting_walk: Positive | None = None
     """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
     up to the breakaway. None for the same as in motion."""
-    spread: tuple[float, float, float] = (0.03, 0.03, 0.02)
+    spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
     """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
-    R: tuple[float, float] = (NOISE[0], NOISE[2])
+    R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
     """Variances of a touch sample of x and y in m^2; Table B.1."""
-    most_friction: float = 3.0
+    most_friction: Positive = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
 
     innovation: Array = field(init=False, repr=False)
@@ -99,19 +100,12 @@ class FrictionKalman(LateBall):
     def __post_init__(self) -> None:
         """Check the settings."""
         super().__post_init__()
-        check_positive("walk", self.walk, 4)
-        check_positive("spread", self.spread, 3)
-        check_positive("R", self.R, 2)
-        numbers = (self.believed_mm, self.smooth, self.learning_speed)
-        check_positive("believed_mm, smooth, learning_speed", numbers, 3)
-        check_positive("most_friction", [self.most_friction], 1)
         model, T = self.model, self.period
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
         self._at_rest = 0.0
         if self.resting_walk is not None:
-            check_positive("resting_walk", [self.resting_walk], 1)
             self._at_rest = self.resting_walk**2 * T - disturbance
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.observers.friction_kalman import KNOWN, LEARNT, F, FrictionKalman
-from controllers.observers.kalman import check_positive
 from controllers.observers.rolling_ball import Derivatives, components, together
+from controllers.ranges import Positive
 
 FRICTION, SPREAD = (
     [quantity.name for quantity in KNOWN].index(name) for name in ("friction", "friction_spread")
@@ -47,22 +47,19 @@ class FrictionMapKalman(FrictionKalman):
 
     name: ClassVar[str] = "friction_map_kalman"
 
-    map_spread: float = 0.02
+    map_spread: Positive = 0.02
     """Standard deviation of the friction from place to place in m/s^2, before anything is known."""
-    map_length: float = 0.03
+    map_length: Positive = 0.03
     """Distance in m over which it varies."""
-    map_pitch: float = 0.05
+    map_pitch: Positive = 0.05
     """Distance in m between the points of the map, at most; time and memory grow with its inverse
     to the fourth power."""
-    map_sides: tuple[float, float] = (0.70, 0.395)
+    map_sides: tuple[Positive, Positive] = (0.70, 0.395)
     """Extent of the map in m along x and y about the plate's centre; beside it its edge counts."""
 
     def __post_init__(self) -> None:
         """Check the settings and lay the points."""
         super().__post_init__()
-        check_positive("map_spread", [self.map_spread], 1)
-        check_positive("map_length, map_pitch", (self.map_length, self.map_pitch), 2)
-        check_positive("map_sides", self.map_sides, 2)
         along = [
             np.linspace(-side / 2, side / 2, 1 + max(round(side / self.map_pitch), 1))
             for side in self.map_sides

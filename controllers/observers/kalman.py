@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -13,7 +11,7 @@ import scipy
 from controllers.arrays import Array
 from controllers.observers.linear import LinearObserver
 from controllers.observers.sampling import sample
-from controllers.poles import listed
+from controllers.ranges import Positive
 
 DISTURBANCE = (1.0816e-4, 2.8090e-5)
 """Q of Table B.1: disturbance of u1, u2."""
@@ -44,9 +42,9 @@ class Kalman(LinearObserver):
 
     name: ClassVar[str] = "kalman"
 
-    Q: tuple[float, float] = DISTURBANCE
+    Q: tuple[Positive, Positive] = DISTURBANCE
     """Intensities of the disturbance of u1, u2 in (rad/s^2)^2 s; Table B.1."""
-    R: tuple[float, float, float, float] = NOISE
+    R: tuple[Positive, Positive, Positive, Positive] = NOISE
     """Intensities of the noise of x, phi, y, theta in m^2 s and rad^2 s; Table B.1."""
 
     S: Array = field(init=False, repr=False)
@@ -54,19 +52,12 @@ class Kalman(LinearObserver):
 
     def __post_init__(self) -> None:
         """Solve the Riccati equation."""
-        check_positive("Q", self.Q, 2)
-        check_positive("R", self.R, 4)
+        super().__post_init__()
         A, B, C = self.model.linear()
         self.A, self.B = sample(A, B, self.period)
         Q, R = np.diag(self.Q) / self.period, np.diag(self.R) / self.period
         self.S = predicted_covariance(self.A, self.B, C, Q, R)
         self.L = np.linalg.solve(C @ self.S @ C.T + R, C @ self.S).T
-
-
-def check_positive(name: str, values: Sequence[float], count: int) -> None:
-    """Raise a ValueError unless there are so many values, all positive and finite."""
-    if len(values) != count or not all(math.isfinite(v) and v > 0 for v in values):
-        raise ValueError(f"{name} must be {count} positive numbers, got {listed(values)}")
 
 
 def predicted_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Array:

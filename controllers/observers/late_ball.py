@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +12,9 @@ import numpy as np
 from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, some
 from controllers.ballplate import SIGN
 from controllers.interfaces import DelayedObserver, Measurement
-from controllers.observers.kalman import check_positive
 from controllers.observers.rolling_ball import RollingBall, Tilt, components, together
-from controllers.observers.sampling import check_period
 from controllers.observers.slow_plate import SlowPlate
+from controllers.ranges import Positive
 
 
 @dataclass(kw_only=True)
@@ -32,15 +30,8 @@ class LateBall(DelayedObserver):
         ValueError: If a setting is not finite or has the wrong sign.
     """
 
-    plate_pole: float = 10.0
+    plate_pole: Positive = 10.0
     """Both poles of the plate's estimate, as a rate in 1/s."""
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        check_period(self.period)
-        check_positive("plate_pole", [self.plate_pole], 1)
-        if not (math.isfinite(self.delay) and self.delay >= 0):
-            raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
 
     def _begin_at(self, x: Array, smooth: float, friction: float) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time.

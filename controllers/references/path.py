@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from controllers.interfaces import Array, Reference
+from controllers.ranges import Positive
 from controllers.references.checks import finite, pair, positive
 from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
 
@@ -32,7 +33,7 @@ class Transition(Reference):
     """Position (x, y) from ``time + duration`` on in m, plate axes."""
     time: float = 0.0
     """Time at which the ball sets off in s."""
-    duration: float = 3.0
+    duration: Positive = 3.0
     """Time it takes in s."""
 
     _motion: WithDerivatives = field(init=False, repr=False, compare=False)
@@ -69,13 +70,13 @@ class Path(Reference):
 
     points: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.15, 0.05), (0.1, -0.1), (-0.1, 0.0))
     """The points (x, y) in order in m, plate axes; two or more, three or more of a closed path."""
-    duration: float = 8.0
+    duration: Positive = 8.0
     """Time in s from the first point to the last or, on a closed path, for a lap at full speed."""
     closed: bool = False
     """Whether the path returns to its first point and goes on for ever."""
     time: float = 0.0
     """Time at which the ball sets off in s; it waits at the first point until then."""
-    ramp: float | None = None
+    ramp: Positive | None = None
     """Time in s to gather full speed, and to shed it; at most half the duration on an open path.
     Default: a quarter of the duration."""
 

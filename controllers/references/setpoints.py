@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from controllers.interfaces import Array, Reference
+from controllers.ranges import Positive
 from controllers.references.checks import finite, pair, positive
 
 ORDER = 5
@@ -36,7 +37,7 @@ class Setpoints(Reference):
 
     points: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
     """The goals (time, x, y): seconds of the run, metres in plate axes."""
-    time_constant: float = 0.2
+    time_constant: Positive = 0.2
     """Of the filter in s: half of the way after 4.7, nine tenths after 8 of them."""
     before: dict[str, Any] | None = None
     """Reference until the time of the first goal, its kind and settings; none: the first goal."""

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.interfaces import Array, Reference
+from controllers.ranges import NotNegative
 from controllers.references.checks import finite, not_zero, pair, positive
 from controllers.references.harmonic import Oscillation
 from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
@@ -29,7 +30,7 @@ class _SoftStarted(Reference):
     Position and four derivatives are zero up to t = 0 and agree with the motion at t = start.
     """
 
-    start: float | None = None
+    start: NotNegative | None = None
     """Length of the polynomial start in s; 0 begins in full motion. Default: three quarters of a
     period of the faster axis."""
 

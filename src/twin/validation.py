@@ -59,7 +59,14 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
         meant = f"; did you mean {' or '.join(alike[:4])}?" if alike else ""
         return f"{place}: unknown key{meant or nearest(name, _fields(model, path))}"
     if first["type"] == "missing":
+        if isinstance(first["loc"][-1], int):  # a place in a list
+            place = place.rpartition(".")[0]
+            return f"{place}: must have more values than {len(first['input'])}"
         return f"{place}: missing; it has no default"
+    if first["type"] in {"too_short", "too_long"}:
+        bound = first["ctx"].get("min_length", first["ctx"].get("max_length"))
+        least = "at least" if first["type"] == "too_short" else "at most"
+        return f"{place}: must have {least} {bound} values, has {first['ctx']['actual_length']}"
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
         return f"{place}: {text}" if place else text

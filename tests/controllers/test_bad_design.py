@@ -37,7 +37,15 @@ def test_an_observer_slower_than_the_loop_is_told_in_one_line():
         (["controller.kind=afl", "controller.poles=[-1,-2,-3]"], "4"),
         (["controller.kind=pole_placement", 'controller.poles=["-1+1j",-2,-3,-4]'], "conjugate"),
         (["controller.kind=pole_placement", "controller.poles=[1,-2,-3,-4]"], "negative"),
-        (["controller.kind=backstepping", "controller.c=[1,2,-3,4]"], "positive"),
+        (
+            ["controller.kind=backstepping", "controller.c=[1,2,-3,4]"],
+            "c.2: must be greater",
+        ),
+        (
+            ["controller.kind=backstepping", "controller.c=[1,2,3]"],
+            "more values than 3",
+        ),
+        (["controller.kind=lqr", "controller.Q=[1,2]"], "Q: must have at least 8 values, has 2"),
         (["controller.kind=sliding_mode", "controller.epsilon=0"], "epsilon"),
         (["observer.kind=kalman", "observer.R=[1,1,1,-1]"], "R"),
         (["observer.poles=[-8,-9,-10]"], "4 or 8"),

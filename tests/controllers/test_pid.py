@@ -33,7 +33,7 @@ def test_its_integral_stops_where_the_angle_is_at_its_limit_and_goes_back_at_onc
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
-    [({"ki": -1.0}, "negative"), ({"filter": 0.0}, "filter"), ({"angle": 11.0}, "10 deg")],
+    [({"ki": -1.0}, "ki"), ({"filter": 0.0}, "filter"), ({"angle": 11.0}, "10 or less")],
 )
 def test_what_is_no_pid_is_refused(wrong, words):
     with pytest.raises(ValueError, match=words):

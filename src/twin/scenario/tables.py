@@ -72,7 +72,7 @@ def _hint(about: Setting) -> Any:
 
 def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
     """A strict model of a frozen dataclass and of those in it."""
-    hints = typing.get_type_hints(cls)
+    hints = typing.get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {}
     for item in dataclasses.fields(cls):
         if item.name in without or not item.init:
