@@ -56,9 +56,7 @@ Runs per hour of an earlier commit need a checkout of it; without one that row i
     uv run python -m benchmarks --doc docs/performance.md --before ../before
 
 Further measurements, each a module: `benchmarks.throughput` (a study beside bare physics, one core
-and all), `benchmarks.bookkeeping` (what one more run costs the process that hands them out),
-`benchmarks.stack` (each law and observer), `benchmarks.gym_throughput` (environments of Gymnasium
-beside the same study), `benchmarks.view`, `benchmarks.realtime`.
+and all), `benchmarks.realtime` (the 2 ms loop by the clock).
 """
 STEP = """\
 Studies simulate the mechanism in steps of 2 ms, single runs in steps of 1 ms. What either gets
