@@ -46,7 +46,10 @@ PAGES = {
     "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
-    "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
+    "performance": Page(
+        ("performance.md", "data/performance.toml"),
+        ("-m", "benchmarks", "--doc", "docs/performance.md"),
+    ),
     "learning": Page(
         ("learning.md", "learning.png"),
         ("-m", "benchmarks.gym_learning", "--doc", "docs/learning.md"),

@@ -33,6 +33,7 @@ WRITTEN = {
 } | {
     "bring_up.py",
     "bring-up.template.md",
+    "performance.template.md",
     "cure.py",
     "cure.toml",
     "cure_floor.py",
