@@ -52,7 +52,8 @@ PAGES = {
     ),
     "learning": Page(
         ("learning.md", "learning.png"),
-        ("-m", "benchmarks.gym_learning", "--doc", "docs/learning.md"),
+        ("../examples/learning.py",),
+        (("learning.md", "learning.md"), ("learning.png", "learning.png")),
     ),
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
     "shadow": Page(
@@ -92,7 +93,7 @@ def make(page: Page) -> int:
         else:
             call = "from twin.cli import main; main()"
             program = [sys.executable, "-c", call, *command]
-        code = subprocess.call(program, cwd=HERE.parent)
+        code = subprocess.call(program, cwd=folder if page.kept else HERE.parent)
         for made, name in page.kept if code == 0 else ():
             shutil.copyfile(Path(folder) / made, HERE / name)
     return code
