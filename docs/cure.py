@@ -71,15 +71,19 @@ def reached(
     return known(scenarios(plan, task), task.get("judged", "tracking"), kept, simulate=simulate)
 
 
+def key(runs: list[Any], judged: str) -> str:
+    """What tells runs of one batch and what is judged of them from every other."""
+    from twin.study.work import code, digest  # noqa: PLC0415
+
+    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
+    return digest(" ".join((code(), judged, how, *(each.model_dump_json() for each in runs))))
+
+
 def known(
     runs: list[Any], judged: str, kept: Path, *, simulate: bool = True
 ) -> list[float | None] | None:
     """The same of scenarios that run as one batch, as they are kept or simulated."""
-    from twin.study.work import code, digest  # noqa: PLC0415
-
-    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
-    texts = [code(), judged, how, *(each.model_dump_json() for each in runs)]
-    file = kept / f"{digest(' '.join(texts))}.json"
+    file = kept / f"{key(runs, judged)}.json"
     if file.is_file():
         found: list[float | None] = json.loads(file.read_text())
         return found

@@ -9,9 +9,10 @@ by a larger budget; what a search found, while all that it read does.
 
 from __future__ import annotations
 
-import hashlib
+import inspect
 import json
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,37 +22,59 @@ import numpy as np
 HERE = Path(__file__).parent
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")
+FREE = {"title", "like", "set", "fields"}
+"""What of its tune a law has for itself; all else is the same for every law."""
 
 
-def asked(plan: dict[str, Any], law: dict[str, Any]) -> Any:
-    """The tune of a law, with the budget that all have."""
+def asked(plan: dict[str, Any]) -> dict[str, Any]:
+    """The tune of every law by name, with the budget that all have.
+
+    Raises:
+        ClickException: If one differs from the others in anything but what is its own.
+    """
     from twin.tune.schema import read  # noqa: PLC0415
 
-    return read(law["tune"], set=law.get("set"), **{key: plan[key] for key in BUDGET})
+    budget = {key: plan[key] for key in BUDGET}
+    found = {law["name"]: read(law["tune"], set=law.get("set"), **budget) for law in plan["laws"]}
+    first, *others = found.items()
+    for name, tune in others:
+        terms = sorted(set(type(tune).model_fields) - FREE)
+        unlike = [key for key in terms if getattr(tune, key) != getattr(first[1], key)]
+        if unlike:
+            raise click.ClickException(f"{name}: other {', '.join(unlike)} than {first[0]}")
+    return found
 
 
-def everything() -> str:
-    """All that a search reads: more than its runs do, as costs, margins, families and tasks."""
-    found = [
-        path
-        for folder in ("src", "controllers", "scenarios", "models")
-        for path in (HERE.parent / folder).rglob("*")
-        if path.suffix in {".py", ".toml", ".xml", ".json"}
-    ]
-    return " ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(found))
+def files() -> list[Path]:
+    """The files that a search reads: more than its runs do, as costs, margins, families, tasks."""
+    folders = ("src", "controllers", "scenarios", "models")
+    found = (path for folder in folders for path in (HERE.parent / folder).rglob("*"))
+    return sorted(path for path in found if path.suffix in {".py", ".toml", ".xml", ".json"})
+
+
+def key(tune: Any) -> str:
+    """What tells the result of a tune from every other: all that the search depends on."""
+    from twin.scenario.load import read as read_tables  # noqa: PLC0415
+    from twin.study.family import read as read_family  # noqa: PLC0415
+    from twin.study.work import code, digest  # noqa: PLC0415
+
+    texts = [digest(path.read_bytes().hex()) for path in files()]
+    texts += [code(), version("optuna"), inspect.getsource(result), tune.model_dump_json()]
+    texts.append(read_family(tune.family).model_dump_json())
+    texts += [repr(read_tables(task.scenario)) for task in tune.tasks]
+    return digest(" ".join(texts))
 
 
 def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     """What a tune found, as its ``--json`` says; None if it is not known."""
     from twin.study.executors import executors  # noqa: PLC0415
     from twin.study.store import Store  # noqa: PLC0415
-    from twin.study.work import digest  # noqa: PLC0415
     from twin.tune.fragment import settings  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
     from twin.tune.tune import tuned  # noqa: PLC0415
     from twin.writing import write_json  # noqa: PLC0415
 
-    file = kept / f"{digest(everything() + tune.model_dump_json())}.json"
+    file = kept / f"{key(tune)}.json"
     if file.is_file():
         known: dict[str, Any] = json.loads(file.read_text())
         return known
@@ -63,6 +86,27 @@ def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     about = found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
     write_json(file, about)
     return about
+
+
+def fewer(plan: dict[str, Any], found: dict[str, dict[str, Any]]) -> list[str]:
+    """Laws that ran fewer candidates than they might, as others had no margin.
+
+    Raises:
+        ClickException: If one had more than its budget.
+    """
+    less = []
+    for name, about in found.items():
+        ran = sum(each["rigs"] > 0 for each in about["candidates"])
+        fresh = [about[side]["rigs"] for side in ("before", "after")]
+        had = (about["search_rigs"], *fresh) != (plan["rigs"][-1], *[plan["certificate"]] * 2)
+        if ran > plan["candidates"] or had:
+            raise click.ClickException(
+                f"{name}: not the budget of the others: {ran} candidates on up to "
+                f"{about['search_rigs']} rigs, {fresh[0]} and {fresh[1]} fresh ones"
+            )
+        if ran < plan["candidates"]:
+            less.append(f"{name} ({ran})")
+    return less
 
 
 def order(about: dict[str, Any]) -> tuple[int, float]:
@@ -93,6 +137,7 @@ def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> s
     names = sorted(found, key=lambda name: order(found[name]))
     tasks = [task.name for task in tune.tasks]
     left = [law["name"] for law in plan["laws"] if law["name"] not in found]
+    less = fewer(plan, found)
     lines = [
         "# Equal budgets: every law tuned alike",
         "",
@@ -153,6 +198,8 @@ def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> s
         fields = found[name]["chosen"]["fields"]
         texts = [f"`{key}={value:.4g}`" for key, value in fields.items()]
         lines.append(f"| {name} | {' '.join(texts)} |")
+    if less:
+        lines += ["", f"Fewer candidates had the margins to be run: {'; '.join(less)}."]
     if left:
         lines += ["", f"Not tuned for this page: {'; '.join(left)}."]
     lines.append("")
@@ -249,19 +296,20 @@ def main(only: tuple[str, ...], *, finished: bool) -> None:
     """Tune what is not tuned yet, then write the page."""
     plan = tomllib.loads((HERE / "tuned.toml").read_text(encoding="utf-8"))
     kept, found = HERE.parent / "runs" / "tuned", {}
-    for law in plan["laws"]:
-        if only and law["name"] not in only:
+    tunes = asked(plan)
+    for name, tune in tunes.items():
+        if only and name not in only:
             continue
-        about = result(asked(plan, law), kept, simulate=not finished)
+        about = result(tune, kept, simulate=not finished)
         if about is not None:
-            found[law["name"]] = about
-            click.echo(f"{law['name']}: lost and cost {order(about)}")
+            found[name] = about
+            click.echo(f"{name}: lost and cost {order(about)}")
     if only:
         return
     if not found:
         raise click.ClickException("no law is tuned")
     drawing(found, HERE / "figures" / "tuned.svg")
-    text = page(plan, found, asked(plan, plan["laws"][0]))
+    text = page(plan, found, next(iter(tunes.values())))
     (HERE / "tuned.md").write_text(text, encoding="utf-8")
 
 
