@@ -28,9 +28,8 @@ def upper_bound(failures: int, rigs: int, confidence: float = CONFIDENCE) -> flo
         rigs: Of how many that were drawn independently.
         confidence: Between 0 and 1.
     """
-    if failures >= rigs:
-        return 1.0
-    return float(stats.beta.ppf(confidence, failures + 1, rigs - failures))
+    less = stats.binomtest(failures, rigs, alternative="less")
+    return float(less.proportion_ci(confidence, method="exact").high)
 
 
 @dataclass(frozen=True, kw_only=True)

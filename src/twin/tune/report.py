@@ -9,7 +9,7 @@ from twin.html import inline, render
 from twin.report.numbers import LABELS, shown
 from twin.run.control import build_law
 from twin.tune.certificate import CONFIDENCE, Certificate
-from twin.tune.figures import before_and_after, sensitivities, trade_off
+from twin.tune.figures import before_and_after, trade_off
 from twin.tune.fragment import options, settings, toml
 from twin.tune.trials import Trials
 from twin.tune.tune import TuneResult
@@ -98,6 +98,19 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     return rows
 
 
+def neighbours_table(found: TuneResult) -> list[tuple[str, ...]]:
+    """The result with one field changed, each: what that does to its cost."""
+    return [
+        (
+            each.key,
+            each.value if isinstance(each.value, str) else f"{each.value:.4g}",
+            "fails" if each.ratio is None else f"{each.ratio:.3g}",
+            "yes" if each.kept else "no",
+        )
+        for each in found.neighbours
+    ]
+
+
 def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
     """Margins and verdict before and after."""
     rows: list[tuple[str, ...]] = []
@@ -135,7 +148,6 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     drawn: dict[str, Any] = {
         "Before and after on the fresh rigs (dotted: cost 1)": before_and_after(found),
         "Error against effort": trade_off(found),
-        "Which fields matter: each a tenth of its range lower and higher": sensitivities(found),
     }
     page = render(
         "tune/report.html.j2",
@@ -147,6 +159,7 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         margins=margins_table(found),
         limits=found.tune.limits,
         fields=fields_table(found),
+        neighbours=neighbours_table(found),
         reasons=found.after.reasons,
         about=_about(found),
         command=f"ballplate run circle --set parameters={folder / FRAGMENT}",
