@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
-from typing import Protocol
 
 import pyarrow as pa
 
 from twin.errors import TwinError
 from twin.jobs import AHEAD, cores, handed_out, results
 from twin.study.store import Store
-from twin.study.work import Job, Row, Task, carry_out
+from twin.study.work import Job, Row, ScenarioRuns, Task, carry_out
 
 LARGE = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
@@ -30,19 +29,6 @@ RETRIES = 3
 """So often a chunk is tried whose worker was lost."""
 
 Do = Callable[[Sequence[Job]], list[Row]]
-
-
-class HandedOut(Protocol):
-    """Runs to be carried out.
-
-    Attributes:
-        tasks: Which they are.
-    """
-
-    tasks: list[Task]
-
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
-        """Some of them as they are handed out."""
 
 
 def missing(
@@ -71,7 +57,7 @@ def missing(
 
 
 def carry(
-    work: HandedOut,
+    work: ScenarioRuns,
     store: Store,
     *,
     executor: Executor | None = None,
@@ -122,7 +108,7 @@ def remaining(
 
 
 def _elsewhere(
-    work: HandedOut, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+    work: ScenarioRuns, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
 ) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
     for _ in range(RETRIES):
