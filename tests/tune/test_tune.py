@@ -199,11 +199,16 @@ def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
     tune = Tune.model_validate(tomllib.loads(TUNE))
     values = np.array([[0.01, 0.02], [np.nan, np.nan], [0.03, np.nan], [0.02, 0.04]])
     found = certified(tune, Indicators(values, values, ("circle: fell: why",)))
-    assert (found.rigs, found.failures, found.cost) == (4, 2, None)
-    assert found.finished == {"circle": 3, "push": 2}
-    assert found.quantiles["circle"] == pytest.approx((0.02, 0.028, 0.03))
-    assert found.quantiles["push"] == pytest.approx((0.03, 0.038, 0.04))
-    assert found.values["push"] == [0.02, None, None, 0.04]
+    assert (found["rigs"], found["failures"], found["cost"]) == (4, 2, None)
+    circle, push = (found["tasks"][name] for name in ("circle", "push"))
+    assert (circle["finished"], push["finished"]) == (3, 2)
+    numbers = ("median", "quantile_90", "largest")
+    assert [circle[each] for each in numbers] == pytest.approx([0.02, 0.028, 0.03])
+    assert [push[each] for each in numbers] == pytest.approx([0.03, 0.038, 0.04])
+    assert push["values"] == [0.02, None, None, 0.04]
+    assert push["effort"] == pytest.approx(0.03)
+    none = certified(tune, Indicators(np.full((2, 2), np.nan), np.full((2, 2), np.nan), ()))
+    assert [none["tasks"]["push"][each] for each in (*numbers, "effort")] == [None] * 4
 
 
 @pytest.mark.long

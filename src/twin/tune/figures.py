@@ -92,8 +92,9 @@ def before_and_after(found: TuneResult) -> Figure:
                 (found.before, BEFORE, "before"),
                 (found.after, AFTER, "after"),
             ):
-                known = sorted(factor * v for v in side.values[task.name] if v is not None)
-                shares = np.arange(1, len(known) + 1) / side.rigs
+                values = side["tasks"][task.name]["values"]
+                known = sorted(factor * value for value in values if value is not None)
+                shares = np.arange(1, len(known) + 1) / side["rigs"]
                 ax.step(known, shares, where="post", color=colour, label=when)
             ax.axvline(factor * task.scale, ls=":", color="#555555")
             ax.set_title(task.name)
