@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
+from functools import partial
 
 import pyarrow as pa
 
@@ -62,7 +63,7 @@ def carry(
     *,
     executor: Executor | None = None,
     processes: int | None = None,
-    do: Do = carry_out,
+    do: Do | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
     whole: bool = False,
 ) -> pa.Table:
@@ -73,14 +74,15 @@ def carry(
         store: Where finished ones are, and are put.
         executor: Anything with the interface of ``concurrent.futures``; None for processes here.
         processes: So many of them, or of its workers; None for one a processor.
-        do: What carries out a chunk; a function of a module, because it goes to other processes.
+        do: What carries out a chunk in place of ``carry_out``; a function of a module, because it
+            goes to other processes.
         progress: Told how many runs are finished, and how many of those did not end well.
         whole: Whether chunks are as large as can be, see ``missing``.
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
-    count = processes or cores()
+    count, do = processes or cores(), do or partial(carry_out, seen=work.seen)
     known, chunks = remaining(work.tasks, store, count, whole=whole)
     finished = known.num_rows
     failed = finished - known["outcome"].to_pylist().count("finished")

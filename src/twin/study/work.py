@@ -72,9 +72,11 @@ class ScenarioRuns:
 
     Attributes:
         tasks: Which runs they are, in their order.
+        seen: As it was given.
     """
 
     def __init__(self, scenarios: Iterable[Scenario], *, seen: bool = False) -> None:
+        self.seen = seen
         self._mark = f"seen {code()} " if seen else code()
         self._scenarios = [untitled(each) for each in scenarios]
         self.tasks = [
