@@ -187,3 +187,22 @@ def test_the_tail_is_the_conditional_value_at_risk(tail):
     defined = min(t + np.maximum(costs - t, 0).mean() / tail for t in costs)
     assert tail_mean(costs, tail) == pytest.approx(defined)
     assert tail_mean(costs[:1], tail) == costs[0]
+
+
+def test_a_controller_that_is_refused_has_no_margin_is_never_run_and_says_why():
+    class Refusing(Formula):
+        def loops(self, candidates):
+            loops = super().loops(candidates)
+            refused = NominalLoop.none(ValueError("b: must be below 3"))
+            return [
+                refused if point["b"] >= 3 else loop
+                for point, loop in zip(candidates, loops, strict=True)
+            ]
+
+    candidates = searched(Refusing(limits={"effort": 1000.0}, candidates=24))
+    told = [each.as_dict() for each in candidates if each.fields["b"] >= 3]
+    assert told
+    for each in told:
+        assert each["refused"] == "b: must be below 3"
+        assert (each["disk_margin"], each["delay_margin"], each["rigs"]) == (None, None, 0)
+        assert each["margins_with_observer"] is None

@@ -51,13 +51,13 @@ class Candidate:
     Attributes:
         number: In the order of the search; 0 is where it begins.
         fields: Values by key.
-        loop: Its nominal loop, or why its controller was refused.
+        loop: Its nominal loop.
         scores: On more and more rigs; empty if it was not simulated.
     """
 
     number: int
     fields: Point
-    loop: NominalLoop | str
+    loop: NominalLoop
     scores: list[Score] = field(default_factory=list)
 
     @property
@@ -67,20 +67,20 @@ class Candidate:
 
     def worth_running(self, tune: Tune) -> bool:
         """Whether its nominal loop keeps its margins; where the search begins always is."""
-        if isinstance(self.loop, str):
+        if self.loop.refused:
             return False
         return self.number == 0 or violation(loop_constraints(tune, self.loop)) == 0
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        last, loop = self.last, None if isinstance(self.loop, str) else self.loop
+        last, loop = self.last, self.loop
         return {
             "number": self.number,
             "fields": self.fields,
-            "refused": self.loop if isinstance(self.loop, str) else None,
-            "disk_margin": None if loop is None else loop.disk,
-            "delay_margin": None if loop is None else loop.delay,
-            "margins_with_observer": None if loop is None else loop.observed,
+            "refused": loop.refused,
+            "disk_margin": loop.disk,
+            "delay_margin": loop.delay,
+            "margins_with_observer": loop.observed,
             "rigs": 0 if last is None else last.rigs,
             "cost": None if last is None else last.cost,
             "effort": None if last is None else last.effort,
@@ -89,16 +89,16 @@ class Candidate:
         }
 
 
-def loop_constraints(tune: Tune, loop: NominalLoop | str) -> dict[str, float]:
+def loop_constraints(tune: Tune, loop: NominalLoop) -> dict[str, float]:
     """Constraints on the nominal loop, each as a share of its limit; kept at 0 or less.
 
     A loop that cannot be linearised has none: nothing can be said of it.
 
     Args:
         tune: With the limits.
-        loop: The loop, or why its controller was refused.
+        loop: The loop.
     """
-    if isinstance(loop, str):
+    if loop.refused:
         return {"disk": 1.0, "delay": 1.0}
     limits = tune.limits
     found = {}
@@ -109,7 +109,7 @@ def loop_constraints(tune: Tune, loop: NominalLoop | str) -> dict[str, float]:
     return found
 
 
-def score(tune: Tune, loop: NominalLoop | str, found: Indicators) -> Score:
+def score(tune: Tune, loop: NominalLoop, found: Indicators) -> Score:
     """What a candidate is worth, from its runs.
 
     Args:

@@ -19,12 +19,20 @@ class NominalLoop(NamedTuple):
             cannot be linearised.
         delay: Least further dead time in s at any cut; None as well where none destabilises it.
         observed: Whether observer, predictor and dead time are in it. Without, as for an observer
-            that learns and so cannot be linearised, it is the law with the full state.
+            that learns and so cannot be linearised, it is the law with the full state. None if
+            there is no controller.
+        refused: Why there is none, in one line.
     """
 
     disk: float | None
     delay: float | None
-    observed: bool = True
+    observed: bool | None = True
+    refused: str | None = None
+
+    @classmethod
+    def none(cls, error: Exception) -> NominalLoop:
+        """Of a controller that is refused."""
+        return cls(None, None, None, str(error))
 
 
 def nominal_loop(scenario: Scenario) -> NominalLoop:

@@ -41,11 +41,11 @@ def sentences(found: TuneResult) -> list[str]:
         broken = [name for name, value in found.verdict.constraints.items() if value > 0]
         lines.append(f"No candidate keeps every constraint; this one breaks: {', '.join(broken)}.")
     loop = found.chosen.loop
-    if not isinstance(loop, str) and loop.disk is None:
+    if not loop.refused and loop.disk is None:
         lines.append(
             "The law has no linearisation, so that nothing is said of the margins of its loop."
         )
-    elif not isinstance(loop, str) and not loop.observed:
+    elif not loop.refused and not loop.observed:
         lines.append(
             "The observer has no linearisation: margins are those of the law with the full state."
         )
@@ -116,12 +116,12 @@ def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for label, candidate in (("before", found.candidates[0]), ("after", found.chosen)):
         score = next(s for each, s in found.finalists if each is candidate)
-        loop = None if isinstance(candidate.loop, str) else candidate.loop
+        loop = candidate.loop
         rows.append(
             (
                 label,
-                "-" if loop is None or loop.disk is None else f"{loop.disk:.3f}",
-                "-" if loop is None or loop.delay is None else f"{1000 * loop.delay:.0f} ms",
+                "-" if loop.disk is None else f"{loop.disk:.3f}",
+                "-" if loop.delay is None else f"{1000 * loop.delay:.0f} ms",
                 "-" if score.cost is None else f"{score.cost:.3g}",
                 "-" if score.effort is None else f"{score.effort:.2g}",
                 f"{score.lost} of {score.rigs}",

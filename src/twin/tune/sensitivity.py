@@ -53,11 +53,7 @@ def neighbours(trials: Trials, chosen: Candidate) -> list[Neighbour]:
         for value in _beside(about[key], chosen.fields[key])
     ]
     loops = trials.loops([point for _, point in moved])
-    ran = [
-        (point, loop)
-        for (_, point), loop in zip(moved, loops, strict=True)
-        if not isinstance(loop, str)
-    ]
+    ran = [(point, loop) for (_, point), loop in zip(moved, loops, strict=True) if not loop.refused]
     points = [chosen.fields, *(point for point, _ in ran)]
     first, *gave = trials.indicators(
         [(point, tune.rigs[0]) for point in points], tune.draw, tune.search
@@ -66,7 +62,7 @@ def neighbours(trials: Trials, chosen: Candidate) -> list[Neighbour]:
     whole = score(tune, chosen.loop, first).cost
     found = []
     for (key, point), loop in zip(moved, loops, strict=True):
-        got = None if isinstance(loop, str) else next(scores)
+        got = None if loop.refused else next(scores)
         cost = None if got is None else got.cost
         ratio = None if cost is None or not whole else cost / whole
         found.append(Neighbour(key, point[key], ratio, got is not None and got.kept))

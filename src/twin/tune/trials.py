@@ -119,25 +119,24 @@ class Trials:
         fixed = (*self.tune.set, *about.set, *on, *seed)
         return at_study_step(build(fixed, point, self._relative & point.keys()))
 
-    def loops(self, candidates: Sequence[Point]) -> list[NominalLoop | str]:
-        """The nominal loop of each candidate's controller; a line for one that is refused.
+    def loops(self, candidates: Sequence[Point]) -> list[NominalLoop]:
+        """The nominal loop of each candidate's controller.
 
         Raises:
             TwinError: If a process is killed.
         """
-        found: dict[int, NominalLoop | str] = {}
-        ready: dict[int, Scenario] = {}
+        found: dict[int, NominalLoop] = {}
+        ready: dict[int, str] = {}
         for place, fields in enumerate(candidates):
             try:
-                ready[place] = self.scenario(fields, 0)
+                ready[place] = _controller(self.scenario(fields, 0))
             except ScenarioError as error:
-                found[place] = str(error)
+                found[place] = NominalLoop.none(error)
         spread = map if self._executor is None else self._executor.map
         try:
-            loops = list(spread(_loop, map(_controller, ready.values())))
+            found |= zip(ready, spread(_loop, ready.values()), strict=True)
         except BrokenExecutor as error:
             raise TwinError("a process was killed; is there enough memory?") from error
-        found |= dict(zip(ready, loops, strict=True))
         return [found[place] for place in range(len(candidates))]
 
     def indicators(
@@ -244,8 +243,8 @@ def _controller(scenario: Scenario) -> str:
 
 
 @lru_cache(maxsize=4096)
-def _loop(controller: str) -> NominalLoop | str:
+def _loop(controller: str) -> NominalLoop:
     try:
         return nominal_loop(Scenario.model_validate_json(controller))
     except ScenarioError as error:
-        return str(error)
+        return NominalLoop.none(error)
