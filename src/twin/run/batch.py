@@ -14,7 +14,7 @@ import numpy as np
 
 from controllers.per_rig import PerRigReference
 from twin.run.assemble import assemble, shared
-from twin.run.control import own_errors
+from twin.run.control import law_of, own_errors
 from twin.run.loop import Ending, drive
 from twin.run.metrics import Metrics, Motion, measure
 from twin.run.plants import build_friction
@@ -41,6 +41,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     return shared(scenario) | {
         "observer": scenario.observer.model_dump(),
         "predictor": None if scenario.predictor is None else scenario.predictor.model_dump(),
+        "model": repr(scenario.designed_on),
         "resisted": friction is not None,
         "free": friction is None or bool(friction.absent),
         "constant": friction is None or friction.constant,
@@ -100,7 +101,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
 
 def _padded(scenarios: Sequence[Scenario]) -> list[int]:
     """Which scenario each rig runs: law by law, some twice so that no group is too small."""
-    laws = [scenario.controller.model_dump_json() for scenario in scenarios]
+    laws = list(map(repr, map(law_of, scenarios)))
     order = sorted(range(len(scenarios)), key=lambda i: laws[i])
     found = []
     for index in order:
