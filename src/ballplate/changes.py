@@ -190,7 +190,7 @@ def _table_of(table: str, cls: Any, value: Any) -> Table:
     if value is cls:
         return found
     if getattr(value, "model", BallPlate()) != BallPlate():
-        raise ScenarioError(f"{table}: runs design on the nominal model; leave its model out")
+        raise ScenarioError(f"{table}: runs design on controller.model; leave its model out")
     for name, field in settings_model(cls).model_fields.items():
         given = _plain(f"{table}.{name}", getattr(value, name))
         default = field.get_default(call_default_factory=True)

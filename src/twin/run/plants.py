@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
@@ -129,9 +128,8 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
     """What scenarios say of the exact equations: ball, friction and level."""
-    ball = scenarios[0].plant.ball
     return {
-        "model": BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+        "model": scenarios[0].plant.ball.model,
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
     }

@@ -226,8 +226,11 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         raise RecordError(
             f"{file}: not a record of a run: no {', '.join(missing) or 'scenario in its metadata'}"
         )
+    tables = metadata["scenario"]
+    if isinstance(tables, dict) and isinstance(own := tables.get("controller"), dict):
+        own.setdefault("model", "nominal")  # what controllers were designed on before it was a key
     try:
-        scenario, absent = recorded(metadata["scenario"], str(file))
+        scenario, absent = recorded(tables, str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
     check_metadata(metadata, str(file))

@@ -141,7 +141,8 @@ def setting(text: str) -> tuple[str, Any]:
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
     """The tables with the values of dotted keys put in.
 
-    Naming another ``kind`` of controller, observer or reference drops the settings of the old.
+    Naming another ``kind`` of controller, observer or reference drops the settings of the old; the
+    ball that is known stays.
 
     Raises:
         ScenarioError: If a key leads through a value.
@@ -158,8 +159,9 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
             if not isinstance(table, dict):
                 path = ".".join(names[: depth + 1])
                 raise ScenarioError(f"override '{key}': {path} is a value, not a table")
-        if names[-1] == "kind" and names[0] in KINDS and table.get("kind") != new:
-            table.clear()
+        if key in {f"{each}.kind" for each in KINDS} and table.get("kind") != new:
+            for other in table.keys() - {"model"}:
+                del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
             without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)

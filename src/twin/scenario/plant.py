@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from controllers.ballplate import BallPlate
 from twin.scenario.tables import Section, table
 from twin.settings import settings_of
 from twin.sim.drives import DriveModel
@@ -38,6 +39,11 @@ class _Ball(Section):
 
     kind: Literal["hollow", "steel"] = "hollow"
     """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
+
+    @property
+    def model(self) -> BallPlate:
+        """The exact equations with this ball."""
+        return BallPlate(**{name: getattr(self, name) for name in ("mass", "radius", "inertia")})
 
 
 class _Surface(Section):
