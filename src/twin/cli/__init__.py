@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import sys
+import warnings
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -138,6 +139,7 @@ def main(arguments: list[str] | None = None) -> None:
     # matrices here are small: further threads only wait for one, on cores that have other work
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _have_streams()
+    warnings.showwarning = _told
     wrong = problem()
     if wrong:
         sys.exit(_fail(wrong))
@@ -189,6 +191,11 @@ def _end_in_order() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
+
+
+def _told(message: Warning | str, *_: object, **__: object) -> None:
+    """Tell a warning of some library in one line, without the line of ours that led to it."""
+    click.echo(f"ballplate: warning: {' '.join(str(message).split())}", err=True)
 
 
 def _warn_of_broken_files() -> None:
