@@ -63,10 +63,10 @@ def connected(
         return
     from twin.emulator.changes import follow_changes
     from twin.emulator.process import emulated
-    from twin.run.plants import build_plant
+    from twin.run.plants import believed
 
     # what a virtual rig knows of its cams is part of its scenario
-    known = build_plant([scenario])[1]
+    known = believed(scenario)
     with emulated(scenario) as virtual:
         tables = check_rig(virtual.tables, EMULATED)
         host = connect(scenario, tables, reset=reset, transmission=known)

@@ -162,14 +162,22 @@ class _Pool(ProcessPoolExecutor):
             sys.modules["__main__"] = program
 
     def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
-        if sys.platform == "win32":
+        with undisturbed(*_ENDING):
             return super().submit(work, *args, **kwargs)
-        # a process keeps the mask it is started with: it is safe even before it runs a line
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_ENDING})
-        try:
-            return super().submit(work, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def undisturbed(*more: signal.Signals) -> Iterator[None]:
+    """Ctrl-C and more signals leave alone what is begun within, even before it runs a line."""
+    if sys.platform == "win32":
+        yield
+        return
+    # a process keeps the mask it is started with
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *more})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

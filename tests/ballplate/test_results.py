@@ -57,6 +57,8 @@ def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
     assert np.array_equal(done.error, done.reference - done.ball)
     with pytest.raises(ballplate.TwinError, match="did you mean 'true_x'"):
         done["tru_x"]
+    with pytest.raises(ballplate.TwinError, match="no column '0'"):
+        done[0]
 
 
 def test_a_table_for_pandas_has_the_columns_over_time_and_their_units(done):
@@ -185,6 +187,21 @@ def test_what_there_is_to_run_and_to_set():
     assert found[0].unit == "mm"
     assert re.search(r"<td[^>]*>plant.friction.rolling_mm</td>", found._repr_html_())
     assert str(ballplate.describe("lqr")).startswith("State feedback that minimises")
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: ballplate.describe(None), "describe: give a key"),
+        (lambda: ballplate.sweep("circle", None), "vary: give a table"),
+        (lambda: ballplate.run("circle", 5), "settings: must be a table"),
+        (lambda: ballplate.run("circle", [5]), "5"),
+    ],
+)
+def test_an_argument_of_another_type_is_one_line(call, told):
+    with pytest.raises(ballplate.TwinError, match=told) as caught:
+        call()
+    assert "\n" not in str(caught.value)
 
 
 def test_the_model_is_that_of_the_ball_asked_for():

@@ -258,6 +258,76 @@ def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, wron
         assert "lqr" in file.read_text() if file.suffix == ".csv" else file.stat().st_size
 
 
+TUNE = """
+title = "t"
+family = "placed"
+set = ["controller.kind=mine", "baseline=false"]
+draw = 1
+certificate_draw = 2
+rigs = [1]
+candidates = 2
+certificate = 1
+search = ["plant.kind=lagrange"]
+verdict = ["plant.kind=lagrange"]
+[fields."controller.ball.0"]
+loguniform = [1.0, 3.0]
+[limits]
+effort = 30.0
+[[tasks]]
+name = "hold"
+scenario = "hold"
+set = ["duration=0.1", "metrics.start=0.05"]
+scale = 0.001
+"""
+FIT = """
+title = "f"
+set = ["plant.kind=lagrange", "duration=0.1", "metrics.start=0.05", "baseline=false"]
+population = 4
+generations = 1
+restarts = 1
+[parameters.friction]
+key = "plant.friction.rolling_mm"
+low = 0.1
+high = 0.3
+unit = "mm"
+[[experiments]]
+name = "own"
+scenario = "circle"
+set = ["controller.kind=mine"]
+measured.rms_error = { value = 0.01, uncertainty = 0.001 }
+"""
+OTHER = """
+[[experiments]]
+name = "other"
+scenario = "circle"
+set = ["controller.kind=lqr"]
+measured.rms_error = { value = 0.01, uncertainty = 0.001 }
+"""
+
+
+@pytest.mark.parametrize("text", ["raise NameError('kp')", "return np.zeros((3, 2))"])
+@pytest.mark.parametrize("always", [True, False])
+@pytest.mark.parametrize("command", ["tune", "fit"])
+def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, mine, text, always, command):
+    first = "        position, velocity"
+    bad = f"        if t >= {0 if always else 0.05}: {text}\n{first}"
+    mine.write_text(mine.read_text().replace(first, bad, 1))
+    forget()
+    Path("t.toml").write_text({"tune": TUNE, "fit": FIT}[command])
+    code, out, err = ballplate(command, "t.toml", "--processes", "1")
+    said = " ".join((out + err).split())
+    # what does not answer at all is no law, which is told before anything runs
+    probed = always and command == "tune" and "zeros" in text
+    assert (code, said.count(WRONG[text]), said.count("mine.py")) == (1 + probed, 1, 1)
+    if command == "fit":
+        Path("t.toml").write_text(FIT + OTHER)
+        code, out, err = ballplate(
+            command, "t.toml", "--processes", "1", "--no-leave-out", "--json"
+        )
+        assert (code, err.count(WRONG[text])) == (1, 1)
+        assert list(Path("runs/fit-t").rglob("*.parquet"))
+
+
 def test_from_python_a_law_that_goes_wrong_is_the_same_line(wrong):
     short = {"duration": 0.1, "plant": {"kind": "lagrange"}}
     with pytest.raises(LawError, match=re.escape(wrong)):

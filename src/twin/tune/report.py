@@ -29,6 +29,7 @@ def sentences(found: TuneResult) -> list[str]:
         f"On {after.rigs} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
         f"before: {failed(before)}.",
     ]
+    lines += [f"Lost, as in {reason}." for reason in after.reasons[:1]]
     if after.cost is not None:
         was = "a lost rig" if before.cost is None else f"{before.cost:.3g}"
         lines.append(

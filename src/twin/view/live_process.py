@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from twin.jobs import let_go
+from twin.jobs import let_go, undisturbed
 from twin.run.record import Recorder
 from twin.view.shared_ring_buffer import SharedRingBuffer
 
@@ -60,7 +60,8 @@ class LiveProcess:
         self._process = context.Process(
             target=work, args=(self._ring.address, *arguments), daemon=True
         )
-        self._process.start()
+        with undisturbed():
+            self._process.start()
         self._started = monotonic()
 
     def watch(self, recorder: Recorder) -> None:

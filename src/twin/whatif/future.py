@@ -73,7 +73,7 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
         return moment.put(rig)
 
     ticks = round(scenario.duration / period) - round(moment.at / period)
-    record = Recorder(ticks, 1, period, rig.channels)
+    record = Recorder(ticks, 1, period, rig.channels, controller.observer.knows)
     (outcome,) = drive(rig, controller, scenario.duration, record, begin=begin)
     motion = Motion.of(
         record, controller.reference(record.time)[0], friction=always_friction(scenario)
