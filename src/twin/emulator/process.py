@@ -15,7 +15,7 @@ from twin.emulator.pseudo_terminal import check_pseudo_terminals
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError
-from twin.jobs import undisturbed
+from twin.jobs import program_left_out, undisturbed
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
@@ -136,7 +136,7 @@ def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> It
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
-    with undisturbed():
+    with undisturbed(), program_left_out():
         process.start()
     theirs.close()
     try:

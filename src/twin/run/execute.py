@@ -131,10 +131,8 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
         RecordError: If the folder cannot be written.
     """
     metadata = {
-        "scenario": run.scenario.model_dump(mode="json"),
-        "classes": classes_of(run.scenario),
+        **described(run.scenario),
         "metrics": run.metrics.as_dict(),
-        "versions": versions(),
         "events": [
             {"time": time, "severity": str(note.condition.severity), "text": note.text}
             for time, note in run.journal
@@ -145,6 +143,12 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
     }
     kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
     write_run(folder, run.record, metadata, kept)
+
+
+def described(scenario: Scenario) -> dict[str, Any]:
+    """What of a record's metadata is known before its run."""
+    tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
+    return {"scenario": tables, "classes": classes, "versions": versions()}
 
 
 def drawn(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.interfaces import Quantity
-
-if TYPE_CHECKING:
-    pass
 
 Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
 
@@ -138,6 +135,12 @@ class Recorder:
             return Channel(names, tuple(quantity.unit for quantity in self.further))
         units = tuple(column.rpartition("_")[2] for column in self.plant)
         return CHANNELS.get(name) or Channel(self.plant, units)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Name to unit of all columns it may have."""
+        known = map(self.channel, (*CHANNELS, "plant", "further"))
+        return {k: v for each in known for k, v in zip(each.columns, each.units, strict=True)}
 
     def of_rig(self, rig: int) -> Recorder:
         """The record of one rig alone, a copy."""

@@ -19,10 +19,10 @@ from twin.hal.states import State
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.finished import Run
-from twin.run.folders import is_last, last, record_of, run_folders
-from twin.run.loop import INTERRUPTED
+from twin.run.folders import STREAM, is_last, is_record, last, record_in, record_of, run_folders
+from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome
 from twin.run.metadata import check_metadata, classes_of
-from twin.run.metrics import Motion, held
+from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS
 from twin.run.record_file import read_beside, read_run
 from twin.scenario.changing import always_friction
@@ -241,7 +241,7 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
     wrong = [rig for rig in rigs if rig not in present]
     if wrong:
         raise RecordError(f"{file}: no rig {wrong[0]} (recorded: {present[0]} to {present[-1]})")
-    name = file.resolve().parent.name if file.name == "run.parquet" else file.stem
+    name = file.resolve().parent.name if is_record(file) else file.stem
     found = []
     for rig in rigs or present[:1]:
         chosen = values["rig"] == rig if "rig" in values else slice(None)
@@ -249,24 +249,31 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         rows = {key: column[chosen] for key, column in values.items() if key != "rig"}
         if not (np.diff(rows["time"]) > 0).all():
             raise RecordError(f"{file}: time: must rise from row to row")
-        found.append(
-            Replay(
-                label,
-                scenario,
-                rows,
-                units,
-                metadata.get("metrics", {}),
-                metadata.get("versions", {}),
-                file.parent,
-                tuple(metadata.get("events", ())),
-                metadata.get("ledger", {}),
-                metadata.get("branch", {}),
-                metadata.get("driven", {}),
-                metadata.get("classes", {}),
-                absent,
-            )
+        run = Replay(
+            label,
+            scenario,
+            rows,
+            units,
+            metadata.get("metrics", {}),
+            metadata.get("versions", {}),
+            file.parent,
+            tuple(metadata.get("events", ())),
+            metadata.get("ledger", {}),
+            metadata.get("branch", {}),
+            metadata.get("driven", {}),
+            metadata.get("classes", {}),
+            absent,
         )
+        found.append(_killed(run) if file.name == STREAM else run)
     return found
+
+
+def _killed(run: Replay) -> Replay:
+    """A run that nobody could judge when it ended."""
+    ended = Outcome(Ending.ABORTED, run.rows["time"][-1] + run.scenario.rig.period, KILLED)
+    judged = run.scenario.metrics
+    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
+    return replace(run, metrics=metrics.as_dict())
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:
@@ -354,7 +361,7 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 def _metadata(folder: Path) -> Mapping[str, Any]:
     """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
     try:
-        found = parse_json(read_beside(folder / "run.parquet", "ballplate") or b"{}")
+        found = parse_json(read_beside(record_in(folder), "ballplate") or b"{}")
     except (RecordError, DataError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -368,7 +375,7 @@ def _records(paths: tuple[Path, ...]) -> list[Path]:
         inner = run_folders(folder)
         if inner:
             found += inner
-        elif path.suffix == ".parquet" or len(paths) == 1 or not path.exists():
+        elif path.suffix == ".parquet" or is_record(path) or len(paths) == 1 or not path.exists():
             found.append(path)
     if not found:
         raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")

@@ -108,6 +108,27 @@ def test_a_drive_that_keeps_a_message_the_other_way_is_refused(rig, key, kept):
     assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
 
 
+ROUNDED = [
+    key
+    for key in WRITTEN
+    if abs(WRITTEN[key]) > 2000 and key[0] >> 8 not in (0x10, 0x14, 0x16, 0x18, 0x1A)
+]
+
+
+@pytest.mark.parametrize("key", ROUNDED, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
+def test_a_drive_that_keeps_a_number_as_exactly_as_a_float_can_is_taken(rig, key, kept):
+    kept(key, WRITTEN[key] + abs(WRITTEN[key]) // 2000)  # 0.05 % off
+    rig.servos.start()
+    assert rig.drives[0].store.get(*key) != WRITTEN[key]
+
+
+@pytest.mark.parametrize("key", [(0x1005, 0), *SWITCHED_OFF], ids=lambda key: f"{key[0]:04X}h")
+def test_a_drive_may_show_bit_30_of_an_identifier_by_itself(rig, key, kept):
+    kept(key, WRITTEN[key] | 1 << 30)
+    rig.servos.start()
+    assert rig.drives[0].store.get(*key) >> 30 & 1
+
+
 def test_after_the_start_both_drives_are_operational_without_torque(rig):
     rig.servos.start()
     assert [drive.nmt for drive in rig.drives] == [5, 5]
