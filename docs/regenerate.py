@@ -45,6 +45,7 @@ PAGES = {
     "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
     "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
+    "claims": Page(("claims.md",), ("claims.py",)),
     "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
     "performance": Page(
         ("performance.md", "data/performance.toml"),
