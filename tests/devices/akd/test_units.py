@@ -2,7 +2,6 @@
 
 import math
 
-import canopen
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
-from twin.devices.akd.dictionary import dictionary, kept
+from twin.devices.akd.dictionary import kept
 from twin.devices.akd.units import ACCELERATIONS, VELOCITIES, Quantity
 from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_settings import DriveSettings
@@ -162,16 +161,3 @@ def test_what_is_sent_is_round_in_the_drive_s_unit_and_never_below_what_is_wante
     counts = speed.counts(wanted)
     assert wanted * (1 - 1e-9) <= counts * speed.scale <= 1.1 * wanted + speed.scale
     assert len(str(counts).rstrip("0")) <= 2
-
-
-@pytest.mark.parametrize(
-    ("index", "sub", "type_"), [(0x6041, 0, 7), (0x1016, 1, 6), (0x6064, 0, 3), (0x365F, 0, 5)]
-)
-def test_an_eds_with_a_wrong_size_is_refused_in_one_line(tmp_path, index, sub, type_):
-    given_ = dictionary(1)
-    given_.get_variable(index, sub).data_type = type_
-    eds = tmp_path / "wrong.eds"
-    with eds.open("w") as file:
-        canopen.export_od(given_, file, doc_type="eds")
-    with LockstepDrives(AkdConfig(eds=eds)) as rig:
-        assert f"{index:04X}h:{sub}" in refused(rig)
