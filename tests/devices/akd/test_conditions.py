@@ -93,7 +93,7 @@ def test_nothing_is_reported_while_the_position_wraps():
 
 def test_a_single_corrupt_position_is_not_used(rig):
     before = rig.servos.motor()
-    rig.bus.faults.replace(TPDO1, data=bytes.fromhex("3702 03 ffffff7f"), lasting=0.002)
+    rig.bus.faults.overwrite(TPDO1, at=0, data=bytes.fromhex("3702 03 ffffff7f"), lasting=0.002)
     rig.run(0.01)
     np.testing.assert_allclose(rig.servos.motor(), before, atol=0.05)
 
