@@ -10,6 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array, some
 from controllers.interfaces import DelayedObserver, Measurement, Observer
+from controllers.ranges import NotNegative
 
 BALL = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""
@@ -45,15 +46,14 @@ class Smith(Observer):
 
     observer: Observer
     """The observer that is handed the prediction."""
-    delay: float = 0.042
+    delay: NotNegative = 0.042
     """Dead time tau of the ball's position in s, Table A.2."""
 
     _past: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Take over the observer's model and period."""
-        if not (math.isfinite(self.delay) and self.delay >= 0):
-            raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
+        super().__post_init__()
         if isinstance(self.observer, DelayedObserver):
             name = self.observer.name
             raise ValueError(f"observer '{name}' makes up for the dead time itself: no predictor")

@@ -243,9 +243,3 @@ def test_model_and_period_are_the_observers():
     observer = Smith(observer=inner)
     assert observer.model is inner.model
     assert observer.period == 0.005
-
-
-@pytest.mark.parametrize("delay", [-0.001, np.inf, np.nan])
-def test_delay_that_cannot_be_is_refused(delay):
-    with pytest.raises(ValueError, match="delay must be a number, 0 or more"):
-        Smith(observer=Luenberger(), delay=delay)
