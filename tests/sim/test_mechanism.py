@@ -305,7 +305,7 @@ def test_impossible_numbers_are_refused(wrong):
 
 @pytest.mark.parametrize("rolling", [-1e-4, math.inf])
 def test_impossible_friction_is_refused(rolling):
-    with pytest.raises(ModelError, match="rolling must be at least 0"):
+    with pytest.raises(ModelError, match="rolling must be at least 0 and at most"):
         Mechanism(friction=Friction(rolling=rolling))
 
 
