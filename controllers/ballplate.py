@@ -12,6 +12,8 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ranges import NotNegative, Positive, check
 
+STATES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+"""Names of the state (5.5) in columns and signals."""
 MEASURED = (0, 2, 4, 6)
 """Where the measurement y = (x, phi, y, theta) of (5.3) stands in the state (5.5)."""
 BALL = [0, 4]

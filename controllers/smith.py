@@ -27,8 +27,7 @@ class Smith(Observer):
     the observer is corrected by the delayed innovation, and nothing else is predicted. A good model
     without noise has no innovation, and the dead time disappears; else the observer's error runs
     through a loop with a dead time in it, which fast poles make ring: a Luenberger observer with
-    the poles of (8.1) is left with damping 0.2 at 42 ms and is unstable above 56 ms. See
-    ``error_poles`` of ``controllers.observers.error_dynamics``.
+    the poles of (8.1) is left with damping 0.2 at 42 ms and is unstable above 56 ms.
 
     Past estimates are kept once a period; between two of them a straight line is drawn, as for a
     dead time that is no multiple of the period. A position that has waited since it arrived, as

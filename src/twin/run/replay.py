@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import STATES
 from controllers.interfaces import Reference
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
@@ -182,8 +183,7 @@ class Replay:
 
 def columns(rows: Mapping[str, Array], kind: str) -> Array:
     """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
-    names = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-    return np.stack([rows[f"{kind}_{name}"] for name in names], axis=1)
+    return np.stack([rows[f"{kind}_{name}"] for name in STATES], axis=1)
 
 
 def states_of(rows: Mapping[str, Array]) -> Array:
