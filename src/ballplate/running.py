@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from twin.run.record import Recorder
     from twin.scenario.schema import Scenario
 
-PLANTS = {"mujoco": "honest twin", "lagrange": "exact equations"}
-"""What the plants are called in tables, pictures and progress."""
 CLEAN = "clean model"
 """The same controller on the frictionless exact equations it was designed on."""
 WORTH_PROCESS = 5.0
@@ -79,13 +77,14 @@ def run(
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess
     from twin.run.folders import free
+    from twin.run.plants import PLANTS
     from twin.run.replay import holds_finished
 
     folder = None if out is None else Path(out)
     past = _past(folder, chosen, on, report) if resume else None
     if folder is not None:
         check_writable(folder, report.name_of("out"))
-    label = PLANTS[chosen.plant.kind] if on is None else f"rig {Path(on).stem}"
+    label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
     parallel = SecondProcess(wanted=compared and on is None and _parallel(chosen))

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.running import PLANTS
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -176,6 +175,7 @@ class Rig:
         from twin.run.control import build_reference
         from twin.run.finished import Run
         from twin.run.metrics import Motion, measure
+        from twin.run.plants import PLANTS
         from twin.scenario.changing import always_friction
 
         scenario, outcome = self.scenarios[rig], self._ended[rig]
@@ -186,7 +186,7 @@ class Rig:
         metrics = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
         speed = record.length * self.period / self._spent
         done = Run(scenario, record, outcome, metrics, motion, speed)
-        return Result.of(done, f"rig-{rig}", PLANTS[scenario.plant.kind])
+        return Result.of(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
 
 
 def shaped(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:

@@ -25,19 +25,13 @@ AGAINST = click.option(
     shell_complete=tab.scenarios,
     help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
 )
-RIGS = click.option(
-    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
-)
 
 
-def opened(
-    paths: Sequence[Path], rigs: tuple[int, ...], against: str | None, overrides: Sequence[str]
-) -> list[Replay]:
+def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Replay]:
     """The runs that paths lead to; of logs the prediction of each as well.
 
     Args:
         paths: Run folders, records, CSV logs; the newest run if there is none.
-        rigs: Which rigs of a record of several; empty for the first.
         against: The scenario of the logs.
         overrides: ``KEY=VALUE`` each, what is changed of it.
 
@@ -71,4 +65,4 @@ def opened(
             log_run(rows, scenario, path.stem),
             replay_of(one_run(scenario, label, Terminal()), label),
         ]
-    return runs + (open_runs(others, rigs, warn) if others else [])
+    return runs + (open_runs(others, warn) if others else [])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.against import AGAINST, RIGS
+from twin.cli.against import AGAINST
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
@@ -27,7 +27,6 @@ LAYOUTS = ("showing", "tuning")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
-@RIGS
 @click.option(
     "--layout",
     type=click.Choice(LAYOUTS),
@@ -51,7 +50,6 @@ def view(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
-    rigs: tuple[int, ...],
     layout: Layout,
     rrd: Path | None,
     picture: Path | None,
@@ -64,7 +62,7 @@ def view(
     RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
     there is none.
     """
-    opened = open_all(runs, rigs, against, overrides)
+    opened = open_all(runs, against, overrides)
     from twin.view.live import address, reach  # heavy: after a wrong name was told
     from twin.view.recording import forward, screenshot, write
 

@@ -18,12 +18,10 @@ from twin.run.assemble import assemble, shared
 from twin.run.control import law_of, own_errors
 from twin.run.loop import Ending, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.plants import build_friction
+from twin.run.plants import PLANTS, build_friction
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 
-LEAST = {"mujoco": 16, "lagrange": 2}
-"""Rigs from which on a plant of each kind is calculated in the same way, however many there are."""
 PAIR = 2
 """Matrix products of a law's rigs, a multiple of it, are rounded in the same way, whatever the
 multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way."""
@@ -109,5 +107,5 @@ def _padded(scenarios: Sequence[Scenario]) -> list[int]:
     found: list[int] = []
     for its in groups.values():
         found += its + its[-1:] * (len(its) % PAIR)
-    lacking = max(0, LEAST[scenarios[0].plant.kind] - len(found))
+    lacking = max(0, PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from controllers.ballplate import STATES
 from controllers.interfaces import Quantity
 
 Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
@@ -24,17 +25,16 @@ class Channel:
     units: tuple[str, ...]
 
 
-_STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
 _STATE_UNITS = ("m", "m/s", "rad", "rad/s", "m", "m/s", "rad", "rad/s")
 
 CHANNELS = {
-    "state": Channel(tuple(f"true_{name}" for name in _STATE), _STATE_UNITS),
+    "state": Channel(tuple(f"true_{name}" for name in STATES), _STATE_UNITS),
     "measured": Channel(
         ("measured_x", "measured_phi", "measured_y", "measured_theta"), ("m", "rad", "m", "rad")
     ),
     "age": Channel(("age",), ("s",)),
     "touched": Channel(("touched",), ("1",)),
-    "estimate": Channel(tuple(f"estimated_{name}" for name in _STATE), _STATE_UNITS),
+    "estimate": Channel(tuple(f"estimated_{name}" for name in STATES), _STATE_UNITS),
     "requested": Channel(("requested_phi_acc", "requested_theta_acc"), ("rad/s^2", "rad/s^2")),
     "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
     "supervisor": Channel(("supervisor",), ("1",)),

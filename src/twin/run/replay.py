@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ballplate import STATES
 from controllers.interfaces import Reference
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
@@ -21,7 +22,7 @@ from twin.run.control import build_reference
 from twin.run.finished import Run
 from twin.run.folders import STREAM, is_last, is_record, last, record_in, record_of, run_folders
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome
-from twin.run.metadata import check_metadata, classes_of
+from twin.run.metadata import classes_of
 from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS
 from twin.run.record_file import read_beside, read_run
@@ -35,6 +36,10 @@ NEEDED = (
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
 )
 """Columns without which a table is no record of a run."""
+SHAPES = dict.fromkeys(("metrics", "versions", "ledger", "branch", "driven", "classes"), dict) | {
+    "events": list
+}
+"""What of a record's metadata is what, where it is there."""
 TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
 """Columns of which a record has all or none."""
 
@@ -178,8 +183,7 @@ class Replay:
 
 def columns(rows: Mapping[str, Array], kind: str) -> Array:
     """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
-    names = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-    return np.stack([rows[f"{kind}_{name}"] for name in names], axis=1)
+    return np.stack([rows[f"{kind}_{name}"] for name in STATES], axis=1)
 
 
 def states_of(rows: Mapping[str, Array]) -> Array:
@@ -206,15 +210,14 @@ def replay_of(run: Run, name: str) -> Replay:
     )
 
 
-def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
-    """The runs of a folder, or of the folder its ``run.parquet`` lies in.
+def open_run(path: Path) -> list[Replay]:
+    """The run of a folder, or of the folder its ``run.parquet`` lies in.
 
     Args:
         path: Run folder or Parquet file.
-        rigs: Which rigs of a record of several; empty for the first.
 
     Raises:
-        RecordError: If there is no record, or none of this program, or not of such rigs.
+        RecordError: If there is no record, or none of this program.
     """
     file = record_of(path)
     values, units, metadata = read_run(file)
@@ -233,39 +236,28 @@ def open_run(path: Path, rigs: tuple[int, ...] = ()) -> list[Replay]:
         scenario, absent = recorded(tables, str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
-    check_metadata(metadata, str(file))
+    for key, kind in SHAPES.items():
+        if not isinstance(metadata.get(key) or kind(), kind):
+            raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
     _check_rows(values, str(file))
-    present = np.unique(values["rig"]).astype(int).tolist() if "rig" in values else [0]
-    wrong = [rig for rig in rigs if rig not in present]
-    if wrong:
-        raise RecordError(f"{file}: no rig {wrong[0]} (recorded: {present[0]} to {present[-1]})")
-    name = file.resolve().parent.name if is_record(file) else file.stem
-    found = []
-    for rig in rigs or present[:1]:
-        chosen = values["rig"] == rig if "rig" in values else slice(None)
-        label = name if len(present) == 1 else f"{name}-rig-{rig}"
-        rows = {key: column[chosen] for key, column in values.items() if key != "rig"}
-        if not (np.diff(rows["time"]) > 0).all():
-            raise RecordError(f"{file}: time: must rise from row to row")
-        run = Replay(
-            label,
-            scenario,
-            rows,
-            units,
-            metadata.get("metrics", {}),
-            metadata.get("versions", {}),
-            file.parent,
-            tuple(metadata.get("events", ())),
-            metadata.get("ledger", {}),
-            metadata.get("branch", {}),
-            metadata.get("driven", {}),
-            metadata.get("classes", {}),
-            absent,
-        )
-        found.append(_killed(run) if file.name == STREAM else run)
-    return found
+    run = Replay(
+        file.resolve().parent.name if is_record(file) else file.stem,
+        scenario,
+        values,
+        units,
+        metadata.get("metrics", {}),
+        metadata.get("versions", {}),
+        file.parent,
+        tuple(metadata.get("events") or ()),
+        metadata.get("ledger", {}),
+        metadata.get("branch", {}),
+        metadata.get("driven", {}),
+        metadata.get("classes", {}),
+        absent,
+    )
+    return [_killed(run) if file.name == STREAM else run]
 
 
 def _killed(run: Replay) -> Replay:
@@ -277,18 +269,17 @@ def _killed(run: Replay) -> Replay:
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:
-    """Make sure that rows, of one rig or several, can be read as a run.
+    """Make sure that rows can be read as a run.
 
     Raises:
-        RecordError: If there are none, or a time, rig or state in them is none.
+        RecordError: If there are none, or a time or state in them is none.
     """
     if len(values["time"]) == 0:
         raise RecordError(f"{source}: the run ended before its first period")
     if not np.isfinite(values["time"]).all():
         raise RecordError(f"{source}: time: must be a number in every row")
-    rigs = values.get("rig", np.zeros(1))
-    if not (np.isin(rigs, np.arange(len(values["time"])))).all():
-        raise RecordError(f"{source}: rig: must be the number of a rig in every row")
+    if not (np.diff(values["time"]) > 0).all():
+        raise RecordError(f"{source}: time: must rise from row to row")
     strange = set(values["supervisor"].tolist()).difference(State)
     if strange:
         known = f"{min(State)} to {max(State)}"
@@ -297,7 +288,6 @@ def _check_rows(values: Mapping[str, Array], source: str) -> None:
 
 def open_runs(
     paths: tuple[Path, ...],
-    rigs: tuple[int, ...] = (),
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Replay]:
     """Several runs with names of their own.
@@ -305,7 +295,6 @@ def open_runs(
     Args:
         paths: Run folders, Parquet files, and folders of run folders, as ``compare`` writes them.
             Files of another kind beside them, as a pattern finds them, are passed over.
-        rigs: Which rigs of a record of several; empty for the first.
         tell: Is told which of several runs is passed over because it cannot be opened, and which
             is open without its law.
 
@@ -316,7 +305,7 @@ def open_runs(
     failed: list[RecordError] = []
     for path in _records(paths):
         try:
-            opened = open_run(path, rigs)
+            opened = open_run(path)
         except RecordError as error:
             failed.append(error)
             continue
