@@ -184,7 +184,7 @@ def side_by_side(
                 failed.append(done)
                 reporter.warn(f"{label}: {done}")
                 continue
-            each = Result.of(done, label, label)
+            each = Result.from_run(done, label)
             runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
     except KeyboardInterrupt:
         interrupted = True
@@ -224,7 +224,7 @@ def _each(
                 yield label, error
                 continue
             yield label, done
-            if done.outcome.interrupted:
+            if done.interrupted:
                 return
         return
     for label, case in cases.items():

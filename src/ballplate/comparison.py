@@ -122,7 +122,7 @@ class Comparison(Mapping[str, "Result"]):
         """For a notebook: indicators and picture."""
         from twin.report.numbers import rows
 
-        found = rows([each.replay for each in self._runs.values()])
+        found = rows(list(self._runs.values()))
         lines = [(row.label, *row.values, row.unit) for row in found]
         shown = table(("", *self.headings.values(), "unit"), lines)
         return page(self.title, shown, png_image(self.plot()))

@@ -28,7 +28,7 @@ from twin.report.numbers import own_settings, ranking
 from twin.shipped import find
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 
 @click.command()
@@ -76,7 +76,7 @@ def compare(
 
     opened = open_runs(kept, tell=warn) if kept else []
     measured, fitted = _measured(logs, names, opened, changed)
-    finished = {run.name: Result(run) for run in (*measured, *opened)}
+    finished = {run.name: Result.from_run(run) for run in (*measured, *opened)}
     over = parsed(vary)
     cases = cases_of(names, changes_of((*fitted, *changed), {}), over, alone=not finished)
     stem = f"compare-{'-'.join(map(_stem, (*names, *finished)))}"
@@ -91,7 +91,7 @@ def compare(
         shown = {found.headings[label]: each for label, each in summaries.items()}
         print_metrics(shown, everything=everything)
         print_reasons(shown)
-        for line in own_settings({found.headings[each]: found[each].replay for each in finished}):
+        for line in own_settings({found.headings[each]: found[each] for each in finished}):
             console.print(line, markup=False)
         for line in (*distances(measured, found.motions), ranking(shown)):
             console.print(line, style="bold", markup=False)
@@ -103,12 +103,12 @@ def compare(
 
 
 def _measured(
-    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Replay], changed: Sequence[str]
-) -> tuple[list[Replay], list[str]]:
+    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], changed: Sequence[str]
+) -> tuple[list[Run], list[str]]:
     """Logs as runs, and what their prediction is to be changed to."""
     from twin.run.log_run import fitting, log_run, read_log
 
-    runs: list[Replay] = []
+    runs: list[Run] = []
     fitted: list[str] = []
     for path in logs:
         rows = read_log(path)

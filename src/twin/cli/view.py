@@ -16,7 +16,7 @@ from twin.cli.output import console
 from twin.errors import TwinError, ViewError
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
     from twin.view.layout import Layout
 
 WEB_PORT = 9090
@@ -105,7 +105,7 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-def _instant(opened: list[Replay], at: float | None) -> float:
+def _instant(opened: list[Run], at: float | None) -> float:
     """The instant to show, within the run."""
     end = max(float(run.rows["time"][-1]) for run in opened)
     if at is not None and not 0 <= at <= end:

@@ -59,7 +59,7 @@ def whatif(
         beside.begin(load_drawing)
         moment = moment_of(run, at, scenario)
         found = futures(moment, lasting, branches_of(settings, branches))
-        if any(each.run.outcome.interrupted for each in found):
+        if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
         check_writable(folder)
         write(moment, found, folder, beside)
@@ -69,7 +69,7 @@ def whatif(
         print_json(summary(moment, found))
         return 0
     console.print(agreement(moment), markup=False)
-    print_metrics({each.label: each.run.metrics.as_dict() for each in found})
+    print_metrics({each.label: each.run.metrics for each in found})
     for each in found:
         if each.max_difference is not None:
             apart = f"{1000 * each.max_difference:.3g} mm from the record at most"
