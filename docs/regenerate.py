@@ -45,7 +45,7 @@ PAGES = {
     "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
     "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
-    "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
+    "settings": Page(("settings.md",), ("settings.py",)),
     "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
     "learning": Page(
         ("learning.md", "learning.png"),
@@ -71,7 +71,7 @@ PAGES = {
     **{
         f"study-{name}": Page(
             (f"studies/{name}.md", f"studies/{name}-*.svg"),
-            ("study", name, "--doc", "docs/studies"),
+            ("study_page.py", name),
         )
         for name in ("friction", "gains", "tournament", "what_matters")
     },

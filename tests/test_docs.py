@@ -30,6 +30,8 @@ WRITTEN = {
     "regenerate.py",
     "play_picture.py",
     "screenshots.py",
+    "settings.py",
+    "study_page.py",
 } | {
     "bring_up.py",
     "bring-up.template.md",

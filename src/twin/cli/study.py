@@ -37,7 +37,6 @@ BYTES = 800
 @PROCESSES
 @SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
-@click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
 @LAW
 @JSON
 def study(
@@ -47,7 +46,6 @@ def study(
     processes: int | None,
     scheduler: str | None,
     out: Path | None,
-    doc: Path | None,
     *,
     plan: bool,
     as_json: bool,
@@ -65,8 +63,6 @@ def study(
     with errors.status(f"{study}: checking every run ..."):
         work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
-    if doc is not None:
-        check_writable(doc, "--doc")
     if plan:
         check_writable(folder)
         return _plan(work, folder, processes, scheduler, as_json=as_json)
@@ -76,10 +72,6 @@ def study(
     from twin.study.report import endings
 
     about, found = work.study, done.answers
-    if doc is not None:
-        from twin.study.report import document
-
-        document(work, found, doc / f"{Path(study).stem}.md")
     if as_json:
         print_json(_numbers(about, found))
     else:
