@@ -13,7 +13,7 @@ from rich.markup import escape
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
-from twin.cli.output import console, duration, errors, print_json, print_titles
+from twin.cli.output import console, duration, errors, print_json, print_table, print_titles, say
 from twin.cli.terminal import Terminal
 from twin.jobs import cores
 from twin.shipped import chosen, shipped_in, titles
@@ -76,8 +76,7 @@ def study(
         print_json(_numbers(about, found))
     else:
         _show(about, found)
-        for line in endings(work, done.rows):
-            console.print(line, markup=False)
+        say(*endings(work, done.rows))
         console.print(f"written to {folder}/: report.html, figures/, rows.parquet, rows.csv")
     return 0
 
@@ -151,21 +150,15 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 
 def _show(about: Study, found: list[Answer]) -> None:
-    from rich.table import Table
-
     from twin.study.report import compared, grids
     from twin.study.summary import sentences
 
-    console.print(f"[bold]{about.title}[/bold]: {about.metrics[0]}")
+    console.print(f"[bold]{escape(about.title)}[/bold]: {about.metrics[0]}")
     for grid in grids(about, found):
-        console.print(grid.title, markup=False)
-        values = Table(*map(escape, grid.headings), header_style="bold")
-        for row in grid.rows:
-            values.add_row(*map(escape, row))
-        console.print(values)
-    table = Table("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail")
-    for answer in found:
-        table.add_row(*compared(answer))
-    console.print(table)
-    for sentence in sentences(about, found):
-        console.print(sentence, markup=False)
+        say(grid.title)
+        print_table(grid.headings, grid.rows)
+    print_table(
+        ("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail"),
+        map(compared, found),
+    )
+    say(*sentences(about, found))

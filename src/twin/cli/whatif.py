@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli.options import JSON
-from twin.cli.output import console, print_json, print_metrics, warn
+from twin.cli.output import console, print_json, print_metrics, say, warn
 from twin.writing import check_writable
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
@@ -68,12 +68,12 @@ def whatif(
     if as_json:
         print_json(summary(moment, found))
         return 0
-    console.print(agreement(moment), markup=False)
+    say(agreement(moment))
     print_metrics({each.label: each.run.metrics for each in found})
     for each in found:
         if each.max_difference is not None:
             apart = f"{1000 * each.max_difference:.3g} mm from the record at most"
-            console.print(f"{each.label}: {apart}", markup=False)
+            say(f"{each.label}: {apart}")
     console.print(
         f"written to {folder}/: picture.png, report.html and a run folder per branch for "
         f"`ballplate view {folder}` and `ballplate report {folder}`"
