@@ -37,7 +37,7 @@ def test_a_bare_log_lies_on_the_run_it_was_taken_from(made, tmp_path):
     expected = made.metrics["tracking_error_percent"]
     assert found.metrics["tracking_error_percent"] == pytest.approx(expected, rel=0.02)
     assert found.metrics["u_rms"] is None
-    assert distances([found], {"log": found.motion, "twin": made.motion})[0].startswith(
+    assert distances({"log": found}, {"log": found.motion, "twin": made.motion})[0].startswith(
         "log and twin are 0."
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -136,19 +136,18 @@ def apart(log: Run, twin: Motion) -> float:
     return float(np.sqrt((distance**2).sum(axis=1).mean()))
 
 
-def distances(logs: Iterable[Run], motions: Mapping[str, Motion]) -> list[str]:
+def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[str]:
     """How far logs and other runs are apart, in a sentence each.
 
     Args:
-        logs: Whose positions were measured.
+        logs: Name to those whose positions were measured.
         motions: Name to motion of all runs; those of the logs are among them.
     """
-    names = {log.name: log for log in logs}
     return [
         f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over x and y."
-        for name, log in names.items()
+        for name, log in logs.items()
         for other, motion in motions.items()
-        if other not in names
+        if other not in logs
     ]
 
 
