@@ -46,7 +46,7 @@ PAGES = {
     "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
     "claims": Page(("claims.md",), ("claims.py",)),
-    "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
+    "settings": Page(("settings.md",), ("settings.py",)),
     "performance": Page(
         ("performance.md", "data/performance.toml"),
         ("-m", "benchmarks", "--doc", "docs/performance.md"),
@@ -76,7 +76,7 @@ PAGES = {
     **{
         f"study-{name}": Page(
             (f"studies/{name}.md", f"studies/{name}-*.svg"),
-            ("study", name, "--doc", "docs/studies"),
+            ("study_page.py", name),
         )
         for name in ("friction", "gains", "tournament", "what_matters")
     },

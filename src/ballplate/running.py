@@ -100,19 +100,19 @@ def run(
         if real is not None:
             tell_timing(real, report)
         clean = None
-        if baseline is not None and not done.outcome.interrupted:
+        if baseline is not None and not done.interrupted:
             with suppress(KeyboardInterrupt):
                 clean = baseline()
         name = Path(scenario).stem
-        result = Result.of(done, name, label)
+        result = Result.from_run(done, name, label)
         if clean is not None:
-            result.baseline = Result.of(clean, name, CLEAN)
-        for other, its in {} if done.outcome.interrupted else further.items():
+            result.baseline = Result.from_run(clean, name, CLEAN)
+        for other, its in {} if done.interrupted else further.items():
             with suppress(KeyboardInterrupt):
-                result.beside[other] = Result.of(one_run(its, other, report), other, other)
+                result.beside[other] = Result.from_run(one_run(its, other, report), other)
         if folder is None:
             return result
-        if done.outcome.interrupted and past is None and holds_finished(folder):
+        if done.interrupted and past is None and holds_finished(folder):
             folder = free(folder)  # what is finished is worth more than a beginning
         return kept(result, folder, second)
 

@@ -172,21 +172,12 @@ class Rig:
         if rig not in range(len(self.scenarios)):
             raise TwinError(f"rig: must be 0 to {len(self.scenarios) - 1}, got {rig!r}")
         from ballplate.results import Result
-        from twin.run.control import build_reference
-        from twin.run.finished import Run
-        from twin.run.metrics import Motion, measure
         from twin.run.plants import PLANTS
-        from twin.scenario.changing import always_friction
 
-        scenario, outcome = self.scenarios[rig], self._ended[rig]
-        record = self._record.of_rig(rig)
-        desired = build_reference(scenario)(record.time)[0]
-        motion = Motion.of(record, desired, friction=always_friction(scenario))
-        judged = scenario.metrics
-        metrics = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
+        scenario, record = self.scenarios[rig], self._record.of_rig(rig)
         speed = record.length * self.period / self._spent
-        done = Run(scenario, record, outcome, metrics, motion, speed)
-        return Result.of(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
+        done = Result.of(scenario, record, self._ended[rig], real_time_factor=speed)
+        return Result.from_run(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
 
 
 def shaped(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:

@@ -210,3 +210,17 @@ def test_the_model_is_that_of_the_ball_asked_for():
     assert A[1, 2] == pytest.approx(0.6 * 9.81)  # a thin hollow sphere
     steel = ballplate.model("circle", plant={"ball": {"kind": "steel"}})
     assert steel.linear().A[1, 2] == pytest.approx(5 / 7 * 9.81, rel=1e-3)
+
+
+def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_path):
+    done.save(tmp_path / "run")
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        done.export(tmp_path / place / "log.csv")
+    logs = [tmp_path / place / "log.csv" for place in ("a", "b")]
+    found = ballplate.compare(tmp_path / "run", *logs, "circle", baseline=False, **QUICK)
+    assert list(found) == ["log", "log~2", "run", "circle"]
+    assert found.logs == ("log", "log~2")
+    assert np.array_equal(found["circle"].ball, done.ball)
+    with pytest.raises(ballplate.TwinError, match="names, files and results, got <Comparison"):
+        ballplate.compare(found)

@@ -118,7 +118,7 @@ def test_from_python_a_record_opens_without_its_law(gone):
     with pytest.warns(UserWarning, match="controller 'mine'"):
         found = bp.load(gone)
     assert found.finished
-    assert found.replay.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
+    assert found.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
 
 
 def test_a_run_that_cannot_be_opened_does_not_stop_a_comparison(ballplate, gone):
@@ -188,8 +188,8 @@ def test_where_a_reference_of_ones_own_led_is_in_the_record(ballplate):
     with pytest.warns(UserWarning, match="reference 'slope'"):
         found = bp.load("x")
     np.testing.assert_allclose(found.reference[:, 0], 0.1 * found.motion.time, atol=1e-12)
-    np.testing.assert_allclose(found.replay.reference(0.05)[1], [0.1, 0.0], atol=1e-9)
-    assert found.replay.reference(found.motion.time).shape == (5, len(found.motion.time), 2)
+    np.testing.assert_allclose(found.followed(0.05)[1], [0.1, 0.0], atol=1e-9)
+    assert found.followed(found.motion.time).shape == (5, len(found.motion.time), 2)
     assert ballplate("view", "x", "--rrd", "x.rrd")[0] == 0
 
 
@@ -374,7 +374,7 @@ BRIEF = {"duration": 0.1, "plant": {"kind": "lagrange"}}
 def test_a_law_imported_from_its_folder_runs_as_an_object(laws):
     done = bp.run("circle", controller=laws.Mine(plate=(50.0, 12.0)), **BRIEF)
     assert done.scenario.controller.settings == {"plate": [50.0, 12.0]}
-    assert done.replay.classes["controller"]["file"] == "mine.py"
+    assert done.classes["controller"]["file"] == "mine.py"
 
 
 def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
@@ -384,7 +384,7 @@ def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
     mine.write_text(text.replace(field, f"    more: float = 1.0\n{field}"), encoding="utf-8")
     done = bp.run("circle", controller=importlib.reload(laws).Mine(more=2.0), **BRIEF)
     assert done.scenario.controller.settings["more"] == 2.0
-    marks = {run.replay.classes["controller"]["sha256"] for run in (before, done)}
+    marks = {run.classes["controller"]["sha256"] for run in (before, done)}
     assert len(marks) == 2
 
 

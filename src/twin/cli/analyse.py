@@ -72,6 +72,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     from twin.thesis.claims import neglected_rows
 
     record = run_scenario(clean(scenario)).record
+    assert record is not None
     x, u = record["state"][:, 0], record["applied"][:, 0]
     steady = record.time >= scenario.metrics.start - 1e-9
     return {

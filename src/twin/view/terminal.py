@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from twin.hal.states import State
 from twin.jobs import orphaned
 from twin.run.control import build_reference
-from twin.run.replay import states_of
+from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, step_back
 from twin.view.shared_ring_buffer import SharedRingBuffer

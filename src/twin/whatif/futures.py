@@ -13,9 +13,10 @@ from twin.errors import RecordError
 from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
+from twin.run.finished import Run
 from twin.run.folders import forget_listed, free, record_of
 from twin.run.metrics import Motion
-from twin.run.replay import Replay, open_run
+from twin.run.replay import open_run
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
 from twin.whatif.branch import branch
@@ -101,7 +102,7 @@ def _noted(moment: Moment, *notes: tuple[str, ...]) -> Moment:
     return replace(moment, notes=sum(notes, moment.notes))
 
 
-def _not_repeated(run: Replay, at: float) -> tuple[str, ...]:
+def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
     """What a person did after a time in s that no future repeats."""
     pushes = sum(push[0] > at for push in run.driven.get("pushes", ()))
     controllers = sum(each["since"] > at for each in run.driven.get("controllers", ()))
@@ -159,7 +160,8 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     for each in found:
         folders.append(free(folder / each.name))
         save(each, moment, folders[-1])
-    end = max(each.run.record.end for each in found)
+    period = moment.scenario.rig.period
+    end = period + max(each.run.motion.time[-1] for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
     kept = {"folders": [own.name for own in folders]}
     write_json(folder / SUMMARY, summary(moment, found) | kept)
