@@ -79,10 +79,7 @@ HELP = {
     "safety": (
         "Inject every fault into a rig on emulated devices, and judge detection and reaction."
     ),
-    "analyse": (
-        "Analyse the system and its control loops and compare with the thesis, chapters "
-        "5 and 6.2.1."
-    ),
+    "analyse": "Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.",
     "calibrate": "Calibrate cam table, level and touch screen of a rig; measure its lost motion.",
     "completion": (
         "Print the script that completes commands, scenarios, runs and keys in a shell."
