@@ -64,15 +64,9 @@ PAGES = {
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),
-        ("reproduce", "--doc", "docs/reproduction.md"),
+        ("chapter8.py",),
     ),
-    "experiments": Page(
-        ("experiments.md", "figures/experiments.png"),
-        ("reproduce", "9", "--doc", "docs/experiments.md"),
-    ),
-    "explained": Page(
-        ("explained.md",), ("reproduce", "9", "--explained", "--doc", "docs/explained.md")
-    ),
+    "experiments": Page(("experiments.md", "figures/experiments.png"), ("chapter9.py",)),
     **{
         f"study-{name}": Page(
             (f"studies/{name}.md", f"studies/{name}-*.svg"),

@@ -43,6 +43,10 @@ WRITTEN = {
     "cure_attacks.toml",
     "tuned.py",
     "tuned.toml",
+    "claims.py",
+    "chapter8.py",
+    "chapter9.py",
+    "explained.md",
 }
 SMOOTH = "plant.friction.rolling_mm=0"
 

@@ -36,7 +36,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @SETTING
 @JSON
 def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
-    """Analyse control loops, the thesis's designs and a scenario's own, beside the thesis.
+    """Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.
 
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
     analyse.
