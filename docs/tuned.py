@@ -134,76 +134,36 @@ def said(cost: float | None) -> str:
 
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
     """The page as Markdown, of the laws that are tuned."""
+    from cure import filled  # noqa: PLC0415  the script beside this one
+
     names = sorted(found, key=lambda name: order(found[name]))
     tasks = [task.name for task in tune.tasks]
-    left = [law["name"] for law in plan["laws"] if law["name"] not in found]
-    less = fewer(plan, found)
-    lines = [
-        "# Equal budgets: every law tuned alike",
-        "",
-        "Made by `uv run python docs/regenerate.py tuned`; what it runs is `docs/tuned.toml`.",
-        "",
-        f"Each law's own fields were searched by `ballplate tune` with {plan['candidates']} "
-        f"candidates on {' then '.join(map(str, plan['rigs']))} rigs of the family "
-        f"`{tune.family}` (draw {tune.draw}) on the exact equations, for the mean cost of the "
-        f"worst {tune.tail:.0%} of the rigs; the best {tune.finalists} met the same rigs on the "
-        "mechanism in MuJoCo. What is told here is the certificate: "
-        f"{plan['certificate']} fresh rigs of draw {tune.certificate_draw} on the mechanism, "
-        "before (gains of the thesis, or a law's defaults) and after. The observers keep their "
-        "defaults. All tasks take 12 s, so that nothing is said of laws that learn for longer: "
-        "lap learning has no part. So small a budget finds less than the one "
-        "`ballplate tune` takes by itself.",
-        "",
-        "![Cost of every law on fresh rigs before and after](figures/tuned.svg)",
-        "",
-        "## Who wins",
-        "",
-        "Cost: mean over the tasks of RMS distance / scale, of the worst rigs; the scale is "
-        + ", ".join(f"{1e3 * task.scale:g} mm ({task.name})" for task in tune.tasks)
-        + f". Lost: rigs of {plan['certificate']} that did not finish every task, and the failure "
-        "rate that this excludes with 95 % confidence. A law that loses a rig has no cost. Tasks: "
-        "median and largest RMS distance of ball and reference in mm of the rigs that finished.",
-        "",
-        f"| law | lost | cost | {' | '.join(tasks)} | keeps its limits |",
-        "|---|--:|--:" + "|--:" * len(tasks) + "|---|",
-    ]
+    laws, fields = [], []
     for name in names:
-        about = found[name]
-        before, after = about["before"], about["after"]
-        lost = (
-            f"{before['failures']} → {after['failures']} "
-            f"(below {100 * after['failure_rate_below']:.2g} %)"
+        about, before, after = found[name], found[name]["before"], found[name]["after"]
+        share = f"below {100 * after['failure_rate_below']:.2g} %"
+        laws.append(
+            (
+                name,
+                f"{before['failures']} → {after['failures']} ({share})",
+                f"{said(before['cost'])} → {said(after['cost'])}",
+                *(cell(about, task) for task in tasks),
+                "yes" if about["kept"] else "no",
+            )
         )
-        cost = f"{said(before['cost'])} → {said(after['cost'])}"
-        cells = " | ".join(cell(about, task) for task in tasks)
-        kept = "yes" if about["kept"] else "no"
-        lines.append(f"| {name} | {lost} | {cost} | {cells} | {kept} |")
-    lines += [
-        "",
-        "Limits: disk margin of the nominal loop at least "
-        f"{tune.limits.disk:g}, {1e3 * tune.limits.delay:g} ms more dead time borne, RMS effort of "
-        f"any run at most {tune.limits.effort:g} rad/s^2.",
+        values = about["chosen"]["fields"].items()
+        fields.append((name, " ".join(f"`{key}={value:.4g}`" for key, value in values)))
+    winners = [
+        (task, *(best(found, side, task, number) for number, side in NUMBERS)) for task in tasks
     ]
-    lines += winners(found, tasks) + shares(found)
-    if plan["why"]:
-        lines += ["", "## Why", "", *(f"- {line}" for line in plan["why"])]
-    lines += [
-        "",
-        "## What was found",
-        "",
-        "| law | fields |",
-        "|---|---|",
-    ]
-    for name in names:
-        fields = found[name]["chosen"]["fields"]
-        texts = [f"`{key}={value:.4g}`" for key, value in fields.items()]
-        lines.append(f"| {name} | {' '.join(texts)} |")
-    if less:
-        lines += ["", f"Fewer candidates had the margins to be run: {'; '.join(less)}."]
-    if left:
-        lines += ["", f"Not tuned for this page: {'; '.join(left)}."]
-    lines.append("")
-    return "\n".join(lines)
+    left = [law["name"] for law in plan["laws"] if law["name"] not in found]
+    return filled(
+        "tuned", plan=plan, tune=tune, laws=laws, winners=winners, shares=shares(found),
+        fields=fields, less=fewer(plan, found), left=left,
+    )  # fmt: skip
+
+
+NUMBERS = [(number, side) for number in ("median", "largest") for side in ("before", "after")]
 
 
 def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) -> str:
@@ -216,50 +176,16 @@ def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) ->
     return f"{min(known)[1]}: {1e3 * min(known)[0]:.2g}" if known else "none"
 
 
-def winners(found: dict[str, dict[str, Any]], tasks: list[str]) -> list[str]:
-    """Who wins where."""
-    lines = [
-        "",
-        "## Where",
-        "",
-        "Least distance in mm among the laws that lost no rig: median of the fresh rigs, largest.",
-        "",
-        "| task | median before | median after | largest before | largest after |",
-        "|---|---|---|---|---|",
-    ]
-    for task in tasks:
-        cells = [
-            best(found, side, task, number)
-            for number in ("median", "largest")
-            for side in ("before", "after")
-        ]
-        lines.append(f"| {task} | {' | '.join(cells)} |")
-    return lines
-
-
-def shares(found: dict[str, dict[str, Any]]) -> list[str]:
+def shares(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
     """What tuning does to a law, and what the observer does."""
-    pairs = [
-        (name.removesuffix(OWN), found[name], found[name.removesuffix(OWN) + KNOWN])
-        for name in found
-        if name.endswith(OWN) and name.removesuffix(OWN) + KNOWN in found
-    ]
-    if not pairs:
-        return []
-    lines = [
-        "",
-        "## Tuning, or knowing the friction?",
-        "",
-        "Cost on the fresh rigs (rigs lost) of the thesis's laws with and without either.",
-        "",
-        "| law | neither | tuned | behind the observer | both |",
-        "|---|--:|--:|--:|--:|",
-    ]
-    for name, own, known in pairs:
-        sides = (own["before"], own["after"], known["before"], known["after"])
-        texts = [f"{said(side['cost'])} ({side['failures']})" for side in sides]
-        lines.append(f"| {name} | {' | '.join(texts)} |")
-    return lines
+    rows = []
+    for name, own in found.items():
+        law = name.removesuffix(OWN)
+        known = found.get(law + KNOWN)
+        if law != name and known is not None:
+            sides = (own["before"], own["after"], known["before"], known["after"])
+            rows.append((law, *(f"{said(side['cost'])} ({side['failures']})" for side in sides)))
+    return rows
 
 
 def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:

@@ -36,6 +36,9 @@ WRITTEN = {
     "bring_up.py",
     "bring-up.template.md",
     "performance.template.md",
+    "cure.template.md",
+    "cure_attacks.template.md",
+    "tuned.template.md",
     "cure.py",
     "cure.toml",
     "cure_floor.py",
@@ -56,6 +59,12 @@ def script(name):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(autouse=True)
+def beside(monkeypatch):
+    """The scripts find each other, as where they are run."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
 
 
 @pytest.fixture(scope="module")

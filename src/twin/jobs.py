@@ -52,10 +52,10 @@ def results(
             yield name, work(job)
         return
     try:
-        with _pool(processes) as pool:
-            for name, future in handed_out(pool, work, jobs, AHEAD * processes):
+        with pool(processes) as executor:
+            for name, future in handed_out(executor, work, jobs, AHEAD * processes):
                 yield name, future.result()
-            pool.shutdown()
+            executor.shutdown()
     except BrokenProcessPool as error:
         raise TwinError("a process of this command was killed; is there enough memory?") from error
 
@@ -79,7 +79,7 @@ class SecondProcess:
 
     def __enter__(self) -> SecondProcess:
         """Have the process; it starts with its first work."""
-        self._pool = self._ends.enter_context(_pool(1)) if self.there else None
+        self._pool = self._ends.enter_context(pool(1)) if self.there else None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -188,15 +188,16 @@ def program_left_out() -> Iterator[None]:
 
 
 @contextmanager
-def _pool(processes: int) -> Iterator[_Pool]:
+def pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    pool = _Pool(processes, multiprocessing.get_context(_start_method()), run_path, (str(WORKER),))
+    context = multiprocessing.get_context(_start_method())
+    executor = _Pool(processes, context, run_path, (str(WORKER),))
     try:
-        yield pool
+        yield executor
     finally:
         # whatever ended this early, nobody wants the rest any more
-        pool.shutdown(wait=False, cancel_futures=True)
+        executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
 

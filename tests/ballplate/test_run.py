@@ -115,7 +115,7 @@ def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place(o
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
 def test_a_law_that_only_this_process_knows_runs_in_it(own, monkeypatch):
-    monkeypatch.setattr("twin.jobs._pool", None)
+    monkeypatch.setattr("twin.jobs.pool", None)
     found = ballplate.compare("hold", vary={"controller": [own, "lqr"]}, processes=2, **QUICK)
     assert [each.outcome for each in found.values()] == ["finished", "finished"]
     with pytest.raises(ballplate.TwinError, match="taken by LQR"):

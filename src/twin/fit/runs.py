@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
-from functools import partial
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from twin.scenario import Scenario
 from twin.study.build import Builder
 from twin.study.carry import carry
 from twin.study.store import Store
-from twin.study.work import ScenarioRuns, carry_out
+from twin.study.work import ScenarioRuns
 
 Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""
@@ -105,7 +104,6 @@ class Runs:
                 self._store,
                 executor=self._executor,
                 processes=self._processes,
-                do=partial(carry_out, seen=True),
                 whole=True,
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
             ).to_pylist()
