@@ -10,7 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.ranges import NotNegative, Positive, check
 
+STATES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
+"""Names of the state (5.5) in columns and signals."""
 MEASURED = (0, 2, 4, 6)
 """Where the measurement y = (x, phi, y, theta) of (5.3) stands in the state (5.5)."""
 BALL = [0, 4]
@@ -54,15 +57,15 @@ class BallPlate:
         ValueError: If a parameter is not finite, or not positive where it must be.
     """
 
-    mass: float = 0.024
+    mass: Positive = 0.024
     """Mass of the ball in kg, thesis A.2."""
-    radius: float = 0.02
+    radius: Positive = 0.02
     """Radius of the ball in m, thesis A.2."""
-    inertia: float = 6.4e-6
+    inertia: Positive = 6.4e-6
     """Moment of inertia of the ball in kg m^2, thesis A.2 (a thin hollow sphere)."""
-    gravity: float = 9.81
+    gravity: Positive = 9.81
     """Gravitational acceleration in m/s^2, thesis A.2."""
-    height: float = 0.122
+    height: NotNegative = 0.122
     """Distance d_cs from the cardan joint up to the surface in m, thesis A.2."""
 
     d: float = field(init=False, repr=False)
@@ -82,12 +85,7 @@ class BallPlate:
 
     def __post_init__(self) -> None:
         """Check the parameters and derive the constants of (5.1)."""
-        for name in ("mass", "radius", "inertia", "gravity", "height"):
-            value = getattr(self, name)
-            low = value >= 0 if name == "height" else value > 0
-            if not (math.isfinite(value) and low):
-                sign = "not negative" if name == "height" else "positive"
-                raise ValueError(f"ball {name} must be finite and {sign}, got {value}")
+        check(self)
         m, r, J = self.mass, self.radius, self.inertia
         d = self.height + r
         c1 = m * r**2 / (m * r**2 + J)

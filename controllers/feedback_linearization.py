@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Len
 
 from controllers.ballplate import desired
 from controllers.interfaces import Array, Law, Reference
-from controllers.poles import Pole, gains_from, real_gains, require_stable, stable_poles
+from controllers.poles import Pole, gains_from, require_stable, stable_poles
 from controllers.ranges import Positive
 
 
@@ -29,7 +29,7 @@ class AFL(Law):
 
     poles: tuple[Pole, ...] = (-2, -2.5, -3.5, -4)
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.4."""
-    gains: tuple[float, ...] | None = None
+    gains: Annotated[tuple[float, ...], Len(4, 4)] | None = None
     """The gains (p0, p1, p2, p3) themselves; given, they replace the poles."""
 
     powers: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
@@ -40,11 +40,12 @@ class AFL(Law):
 
     def __post_init__(self) -> None:
         """Check the settings and turn the poles into gains."""
+        super().__post_init__()
         powers = list(self.powers)
         if self.gains is None:
             p = gains_from(stable_poles(self.poles, len(powers)))[powers]
         elif self.poles == type(self).poles:
-            p = np.array(real_gains(self.gains, len(powers)))
+            p = np.array(self.gains)
             require_stable(p[np.argsort(powers)], self.gains)
         else:
             raise ValueError("gains replace poles: give either gains or poles")
@@ -78,19 +79,12 @@ class AFLIntegral(AFL):
 
     poles: tuple[Pole, ...] = (-1, -1.5, -2, -2.5, -3)
     """Poles of the error dynamics of either axis in 1/s; the default is case 2 of Table 8.6."""
-    gains: tuple[float, ...] | None = None
+    gains: Annotated[tuple[float, ...], Len(5, 5)] | None = None
     """The gains (p0, p1, p2, p3, p_I) themselves; given, they replace the poles."""
     powers: ClassVar[tuple[int, ...]] = (1, 2, 3, 4, 0)
     """As of AFL, in the polynomial s^5 + p3 s^4 + ... + p0 s + p_I (6.61)."""
     integral_limit: Positive | None = None
     """Anti-windup: q grows no further than this in m s. None, as in the thesis: no limit."""
-
-    def __post_init__(self) -> None:
-        """Check the settings and turn the poles into gains."""
-        super().__post_init__()
-        limit = self.integral_limit
-        if limit is not None and not (math.isfinite(limit) and limit > 0):
-            raise ValueError(f"integral_limit must be a positive number or none, got {limit}")
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
         """Error e of x and y in m, or zero where q is at its limit and e points beyond it."""

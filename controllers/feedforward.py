@@ -42,6 +42,7 @@ class Feedforward(Law):
 
     def __post_init__(self) -> None:
         """Check the settings and compute the feedback gain once."""
+        super().__post_init__()
         A, B, _ = self.model.linear()
         if self.poles is None:
             K = optimal(A, B, weights(self.rho, self.kappa), (1.0, 1.0))

@@ -58,6 +58,10 @@ class Reference(ABC):
     name: ClassVar[str]
     """What a scenario calls the reference."""
 
+    def __post_init__(self) -> None:
+        """Check the ranges of the settings."""
+        check(self)
+
     @abstractmethod
     def __call__(self, t: float | Array) -> Array:
         """Position and four time derivatives of the wished ball position.

@@ -37,18 +37,6 @@ def stable_poles(poles: Sequence[Pole], count: int) -> tuple[Pole, ...]:
     return tuple(pole if pole.imag else pole.real for pole in numbers)
 
 
-def real_gains(gains: Sequence[float], count: int) -> tuple[float, ...]:
-    """The gains as they are, if they are real numbers and as many as there must be.
-
-    Raises:
-        ValueError: If their number is wrong, or one is not real and finite.
-    """
-    real = all(isinstance(gain, int | float) and np.isfinite(gain) for gain in gains)
-    if not real or len(gains) != count:
-        raise ValueError(f"gains must be {count} real numbers, got {list(gains)}")
-    return tuple(gains)
-
-
 def require_stable(coefficients: Array, gains: Sequence[float]) -> None:
     """Make sure that s^n + ... + c1 s + c0 has all its roots left of the imaginary axis.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from controllers.arrays import Array, some
 from controllers.interfaces import DelayedObserver, Measurement, Observer
+from controllers.ranges import NotNegative
 
 BALL = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""
@@ -26,8 +27,7 @@ class Smith(Observer):
     the observer is corrected by the delayed innovation, and nothing else is predicted. A good model
     without noise has no innovation, and the dead time disappears; else the observer's error runs
     through a loop with a dead time in it, which fast poles make ring: a Luenberger observer with
-    the poles of (8.1) is left with damping 0.2 at 42 ms and is unstable above 56 ms. See
-    ``error_poles`` of ``controllers.observers.error_dynamics``.
+    the poles of (8.1) is left with damping 0.2 at 42 ms and is unstable above 56 ms.
 
     Past estimates are kept once a period; between two of them a straight line is drawn, as for a
     dead time that is no multiple of the period. A position that has waited since it arrived, as
@@ -45,15 +45,14 @@ class Smith(Observer):
 
     observer: Observer
     """The observer that is handed the prediction."""
-    delay: float = 0.042
+    delay: NotNegative = 0.042
     """Dead time tau of the ball's position in s, Table A.2."""
 
     _past: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Take over the observer's model and period."""
-        if not (math.isfinite(self.delay) and self.delay >= 0):
-            raise ValueError(f"delay must be a number, 0 or more, got {self.delay}")
+        super().__post_init__()
         if isinstance(self.observer, DelayedObserver):
             name = self.observer.name
             raise ValueError(f"observer '{name}' makes up for the dead time itself: no predictor")

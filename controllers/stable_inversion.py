@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -34,10 +33,6 @@ class StableInversion(AboutMotion):
 
     with K of the linear-quadratic regulator of eta'' = k1 a. Jumps of the reference are spread.
 
-    Near rest a dither may keep the ball from sticking: a circle of the plate, faster than the ball
-    follows, that fades with the wished speed as 1 / (1 + (|r'| / ``dither_speed``)^2). It costs
-    ``dither_effort`` and is off unless asked for. Resonances of the plate are no place for it.
-
     Raises:
         ValueError: If a setting is not finite or has the wrong sign.
     """
@@ -61,32 +56,6 @@ class StableInversion(AboutMotion):
     """Wished speed in m/s, now and a second on, below which the ball is to be held rather than
     moved: friction is then fed forward along the ball's own heading, there being no other. 0 for
     never."""
-    dither_deg: NotNegative = 0.0
-    """Amplitude of the dither in deg; 0 for none. Play needs three quarters of its own width."""
-    dither_frequency: Positive = 8.0
-    """Frequency of the dither in Hz."""
-    dither_speed: Positive = 0.03
-    """Wished speed in m/s at which half of the dither is left."""
-
-    @property
-    def dither_effort(self) -> float:
-        """RMS of the plate acceleration that the dither costs at rest, rad/s^2 on each axis."""
-        return math.radians(self.dither_deg) * self._dither_omega**2 / math.sqrt(2)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What the dither costs, where there is one."""
-        if not self.dither_deg:
-            return ()
-        return (
-            f"The dither costs {self.dither_effort:.2g} rad/s² (RMS) of plate acceleration on "
-            "each axis near rest.",
-        )
-
-    @property
-    def _dither_omega(self) -> float:
-        """Angular frequency of the dither in rad/s."""
-        return 2 * math.pi * self.dither_frequency
 
     def start(self, x: Array, reference: Reference, period: float) -> InversePlan:
         """The motion of ball and plate, its first slice laid."""
@@ -102,8 +71,6 @@ class StableInversion(AboutMotion):
             (free.rate + F * drag.rate) / gain,
             (free.acceleration + F * drag.acceleration) / gain,
         )
-        if self.dither_deg:
-            slope = self._shaken(slope, now.time, wanted.velocity)
         return self.about(now.x, wanted.position, wanted.velocity, slope)
 
     def _dragged(self, wanted: InverseMotion, x: Array) -> Tilts:
@@ -117,17 +84,6 @@ class StableInversion(AboutMotion):
         own = (1 - planned) * v / (length * self.model.k1)
         angle, rate, acceleration = wanted.drag
         return Tilts(planned * angle + own, planned * rate, planned * acceleration)
-
-    def _shaken(self, slope: Tilts, t: float, velocity: Array) -> Tilts:
-        """Slopes with the dither on them."""
-        w = self._dither_omega
-        speed = (velocity * velocity).sum(axis=-1, keepdims=True)
-        size = math.radians(self.dither_deg) / (1 + speed / self.dither_speed**2)
-        circle = size * np.array([math.cos(w * t), math.sin(w * t)])
-        turning = size * np.array([-w * math.sin(w * t), w * math.cos(w * t)])
-        return Tilts(
-            slope.angle + circle, slope.rate + turning, slope.acceleration - w * w * circle
-        )
 
 
 class InverseMotion(NamedTuple):

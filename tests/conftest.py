@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from controllers.catalog import forget
-from twin.scenario.load import check, override
+from twin.scenario.load import check, put, setting
 
 TABLES = {
     "title": "test",
@@ -100,6 +100,6 @@ def scenario():
     """A short scenario on the exact plant, changed by overrides."""
 
     def make(*overrides):
-        return check(override(TABLES, overrides), "test")
+        return check(put(TABLES, map(setting, overrides)), "test")
 
     return make

@@ -39,6 +39,7 @@ class Luenberger(LinearObserver):
 
     def __post_init__(self) -> None:
         """Design the gain."""
+        super().__post_init__()
         A, B, _ = self.model.linear()
         self.A, self.B = sample(A, B, self.period)
         self.L = np.zeros((8, 4))

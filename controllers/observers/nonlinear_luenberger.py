@@ -65,6 +65,7 @@ class NonlinearLuenberger(Observer):
 
     def __post_init__(self) -> None:
         """Design the gains."""
+        super().__post_init__()
         A, B = sample(np.eye(4, k=1), np.eye(4)[:, 3:], self.period)
         self.G = np.array([chain_gain(mine, self.period) for mine in axis_poles(self.poles)])
         self.H = chain_gain(stable_poles(self.plate_poles, 2), self.period)

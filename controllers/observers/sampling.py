@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy
 
@@ -20,19 +18,9 @@ def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:
 
     Returns:
         Ad, shape (n, n), and Bd, shape (n, m).
-
-    Raises:
-        ValueError: If the period is not positive and finite.
     """
-    check_period(T)
     n, m = B.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = A, B
     step = scipy.linalg.expm(block * T)
     return step[:n, :n], step[:n, n:]
-
-
-def check_period(T: float) -> None:
-    """Raise a ValueError unless the period is positive and finite."""
-    if not (math.isfinite(T) and T > 0):
-        raise ValueError(f"period must be a positive number, got {T}")

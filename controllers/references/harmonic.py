@@ -9,9 +9,14 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from controllers.interfaces import Array, Reference
-from controllers.references.checks import not_zero, pair
+from controllers.ranges import Pair
 
 Wave = Literal["sin", "cos"]
+
+
+def both(value: Pair) -> tuple[float, float]:
+    """A number for each axis."""
+    return (value, value) if isinstance(value, int | float) else value
 
 
 class Oscillation:
@@ -21,12 +26,17 @@ class Oscillation:
         sine: S for x and y in m.
         cosine: C for x and y in m.
         omega: Angular frequency for x and y in rad/s.
+
+    Raises:
+        ValueError: If a frequency is zero.
     """
 
     def __init__(
         self, sine: Sequence[float], cosine: Sequence[float], omega: Sequence[float]
     ) -> None:
-        S, C, self._omega = np.array(sine), np.array(cosine), np.array(omega)
+        if 0 in omega:
+            raise ValueError("omega must not be zero")
+        S, C, self._omega = np.array(sine), np.array(cosine), np.array(omega, float)
         speed = self._omega ** np.arange(5)[:, None]
         # Each derivative turns sin into cos and cos into -sin.
         self._sine = speed * (S, -C, -S, C, S)
@@ -55,9 +65,9 @@ class Sine(Reference):
 
     name: ClassVar[str] = "sine"
 
-    amplitude: float | tuple[float, float] = 0.15
+    amplitude: Pair = 0.15
     """Amplitude in m, one for both axes or (x, y)."""
-    omega: float | tuple[float, float] = 0.5
+    omega: Pair = 0.5
     """Angular frequency in rad/s, one for both axes or (x, y)."""
     wave: tuple[Wave, Wave] = ("sin", "sin")
     """Whether x and y start in the middle ("sin") or at the end of the swing ("cos")."""
@@ -66,16 +76,12 @@ class Sine(Reference):
 
     def __post_init__(self) -> None:
         """Check the settings."""
-        amplitude, omega = pair("amplitude", self.amplitude), pair("omega", self.omega)
-        for value in omega:
-            not_zero("omega", value)
-        wave = tuple(self.wave)
-        if len(wave) != 2 or not {"sin", "cos"}.issuperset(wave):
-            raise ValueError(f'wave must be two of "sin" and "cos", for x and y, got {self.wave}')
-        sine = [a if w == "sin" else 0.0 for a, w in zip(amplitude, wave, strict=True)]
-        cosine = [a if w == "cos" else 0.0 for a, w in zip(amplitude, wave, strict=True)]
-        object.__setattr__(self, "wave", wave)
-        object.__setattr__(self, "_motion", Oscillation(sine, cosine, omega))
+        super().__post_init__()
+        waves = list(zip(both(self.amplitude), self.wave, strict=True))
+        sine = [a if w == "sin" else 0.0 for a, w in waves]
+        cosine = [a if w == "cos" else 0.0 for a, w in waves]
+        object.__setattr__(self, "wave", tuple(self.wave))
+        object.__setattr__(self, "_motion", Oscillation(sine, cosine, both(self.omega)))
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""

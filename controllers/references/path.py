@@ -11,7 +11,6 @@ import scipy
 
 from controllers.interfaces import Array, Reference
 from controllers.ranges import Positive
-from controllers.references.checks import finite, pair, positive
 from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
 
 
@@ -40,13 +39,10 @@ class Transition(Reference):
 
     def __post_init__(self) -> None:
         """Check the settings and join the two points."""
-        start, end = pair("start", self.start), pair("end", self.end)
-        time, duration = finite("time", self.time), positive("duration", self.duration)
-        before, after = at_rest(start), at_rest(end)
-        pieces = (linear(before), join(before, after, duration), linear(after))
-        motion = in_turn((time, time, time + duration), pieces)
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "end", end)
+        super().__post_init__()
+        before, after = at_rest(self.start), at_rest(self.end)
+        pieces = (linear(before), join(before, after, self.duration), linear(after))
+        motion = in_turn((self.time, self.time, self.time + self.duration), pieces)
         object.__setattr__(self, "_motion", motion)
 
     def __call__(self, t: float | Array) -> Array:
@@ -85,11 +81,10 @@ class Path(Reference):
 
     def __post_init__(self) -> None:
         """Check the settings, lay the curve and make the schedule."""
-        points = tuple(pair("points", point) for point in self.points)
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "_curve", _curve(np.array(points), self.closed))
-        duration, time = positive("duration", self.duration), finite("time", self.time)
-        ramp = duration / 4 if self.ramp is None else positive("ramp", self.ramp)
+        super().__post_init__()
+        object.__setattr__(self, "_curve", _curve(np.array(self.points, float), self.closed))
+        duration, time = self.duration, self.time
+        ramp = duration / 4 if self.ramp is None else self.ramp
         if not self.closed and ramp > duration / 2:
             raise ValueError(f"ramp must be at most half the duration, {duration / 2}, got {ramp}")
         schedule = _schedule(time, duration, ramp, self.closed)

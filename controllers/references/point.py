@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.interfaces import Array, Reference
-from controllers.references.checks import finite, pair
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +29,9 @@ class Hold(Reference):
 
     def __post_init__(self) -> None:
         """Check the settings."""
+        super().__post_init__()
         path = np.zeros((5, 2))
-        path[0] = finite("x", self.x), finite("y", self.y)
+        path[0] = self.x, self.y
         object.__setattr__(self, "_path", path)
 
     def __call__(self, t: float | Array) -> Array:
@@ -59,12 +59,6 @@ class Step(Reference):
     """Position (x, y) from the step on in m, plate axes."""
     time: float = 0.0
     """Time of the step in s."""
-
-    def __post_init__(self) -> None:
-        """Check the settings."""
-        finite("time", self.time)
-        for name in ("start", "end"):
-            object.__setattr__(self, name, pair(name, getattr(self, name)))
 
     def __call__(self, t: float | Array) -> Array:
         """Position and four derivatives at t, shape (5, *shape(t), 2)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import comb, factorial
 from typing import Any, ClassVar
 
@@ -12,7 +13,6 @@ import numpy as np
 
 from controllers.interfaces import Array, Reference
 from controllers.ranges import Positive
-from controllers.references.checks import finite, pair, positive
 
 ORDER = 5
 """Of the filter: position and four derivatives are continuous."""
@@ -47,20 +47,17 @@ class Setpoints(Reference):
 
     def __post_init__(self) -> None:
         """Check the settings and lead the filter along the goals."""
+        super().__post_init__()
         if not self.points:
             raise ValueError("points must have at least one goal (time, x, y)")
-        tau = positive("time_constant", self.time_constant)
-        laid: _Filter | None = None
-        points: list[tuple[float, float, float]] = []
-        for point in self.points:
-            if len(point) != 3:
-                raise ValueError(f"points must be (time, x, y) each, got {len(point)} numbers")
-            time, goal = finite("points", point[0]), pair("points", point[1:])
-            if points and not time > points[-1][0]:
-                raise ValueError(f"points: times must rise, got {points[-1][0]:g} and {time:g} s")
-            points.append((time, *goal))
-            laid = _Filter(1 / tau, time, goal) if laid is None else laid.then(time, goal)
-        object.__setattr__(self, "points", tuple(points))
+        for (before, *_), (time, *_) in pairwise(self.points):
+            if not time > before:
+                raise ValueError(f"points must rise in time, got {before:g} and {time:g} s")
+        points = tuple((float(time), float(x), float(y)) for time, x, y in self.points)
+        laid = _Filter(1 / self.time_constant, points[0][0], points[0][1:])
+        for time, *goal in points[1:]:
+            laid = laid.then(time, goal)
+        object.__setattr__(self, "points", points)
         object.__setattr__(self, "_filter", laid)
         object.__setattr__(self, "_faded", _made(self.before))
 

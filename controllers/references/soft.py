@@ -10,9 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.interfaces import Array, Reference
-from controllers.ranges import NotNegative
-from controllers.references.checks import finite, not_zero, pair, positive
-from controllers.references.harmonic import Oscillation
+from controllers.ranges import NotNegative, Pair, Positive
+from controllers.references.harmonic import Oscillation, both
 from controllers.references.piecewise import WithDerivatives, at_rest, in_turn, join, linear
 
 REVOLUTIONS = 0.75
@@ -40,14 +39,13 @@ class _SoftStarted(Reference):
 
     @abstractmethod
     def _settings(self) -> tuple[Oscillation, float]:
-        """Check the settings; the motion and its fastest angular frequency in rad/s."""
+        """The motion and its fastest angular frequency in rad/s."""
 
     def __post_init__(self) -> None:
         """Join rest and motion."""
+        super().__post_init__()
         motion, fastest = self._settings()
         start = REVOLUTIONS * 2 * math.pi / fastest if self.start is None else self.start
-        if not (math.isfinite(start) and start >= 0):
-            raise ValueError(f"start must be a number of seconds, 0 or more, got {start}")
         rest = at_rest((0.0, 0.0))
         still = linear(rest)
         pieces = (still, join(rest, motion(start), start) if start > 0 else still)
@@ -74,13 +72,13 @@ class Circle(_SoftStarted):
 
     name: ClassVar[str] = "circle"
 
-    amplitude: float = 0.15
+    amplitude: Positive = 0.15
     """Radius A in m."""
     omega: float = 0.5
     """Angular frequency in rad/s; negative goes round the other way."""
 
     def _settings(self) -> tuple[Oscillation, float]:
-        A, omega = positive("amplitude", self.amplitude), not_zero("omega", self.omega)
+        A, omega = self.amplitude, self.omega
         return Oscillation((A, 0.0), (0.0, A), (omega, omega)), abs(omega)
 
 
@@ -94,7 +92,7 @@ class Lissajous(_SoftStarted):
 
     name: ClassVar[str] = "lissajous"
 
-    amplitude: float | tuple[float, float] = (0.2, 0.12)
+    amplitude: Pair = (0.2, 0.12)
     """Amplitude in m, one for both axes or (x, y)."""
     omega: tuple[float, float] = (0.4, 0.6)
     """Angular frequencies (x, y) in rad/s."""
@@ -102,9 +100,6 @@ class Lissajous(_SoftStarted):
     """Phase of x in rad."""
 
     def _settings(self) -> tuple[Oscillation, float]:
-        (A_x, A_y), omega = pair("amplitude", self.amplitude), pair("omega", self.omega)
-        phase = finite("phase", self.phase)
-        for value in omega:
-            not_zero("omega", value)
+        (A_x, A_y), omega, phase = both(self.amplitude), self.omega, self.phase
         sine, cosine = (A_x * math.cos(phase), A_y), (A_x * math.sin(phase), 0.0)
         return Oscillation(sine, cosine, omega), max(abs(omega[0]), abs(omega[1]))

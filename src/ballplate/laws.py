@@ -1,7 +1,8 @@
 """Control laws, and what a law of one's own follows.
 
 Each is a frozen dataclass: ``LQR(rho=100.0)``. Given to ``run`` as ``controller`` it is built anew
-on the nominal model; on its own ``control(t, x, reference, q)`` gives plate accelerations.
+on the ball that the scenario describes; on its own ``control(t, x, reference, q)`` gives plate
+accelerations.
 """
 
 from controllers.backstepping import Backstepping

@@ -20,7 +20,8 @@ def model(
     more are functions of any state.
 
     Args:
-        scenario: Whose ball it has; the nominal one by default.
+        scenario: Whose ball it has, as its controller is designed on it; the nominal one by
+            default.
         settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.
 
@@ -31,5 +32,4 @@ def model(
 
     if scenario is None:
         return BallPlate()
-    ball = scenario_of(scenario, changes_of(settings, changes)).plant.ball
-    return BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia)
+    return scenario_of(scenario, changes_of(settings, changes)).designed_on

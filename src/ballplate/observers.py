@@ -1,7 +1,7 @@
 """State estimators, and what an observer of one's own follows.
 
 Each is a dataclass: ``Luenberger(poles=(-8, -10, -14, -16))``; given to ``run`` as ``observer`` it
-is built anew on the nominal model for the control period of the run.
+is built anew on the ball that the scenario describes for the control period of the run.
 """
 
 from controllers.ballplate import BallPlate

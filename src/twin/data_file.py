@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import tomllib
 from datetime import date, time
 from pathlib import Path
@@ -11,38 +10,16 @@ from typing import Any
 
 from twin.errors import TwinError
 
-LONGEST = 1_000_000
-"""Characters of a TOML file."""
 DEEPEST = 32
-"""Levels of nesting, and parts of a dotted key."""
-LONGEST_KEY = 200
-"""Characters of one part of a key."""
+"""Levels of nesting."""
 INTEGERS = (-(2**63), 2**63 - 1)
 """Smallest and largest integer, as TOML promises them."""
 
-_PART = r"""(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
-_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST},}}")
 _TOO_LARGE = "an integer beyond 64 bit"
 
 
 class DataError(TwinError, ValueError):
     """A file or text is not what it should be; the message names no source: the caller does."""
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; also for a name that no file can have."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
-def is_folder(path: Path) -> bool:
-    """Whether there is such a folder; also for a name that none can have."""
-    try:
-        return path.is_dir()
-    except OSError:
-        return False
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -54,8 +31,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     if "\0" in str(path):
         raise DataError("cannot be read: a NUL in its name")
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            return parse_toml(file.read(LONGEST + 1))
+        return parse_toml(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"not a TOML file: {error}") from error
     except OSError as error:
@@ -69,12 +45,6 @@ def parse_toml(text: str) -> dict[str, Any]:
         tomllib.TOMLDecodeError: If it is not TOML.
         DataError: If it goes beyond a limit of this module.
     """
-    if len(text) > LONGEST:
-        raise DataError(f"longer than {LONGEST} characters")
-    # the library takes time and memory that grow with the square of a key's parts
-    if long := _LONG_KEY.search(text):
-        line = text.count("\n", 0, long.start()) + 1
-        raise DataError(f"line {line}: a key of more than {DEEPEST} parts")
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
@@ -110,13 +80,11 @@ def _integer(digits: str) -> int:
 
 
 def _check(value: Any, level: int = 0) -> None:
-    """Refuse what is nested too deep, a key that is too long, and an integer that is too large."""
+    """Refuse what is nested too deep, a date, and an integer that is too large."""
     if level > DEEPEST:
         raise DataError(f"nested deeper than {DEEPEST} levels")
     if isinstance(value, dict):
-        for key, inner in value.items():
-            if len(key) > LONGEST_KEY:
-                raise DataError(f"a key of {len(key)} characters; at most {LONGEST_KEY}")
+        for inner in value.values():
             _check(inner, level + 1)
     elif isinstance(value, list):
         for inner in value:

@@ -154,22 +154,37 @@ class _Pool(ProcessPoolExecutor):
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
-        program = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
-        try:
+        with program_left_out():
             return self._handed(work, *args, **kwargs)
-        finally:
-            sys.modules["__main__"] = program
 
     def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
-        if sys.platform == "win32":
+        with undisturbed(*_ENDING):
             return super().submit(work, *args, **kwargs)
-        # a process keeps the mask it is started with: it is safe even before it runs a line
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_ENDING})
-        try:
-            return super().submit(work, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def undisturbed(*more: signal.Signals) -> Iterator[None]:
+    """Ctrl-C and more signals leave alone what is begun within, even before it runs a line."""
+    if sys.platform == "win32":
+        yield
+        return
+    # a process keeps the mask it is started with
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *more})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def program_left_out() -> Iterator[None]:
+    """A process begun within does not run the program again that began this one."""
+    program = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = program
 
 
 @contextmanager
@@ -219,12 +234,16 @@ def settle() -> None:
     Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def orphaned() -> bool:
+    """Whether the process that began this one is gone, also if that was before the first line."""
     parent = multiprocessing.parent_process()
-    assert parent is not None
-    if sys.platform == "win32":
-        parent.join()
     # a forked process itself holds open what would tell it of its parent's end
-    while os.getppid() == parent.pid:
+    return parent is not None and os.getppid() != parent.pid
+
+
+def _end_with_parent() -> None:
+    if sys.platform == "win32" and (parent := multiprocessing.parent_process()):
+        parent.join()
+    while not orphaned():
         time.sleep(LOOKED)
     os._exit(1)

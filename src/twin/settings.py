@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from functools import cache
@@ -17,6 +18,8 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
+
+from twin.errors import ModelError
 
 Model = TypeVar("Model")
 SAME = object()
@@ -112,6 +115,32 @@ def settings_of(cls: Any) -> Mapping[str, Setting]:
 def _settings_of(cls: Any) -> Mapping[str, Setting]:
     found = {item.name: item.metadata.get("setting") for item in dataclasses.fields(cls)}
     return MappingProxyType({name: about for name, about in found.items() if about is not None})
+
+
+def check(item: object) -> None:
+    """Make sure that an object's numbers are finite and in the ranges of the keys that set them.
+
+    Raises:
+        ModelError: If one is not: which, what is allowed, and what it is.
+    """
+    for name, about in settings_of(type(item)).items():
+        value = getattr(item, name)
+        if value is None:
+            continue
+        numbers = np.asarray(value, float)
+        inside = np.isfinite(numbers)
+        for bound, limit in about.bounds.items():
+            inside &= _HOLDS[bound](numbers, about.unit.to_si(limit))
+        if not inside.all():
+            bounds = [
+                f"{_WORDS[bound]} {about.unit.to_si(limit):g}"
+                for bound, limit in about.bounds.items()
+            ]
+            raise ModelError(f"{name} must be {' and '.join(bounds) or 'finite'}, got {value}")
+
+
+_HOLDS = {"ge": operator.ge, "gt": operator.gt, "le": operator.le, "lt": operator.lt}
+_WORDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 
 
 def per_rig(about: Setting, scenarios: Sequence[Any]) -> Any:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from difflib import get_close_matches
+from os.path import isdir, isfile  # False, no error, of a name that no file can have
 from pathlib import Path
 
 import controllers
-from twin.data_file import DataError, is_file, is_folder, read_toml
+from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
 OTHERS = {"studies", "fits", "families", "tunes"}
@@ -66,8 +67,8 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
         ScenarioError: If there is no such file.
     """
     path = known.get(name) or Path(name)
-    if not is_file(path):
-        if what == "scenario" and (name == "last" or is_file(path / "run.parquet")):
+    if not isfile(path):  # noqa: PTH113
+        if what == "scenario" and (name == "last" or isfile(path / "run.parquet")):  # noqa: PTH113
             raise ScenarioError(
                 f"'{shortened(name)}' is a run, not a scenario; to look at it: "
                 f"ballplate report {shortened(name)}, or view, compare, export"
@@ -78,7 +79,7 @@ def chosen(what: str, name: str, known: Mapping[str, Path]) -> Path:
 
 def _hint(what: str, name: str, known: Mapping[str, Path]) -> str:
     """The nearest names, else the short ones; and the command that lists all."""
-    if is_folder(Path(name)):
+    if isdir(name):  # noqa: PTH112
         return f"; that is a folder, a {what} is a TOML file"
     close = get_close_matches(name, known, n=3, cutoff=0.6)
     every = f"; `ballplate {LISTS[what]}` lists all" if what in LISTS else ""

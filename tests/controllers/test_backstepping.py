@@ -2,7 +2,6 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -73,11 +72,3 @@ def test_the_lyapunov_function_falls_by_the_squares_of_the_errors(x, c, t):
         squares = np.square(errors(*axis))
         scale = 1 + np.abs(own) * np.sqrt(squares.sum()) + squares.sum()
         np.testing.assert_allclose(fall(*axis, own), -np.dot(c, squares), atol=1e-9 * scale)
-
-
-@pytest.mark.parametrize(
-    "c", [(1, 2, 2.5), (1, 2, 2.5, 0), (1, 2, -2.5, 3), (1, 2, 2.5, float("inf"))], ids=range(4)
-)
-def test_gains_that_cannot_be_are_refused_in_one_line(c):
-    with pytest.raises(ValueError, match=r"\Ac must be 4 positive numbers, got .*\Z"):
-        Backstepping(c=c)

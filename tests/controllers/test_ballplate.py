@@ -3,8 +3,6 @@ import math
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
@@ -192,18 +190,9 @@ def test_leading_axes_are_rigs(name, shape):
     np.testing.assert_allclose(together.reshape(apart.shape), apart, rtol=1e-14, atol=1e-15)
 
 
-@given(
-    st.sampled_from(["mass", "radius", "inertia", "gravity"]),
-    st.floats(max_value=0) | st.sampled_from([math.nan, math.inf]),
-)
-def test_parameter_that_cannot_be_is_refused_by_name(name, value):
-    with pytest.raises(ValueError, match=f"ball {name} must be finite and positive"):
-        BallPlate(**{name: value})
-
-
 def test_surface_through_the_joint_is_allowed_but_not_below_it():
     assert BallPlate(height=0).d == MODEL.radius
-    with pytest.raises(ValueError, match="ball height"):
+    with pytest.raises(ValueError, match="height must be a number, 0 or more"):
         BallPlate(height=-1e-9)
 
 

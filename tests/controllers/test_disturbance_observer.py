@@ -68,11 +68,6 @@ def test_the_gains_give_three_equal_poles(T):
     np.testing.assert_allclose(np.poly(closed), np.poly([np.exp(-6.0 * T)] * 3), atol=1e-12)
 
 
-def test_a_pole_that_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="pole must"):
-        DisturbanceObserver(pole=0.0)
-
-
 def test_rigs_whose_frames_come_at_other_times_are_estimated_as_alone():
     every = np.array([1, 9])
     together = DisturbanceObserver(delay=0.0)

@@ -247,38 +247,3 @@ def test_ball_that_is_not_felt_corrects_nothing_but_the_plate_still_does():
     np.testing.assert_allclose(variance[0, [0, 1, 4, 5]], np.square(SPREAD)[[0, 1, 4, 5]])
     assert (variance[0, [2, 6]] < 0.01 * np.square(SPREAD)[[2, 6]]).all()
     np.testing.assert_allclose(variance[0, [2, 6]], variance[1, [2, 6]])
-
-
-def test_batch_gives_each_rig_what_it_gets_alone():
-    x, u = moving(6)
-    y = x @ C.T + 0.01
-
-    def final(x, y, u):
-        observer = ExtendedKalman(spread=SPREAD)
-        observer.start(x)
-        for _ in range(3):
-            observer.correct(measured(y))
-            observer.predict(u)
-        return observer
-
-    together = final(x.reshape(2, 3, 8), y.reshape(2, 3, 4), u.reshape(2, 3, 2))
-    for rig in range(6):
-        alone = final(x[rig], y[rig], u[rig])
-        np.testing.assert_allclose(together.x.reshape(6, 8)[rig], alone.x, rtol=1e-11, atol=1e-14)
-        np.testing.assert_allclose(together.P.reshape(6, 8, 8)[rig], alone.P, rtol=1e-9, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"Q": (1.0, -1.0)}, "Q must be 2 positive numbers"),
-        ({"R": (1.0, 1.0, 1.0)}, "R must be 4 positive numbers"),
-        ({"spread": (1.0,) * 7}, "spread must be 8 positive numbers"),
-        ({"spread": (0.0,) * 8}, "spread must be 8 positive numbers"),
-        ({"period": -1.0}, "period must be a positive number"),
-        ({"period": -1.0, "spread": (1.0,) * 8}, "period must be a positive number"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        ExtendedKalman(**settings)

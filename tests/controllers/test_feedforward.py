@@ -64,11 +64,9 @@ def test_a_reference_beyond_gravity_still_gives_a_finite_input():
     [
         ({"poles": (-1, -2, -3)}, "poles must be 4 numbers, got 3"),
         ({"poles": (-1, -2, -3, 4)}, "poles must have a negative real part, got 4"),
-        ({"rho": -1}, "rho must be a positive number, got -1"),
-        ({"kappa": float("nan")}, "kappa must be a number, 0 or more, got nan"),
         ({"poles": (-1, -2, -3, -4), "rho": 100}, "poles replace rho and kappa"),
     ],
-    ids=range(5),
+    ids=range(3),
 )
 def test_settings_that_cannot_be_are_refused_in_one_line(wrong, said):
     with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):

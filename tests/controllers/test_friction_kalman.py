@@ -238,18 +238,3 @@ def test_the_equivalent_angle_moves_a_ball_without_friction_alike():
 def test_a_predictor_around_it_is_refused():
     with pytest.raises(ValueError, match="'friction_kalman' makes up for the dead time itself"):
         Smith(observer=FrictionKalman(delay=0.042))
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [
-        {"believed_mm": -0.1},
-        {"walk": (1, 1, 1)},
-        {"delay": -1.0},
-        {"R": (0.0, 1.0)},
-        {"resting_walk": 0.0},
-    ],
-)
-def test_settings_that_cannot_be_are_refused(setting):
-    with pytest.raises(ValueError, match="must be"):
-        FrictionKalman(**setting)

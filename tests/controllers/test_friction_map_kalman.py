@@ -268,18 +268,3 @@ def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     assert np.isfinite(x[0]).all()
     assert np.isnan(x[1, 0])
     assert np.isnan(single[0])
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [
-        {"map_spread": 0.0},
-        {"map_length": -0.01},
-        {"map_pitch": float("nan")},
-        {"map_sides": (0.7, 0.0)},
-        {"map_sides": (0.7,)},
-    ],
-)
-def test_settings_that_cannot_be_are_refused(setting):
-    with pytest.raises(ValueError, match="map_"):
-        FrictionMapKalman(**setting)

@@ -64,10 +64,6 @@ def test_all_that_is_wrong_dies_out_as_fast_as_is_asked(frequencies):
     assert np.linalg.eigvals(closed(law)).real.max() < -0.4
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [{"frequencies": (0.0,)}, {"frequencies": (1.0, 1.0)}, {"decay": -1.0}, {"Q": (1.0,)}],
-)
-def test_settings_that_cannot_be_are_refused(setting):
-    with pytest.raises(ValueError, match="must"):
-        InternalModel(**setting)
+def test_a_frequency_given_twice_is_refused():
+    with pytest.raises(ValueError, match=r"\Afrequencies must differ"):
+        InternalModel(frequencies=(1.0, 1.0))

@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import pytest
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Feedback
@@ -71,9 +70,3 @@ def test_the_plates_motion_for_a_correction_moves_the_ball_by_it():
     ball = np.gradient(velocity, times, axis=0)[1:-1]
     expected = (MODEL.k1 * angle - MODEL.c2 * acceleration)[1:-1]
     assert np.abs(ball - expected).max() < 2e-3 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("setting", [{"gain": 2.0}, {"omega": 0.0}, {"harmonics": 0}])
-def test_settings_that_cannot_be_are_refused(setting):
-    with pytest.raises(ValueError, match="must"):
-        IterativeLearning(**setting)

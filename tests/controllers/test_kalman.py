@@ -137,18 +137,3 @@ def test_ball_that_is_not_felt_corrects_nothing_but_the_plate_still_does():
     y = np.array([np.nan, 0.1, np.nan, -0.1])
     x = observer.correct(Measurement(0.0, y, np.zeros(()), np.array(False)))
     np.testing.assert_allclose(x, observer.L @ [0, 0.1, 0, -0.1], rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"Q": (1.0, -1.0)}, "Q must be 2 positive numbers"),
-        ({"Q": (1.0, 0.0)}, "Q must be 2 positive numbers"),
-        ({"Q": (1.0,)}, "Q must be 2 positive numbers"),
-        ({"R": (1.0, 1.0, 1.0)}, "R must be 4 positive numbers"),
-        ({"R": (1.0, 1.0, 1.0, np.inf)}, "R must be 4 positive numbers"),
-    ],
-)
-def test_variances_that_cannot_be_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        Kalman(**settings)

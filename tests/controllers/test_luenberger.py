@@ -145,9 +145,3 @@ def test_ball_that_is_not_felt_corrects_nothing_but_the_plate_still_does():
 def test_poles_that_cannot_be_placed_are_refused(poles, message):
     with pytest.raises(ValueError, match=message):
         Luenberger(poles=poles)
-
-
-@pytest.mark.parametrize("period", [0, -0.002, np.inf, np.nan])
-def test_period_that_cannot_be_is_refused(period):
-    with pytest.raises(ValueError, match="period must be a positive number"):
-        Luenberger(period=period)

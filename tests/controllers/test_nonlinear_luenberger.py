@@ -174,7 +174,6 @@ def test_ball_that_is_not_felt_corrects_nothing():
         ({"poles": (-8, -10, -14, -16 + 1j)}, "conjugate pairs"),
         ({"plate_poles": (-8, -10, -14)}, "poles must be 2 numbers, got 3"),
         ({"plate_poles": (-8, 10)}, "negative real part"),
-        ({"period": 0.0}, "period must be a positive number"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(settings, message):

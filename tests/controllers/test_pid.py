@@ -29,12 +29,3 @@ def test_its_integral_stops_where_the_angle_is_at_its_limit_and_goes_back_at_onc
     assert law.memory_rate(0.0, x, Hold(x=0.05), 0 * q)[0, 0] == pytest.approx(0.05)
     u = law.control(0.0, x, Hold(x=0.2), q)
     np.testing.assert_allclose(u, [[144.0 * np.radians(5.0), 0.0]], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [({"ki": -1.0}, "ki"), ({"filter": 0.0}, "filter"), ({"angle": 11.0}, "10 or less")],
-)
-def test_what_is_no_pid_is_refused(wrong, words):
-    with pytest.raises(ValueError, match=words):
-        Pid(**wrong)

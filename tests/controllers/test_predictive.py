@@ -1,5 +1,3 @@
-import math
-
 import daqp
 import numpy as np
 import pytest
@@ -138,8 +136,3 @@ def test_without_the_library_it_is_refused_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(ValueError, match=r"pip install 'ballplate\[mpc\]'"):
         Predictive()
-
-
-def test_limits_that_cannot_be_are_refused():
-    with pytest.raises(ValueError, match="angle_deg must"):
-        Predictive(angle_deg=math.nan)

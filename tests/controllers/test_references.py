@@ -256,23 +256,14 @@ def test_what_a_reference_returns_can_be_changed_without_changing_the_reference(
 @pytest.mark.parametrize(
     ("kind", "wrong", "field"),
     [
-        (Hold, {"x": math.nan}, "x"),
-        (Step, {"end": (0, math.inf)}, "end"),
-        (Step, {"end": (0, 0, 0)}, "end"),
         (Sine, {"omega": 0}, "omega"),
         (Sine, {"wave": ("sin", "tan")}, "wave"),
-        (Sine, {"amplitude": (0.1, 0.1, 0.1)}, "amplitude"),
-        (Circle, {"amplitude": -0.1}, "amplitude"),
         (Circle, {"omega": 0}, "omega"),
-        (Circle, {"start": -1}, "start"),
         (Lissajous, {"omega": (0.5, 0)}, "omega"),
-        (Lissajous, {"phase": math.inf}, "phase"),
-        (Transition, {"duration": 0}, "duration"),
         (Path, {"points": ((0, 0),)}, "points"),
         (Path, {"points": ((0, 0), (0.1, 0)), "closed": True}, "points"),
         (Path, {"points": ((0, 0), (0, 0), (0.1, 0))}, "points"),
         (Path, {"points": ((0, 0), (0.1, 0, 3))}, "points"),
-        (Path, {"duration": -1}, "duration"),
         (Path, {"duration": 8, "ramp": 5}, "ramp"),
     ],
 )

@@ -78,8 +78,8 @@ def test_many_times_are_worked_out_in_blocks(monkeypatch):
     ("settings", "said"),
     [
         ({"points": ()}, "at least one goal"),
-        ({"points": ((0, 0, 0), (0, 1, 1))}, "times must rise, got 0 and 0 s"),
-        ({"points": ((0, 0),)}, "must be \\(time, x, y\\) each, got 2 numbers"),
+        ({"points": ((0, 0, 0), (0, 1, 1))}, "points must rise in time, got 0 and 0 s"),
+        ({"points": ((0, 0),)}, "points must be lists of 3 finite numbers"),
         ({"points": ((0, np.nan, 0),)}, "finite"),
         ({"time_constant": 0}, "positive"),
         ({"before": {"kind": "setpoints"}}, "before: no reference 'setpoints'"),

@@ -62,18 +62,3 @@ def test_each_axis_of_the_flat_model_comes_to_its_point(start):
     x = solve_ivp(rate, (0, 25), x0, t_eval=np.linspace(15, 25, 101), rtol=1e-6, atol=1e-9).y
     # The sigmoid leaves no finite time to zero, but a neighbourhood well inside a tenth.
     assert np.abs(x[[0, 4]]).max() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"alpha": -1.5}, "alpha must be a positive number, got -1.5"),
-        ({"epsilon": 0}, "epsilon must be a positive number, got 0"),
-        ({"betas": (0.5, 1)}, "betas must be 3 positive numbers"),
-        ({"betas": (0.5, -1, 3)}, "betas must be 3 positive numbers"),
-    ],
-    ids=range(4),
-)
-def test_settings_that_cannot_be_are_refused_in_one_line(wrong, said):
-    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
-        SlidingMode(**wrong)

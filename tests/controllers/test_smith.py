@@ -1,9 +1,10 @@
+import copy
+
 import numpy as np
 import pytest
 
 from controllers.interfaces import Measurement
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
-from controllers.observers.error_dynamics import error_poles
 from controllers.smith import Smith
 
 T = 0.002
@@ -143,6 +144,39 @@ def test_error_from_a_wrong_start_runs_through_a_loop_with_the_dead_time_in_it(d
     np.testing.assert_allclose(rate, slowest, rtol=0.1, atol=0.02)
 
 
+def error_poles(observer, delay=0.0):
+    """Poles of an observer's error about the level plate when the ball is seen a dead time late.
+
+    Without a dead time the poles of A (I - L C); with one, behind a Smith predictor, those of
+
+        e[k] = (I - L_p C_p) A e[k-1] - L_b C_b e[k-n],
+
+    n periods being the dead time, rounded, and p, b the measurements of plate and ball. A and L are
+    found by giving the observer small states and measurements, so it may be any.
+
+    Poles in 1/s, the slowest first; a positive one is unstable.
+    """
+    probe, small, y = copy.copy(observer), 1e-6, np.zeros((8, 4))
+    age, touched = np.zeros(8), np.ones(8, dtype=bool)
+    probe.start(small * np.eye(8))
+    probe.predict(np.zeros((8, 2)))
+    A = probe.x.T / small
+    probe.start(np.zeros((8, 8)))
+    y[:4] = small * np.eye(4)
+    L = probe.correct(Measurement(0.0, y, age, touched))[:4].T / small
+    C = np.eye(8)[0::2]
+    now, late = np.eye(8) - L[:, 1::2] @ C[1::2], L[:, 0::2] @ C[0::2]
+    n = round(delay / observer.period)
+    step = np.eye(8 * max(n, 1), k=-8)
+    step[:8] = 0
+    step[:8, :8] = (now if n else now - late) @ A
+    if n:
+        step[:8, -8:] -= late
+    modes = np.linalg.eigvals(step)
+    poles = np.log(modes[np.abs(modes) > 1e-12].astype(complex)) / observer.period
+    return poles[np.argsort(-poles.real)]
+
+
 @pytest.mark.parametrize("delay", [0.002, 0.01, 0.042])
 def test_error_poles_are_those_of_the_loop_with_the_dead_time_in_it(delay):
     inner = Luenberger()
@@ -181,13 +215,6 @@ def test_poles_of_8_1_bear_a_dead_time_so_long_and_no_longer(kind, longest):
 def test_poles_of_8_1_are_left_with_a_damping_of_a_fifth_at_42_ms():
     slowest = error_poles(Luenberger(), 0.042)[0]
     assert -slowest.real / np.abs(slowest) == pytest.approx(0.2, abs=0.01)
-
-
-def test_asking_for_the_error_poles_leaves_the_observer_as_it_was():
-    observer = Luenberger()
-    observer.start(np.ones(8))
-    error_poles(observer)
-    np.testing.assert_array_equal(observer.x, 1)
 
 
 @pytest.mark.parametrize(("age", "touched"), [(0.0, False), (0.2, True)])
@@ -243,9 +270,3 @@ def test_model_and_period_are_the_observers():
     observer = Smith(observer=inner)
     assert observer.model is inner.model
     assert observer.period == 0.005
-
-
-@pytest.mark.parametrize("delay", [-0.001, np.inf, np.nan])
-def test_delay_that_cannot_be_is_refused(delay):
-    with pytest.raises(ValueError, match="delay must be a number, 0 or more"):
-        Smith(observer=Luenberger(), delay=delay)

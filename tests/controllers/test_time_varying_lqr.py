@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import SIGN, BallPlate
@@ -77,8 +76,3 @@ def test_rigs_with_paths_of_their_own_get_what_each_gets_alone():
     for rig, path in enumerate(paths):
         alone = commands(path, x[rig])
         np.testing.assert_allclose(together[:, rig], alone, rtol=1e-9, atol=1e-9)
-
-
-def test_a_horizon_that_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="horizon must"):
-        TimeVaryingLQR(horizon=0.0)

@@ -78,7 +78,6 @@ def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
     [
         (["log.xlsx"], "log.xlsx: the ending says what is written; known: .csv, .mat, .parquet"),
         (["log.csv", "--columns", "true_z"], "--columns: no column 'true_z'; did you mean 'true_"),
-        (["log.csv", "--rig", "3"], "no rig 3 (recorded: 0 to 0)"),
     ],
 )
 def test_wrong_requests_are_one_line_and_write_nothing(

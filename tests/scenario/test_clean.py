@@ -1,6 +1,7 @@
 """The clean model knows nothing of what a scenario says of its rig."""
 
 import pytest
+from every_setting import OTHER
 
 from twin.run.execute import run
 from twin.scenario import load
@@ -8,62 +9,23 @@ from twin.scenario.clean import clean
 from twin.scenario.plant import MECHANISM_ONLY, PlantTable
 from twin.scenario.schema import Scenario
 
-OF_THE_RIG = {
-    "plant.level_deg": "[0.5, -0.5]",
+BALL = {
     "plant.ball.kind": "steel",
     "plant.ball.mass": "0.03",
     "plant.ball.radius": "0.021",
     "plant.ball.inertia": "5e-6",
-    "plant.ball.offset_mm": "[0.1, 0, 0]",
-    "plant.ball.oval_mm": "0.1",
-    "plant.friction.rolling_mm": "0.3",
-    "plant.friction.breakaway_ratio": "2.0",
-    "plant.friction.stribeck_speed": "0.01",
-    "plant.friction.dwell_time": "1.0",
-    "plant.friction.viscous_mm": "0.5",
-    "plant.friction.presliding_um": "50.0",
-    "plant.friction.sliding": "0.3",
-    "plant.friction.spinning_mm": "0.1",
-    "plant.surface.spread_percent": "20.0",
-    "plant.surface.slope_deg": "0.1",
-    "plant.surface.patch_mm": "30.0",
-    "plant.surface.seed": "3",
-    "plant.surface.relative": "[[1.0, 1.2], [0.9, 1.0]]",
-    "plant.surface.height_um": "[[0.0, 9.0], [5.0, 0.0]]",
-    "plant.servo.bandwidth_hz": "10.0",
-    "plant.servo.backlash_deg": "0.1",
-    "plant.servo.hysteresis_deg": "0.1",
-    "plant.servo.resonance_hz": "15.0",
-    "plant.servo.resonance_damping": "0.3",
-    "plant.servo.vibration": "0.5",
-    "plant.servo.vibration_hz": "20.0",
-    "plant.servo.vibration_wander": "1.0",
-    "plant.servo.speed_limit": "100.0",
-    "plant.servo.torque_limit": "4.0",
-    "plant.wheels.stiffness": "60000.0",
-    "plant.wheels.damping_ratio": "1.0",
-    "plant.spring.preload": "60.0",
-    "plant.plate.offset_mm": "[1.0, 1.0]",
-    "plant.plate.joint_friction": "1.0",
-    "plant.start.spin": "20.0",
-    "rig.cams": "ratio",
-    "rig.cam_error_percent": "[3.0, 3.0]",
-    "rig.cam_coupling_percent": "2.0",
-    "sensors.noise_hold": "0.01",
-    "sensors.touch.dead_time": "0.08",
-    "sensors.touch.dead_time_spread": "0.002",
-    "sensors.touch.rotation_deg": "2.0",
-    "sensors.touch.frame_rate": "100.0",
-    "sensors.touch.grid": "256",
-    "sensors.touch.variance": "[1e-6, 1e-6]",
-    "sensors.encoders.counts": "1000",
-    "sensors.encoders.variance": "[1e-8, 1e-8]",
-    "disturbance.variance": "[1e-3, 1e-3]",
 }
-"""Every key that makes the rig another one, and a value it does not have by default."""
+"""Keys of the ball, for which a controller is designed unless it is told of another."""
 KEPT = {"plant.kind", "plant.step", "sensors.ideal"} | {
     f"plant.start.{name}" for name in ("x", "y", "x_rate", "y_rate")
 }
+OF_THE_RIG = {
+    key: value
+    for key, value in OTHER.items()
+    if key.startswith(("plant.", "sensors.", "disturbance.", "rig.cam"))
+    if key not in KEPT | BALL.keys()
+}
+"""Every other key that makes the rig another one, and a value it does not have by default."""
 
 
 def keys(table, prefix):
@@ -81,7 +43,8 @@ def test_every_key_of_plant_sensors_and_disturbance_is_either_dropped_or_kept():
         for table in ("plant", "sensors", "disturbance")
         for key in keys(dumped[table], f"{table}.")
     }
-    assert found == KEPT | {key for key in OF_THE_RIG if not key.startswith("rig.")}
+    dropped = {key for key in OF_THE_RIG if not key.startswith("rig.")}
+    assert found == KEPT | dropped | BALL.keys()
     assert {f"plant.{key}" for key in MECHANISM_ONLY} <= OF_THE_RIG.keys()
 
 
@@ -90,6 +53,14 @@ def test_another_rig_has_the_same_clean_model(key, value):
     other = load("circle", (f"{key}={value}",))
     assert other != load("circle")
     assert clean(other) == clean(load("circle"))
+
+
+@pytest.mark.parametrize(("key", "value"), BALL.items(), ids=BALL)
+def test_the_clean_model_has_the_ball_that_the_controller_is_designed_on(key, value):
+    other = load("circle", (f"{key}={value}",))
+    assert clean(other).designed_on == other.designed_on == clean(other).plant.ball.model
+    hidden = (f"{key}={value}", "controller.model=nominal")
+    assert clean(load("circle", hidden)).plant == clean(load("circle")).plant
 
 
 def test_a_clean_model_is_a_scenario_that_can_be_written_and_read():
@@ -101,4 +72,4 @@ def test_a_clean_model_is_a_scenario_that_can_be_written_and_read():
 @pytest.mark.long
 def test_on_the_clean_model_nothing_but_discretisation_keeps_the_ball_from_the_circle():
     changes = ("duration=12", "metrics.start=8.0", "plant.level_deg=[1.0, 1.0]")
-    assert run(clean(load("circle", changes))).metrics.tracking_error_percent < 0.3
+    assert run(clean(load("circle", changes))).metrics["tracking_error_percent"] < 0.3

@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 
 from twin.errors import ScenarioError
 from twin.scenario import load, shipped
-from twin.scenario.load import check, override, read
+from twin.scenario.load import check, put, read, setting
+
+
+def override(tables, overrides):
+    """The tables with each ``key=value`` put in."""
+    return put(tables, map(setting, overrides))
+
 
 MINIMAL = {
     "title": "t",

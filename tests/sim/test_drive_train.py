@@ -64,21 +64,6 @@ def test_a_soft_train_swings_as_its_equation_says():
     assert np.abs(np.array(ends) - exact).max() < 1e-9
 
 
-def test_rigs_side_by_side_keep_their_own_parts_and_a_stiff_one_follows_at_once():
-    model = DriveModel(
-        hysteresis=np.array([0.0, 0.004]), resonance=np.array([0.0, 2.0]), backlash=np.zeros(2)
-    )
-    drives = SimulatedDrives(model, 0.002, 5.0, streams(2))
-    assert not drives.ideal
-    rates = np.random.default_rng(0).normal(size=(50, 2, 2))
-    followed = np.array([drives.follow(rate) for rate in rates])
-    assert np.array_equal(followed[:, 0], rates[:, 0])
-    assert np.abs(followed[:, 1] - rates[:, 1]).max() > 0.1
-    alone = SimulatedDrives(DriveModel(hysteresis=0.004, resonance=2.0), 0.002, 5.0, streams(1))
-    single = np.array([alone.follow(rate[1:]) for rate in rates])
-    assert np.array_equal(single[:, 0], followed[:, 1])
-
-
 def test_a_motor_is_ahead_of_its_shaft_by_what_the_play_holds_back():
     drives = SimulatedDrives(DriveModel(backlash=0.004), 0.002, 5.0, streams(1))
     forth = [drives.follow(np.full((1, 2), 1.0)) for _ in range(100)]

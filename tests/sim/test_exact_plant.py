@@ -63,15 +63,6 @@ def test_a_rolling_ball_stops_after_the_distance_coulomb_says_and_stays():
     assert plant.state[0, 1::4].tolist() == [0.0, 0.0]
 
 
-def test_rigs_of_one_plant_may_have_different_friction():
-    arms = np.array([0.0, 1e-4, 3e-4])
-    plant = ExactPlant(rigs=3, friction=Friction(rolling=arms))
-    plant.start(np.tile([0.0, 0.1, 0.0, 0.0], (3, 1)))
-    plant.advance(np.zeros((3, 2)), 100)
-    lost = 0.1 - plant.state[:, 1]
-    assert lost == pytest.approx(MODEL.c1 * 9.81 * arms / MODEL.radius * 0.1, abs=1e-9)
-
-
 def test_a_ball_that_left_the_screen_has_fallen_for_good():
     plant = ExactPlant()
     plant.start(np.array([[0.349, 1.0, 0.0, 0.0]]))

@@ -5,14 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+import ballplate as bp
 from controllers.arrays import Number, column
 from twin.errors import ModelError, ScenarioError
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import assemble
+from twin.run.batch import simulate
+from twin.run.episodes import Episodes
 from twin.run.execute import run
-from twin.run.plants import PLANTS, change_plant
+from twin.run.plants import PLANTS, PlantKind, register
 from twin.scenario import load
 from twin.scenario.load import validated
+from twin.scenario.plant import PLANTS as NAMED
 from twin.scenario.tables import table
 from twin.settings import Unit, filled, setting
 
@@ -57,12 +61,15 @@ class Frictionless:
     channels: tuple[str, ...] = ()
 
     def __init__(self, rigs, step):
-        self.rigs, self.step = rigs, step
+        self.rigs, self.step, self.x = rigs, step, np.zeros((rigs, 8))
         self.start(np.zeros((rigs, 4)))
 
     def start(self, ball, spin=0.0):
-        self.x = np.zeros((self.rigs, 8))
-        self.x[:, (0, 1, 4, 5)] = ball
+        self.begin(np.arange(self.rigs), ball)
+
+    def begin(self, rigs, ball, spin=0.0):
+        self.x[rigs] = 0.0
+        self.x[rigs[:, None], (0, 1, 4, 5)] = ball
 
     def advance(self, motor_rate, steps):
         for _ in range(steps):
@@ -92,22 +99,51 @@ class Frictionless:
         return self.x[:, :0]
 
 
-def test_a_plant_that_nobody_knows_how_to_change_is_refused_in_a_line():
-    scenario = load("circle", EXACT)
-    with pytest.raises(ModelError, match=r"plant\.kind: Frictionless cannot be changed"):
-        change_plant(Frictionless(1, 0.001), [scenario])
+@pytest.fixture
+def own():
+    """A kind of plant that no scenario could name before."""
 
-
-def test_a_plant_is_one_class_and_one_entry(monkeypatch):
     def build(scenarios, threads):
         return Frictionless(len(scenarios), scenarios[0].plant.step), FixedRatio()
 
+    register("frictionless", PlantKind(build, "without friction"))
+    yield "plant.kind=frictionless"
+    del PLANTS["frictionless"]
+    NAMED.remove("frictionless")
+
+
+def test_a_plant_that_nobody_registered_is_refused_in_a_line():
+    with pytest.raises(ScenarioError, match=r"plant\.kind: must be 'mujoco' or 'lagrange', got"):
+        load("circle", ["plant.kind=frictionless"])
+
+
+def test_a_plant_that_nobody_knows_how_to_change_is_refused_in_a_line(own):
+    change = 'change=[{at=0.5, set={"plant.friction.rolling_mm"=0.1}}]'
+    with pytest.raises(ModelError, match=r"plant\.kind: Frictionless cannot be changed"):
+        run(load("circle", [*EXACT, own, change]))
+    episodes = Episodes([load("circle", [*EXACT, own])] * 2)
+    episodes.begin(np.array([1]), [load("circle", [*EXACT, own, "plant.start.x=0.1"])])
+    assert episodes.state[:, 0].tolist() == [0.0, 0.1]
+    with pytest.raises(ModelError, match=r"plant\.kind: Frictionless cannot be changed"):
+        episodes.begin(np.array([1]), [load("circle", [*EXACT, own, "plant.ball.mass=0.1"])])
+
+
+def test_a_plant_is_named_by_its_kind_in_every_way_to_run_one(own):
+    settings = ["duration=0.1", "metrics.start=0", own]
+    result = bp.run("circle", settings, baseline=False)
+    assert result.label == "without friction"
+    assert len(simulate([load("circle", settings)] * 2)) == 2
+    with bp.rig("circle", settings) as rig:
+        rig.step(np.zeros((1, 2)))
+
+
+def test_a_plant_is_one_class_and_one_entry(own):
     clean = load("circle", [*EXACT, "plant.friction.rolling_mm=0", "disturbance.variance=[0,0]"])
     exact = run(clean)
-    monkeypatch.setitem(PLANTS, "lagrange", build)
-    flat = run(clean)
+    flat = run(load("circle", [*EXACT, own, "disturbance.variance=[0,0]"]))
     # nearly the same motion as on the exact equations, whose small terms it lacks
     apart = np.abs(flat.record["state"][..., 0::4] - exact.record["state"][..., 0::4]).max()
     assert 1e-6 < apart < 2e-3
-    many, _ = assemble([clean, load("circle", [*EXACT, "plant.start.y=0.1"])])
+    both = [load("circle", [*EXACT, own, f"plant.start.y={y}"]) for y in (0.0, 0.1)]
+    many, _ = assemble(both)
     assert many.devices.state[:, 4].tolist() == [0.0, 0.1]

@@ -67,28 +67,6 @@ def test_a_resting_ball_is_held_by_at_most_the_breakaway_resistance(pull, headin
     assert left == pytest.approx(max(0.0, pull - limit), abs=1e-12)
 
 
-def test_every_field_may_differ_from_rig_to_rig():
-    each = [
-        {"rolling": 1e-4},
-        {"rolling": 2e-4, "breakaway_ratio": 1.5, "stribeck_speed": 0.02},
-        {"viscous": 1e-3, "dwell_time": 0.5},
-    ]
-    defaults = {name: getattr(Friction(), name) for name in ("rolling", "viscous", "dwell_time")}
-    defaults |= {"breakaway_ratio": 1.0, "stribeck_speed": 0.005}
-    together = Friction(
-        **{key: np.array([own.get(key, value) for own in each]) for key, value in defaults.items()}
-    )
-    x = np.zeros((3, 8))
-    x[:, 1] = 0.03
-    alone = [
-        Friction(**own).deceleration(MODEL, x[:1], np.array([0.4]))[0]
-        if "dwell_time" in own
-        else Friction(**own).deceleration(MODEL, x[:1])[0]
-        for own in each
-    ]
-    assert together.deceleration(MODEL, x) == pytest.approx(alone)
-
-
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -105,15 +105,3 @@ def test_energy_is_never_created():
     growth = np.diff(energies, axis=0).max(axis=0) / energies[0]
     assert growth.max() < 1e-5
     assert (energies[-1] < 0.2 * energies[0]).all()
-
-
-@pytest.mark.parametrize("kind", PLANTS)
-def test_rigs_with_and_without_it_run_side_by_side(kind):
-    way = np.array([0.0, WAY])
-    both = rolled(kind, [[0.0, 5e-3, 0.0, 0.0]] * 2, 200, way=way, rigs=2)
-    for rig in range(2):
-        alone = rolled(kind, [[0.0, 5e-3, 0.0, 0.0]], 200, way=way[rig])
-        np.testing.assert_allclose(both[:, rig], alone[:, 0], rtol=1e-6, atol=1e-9)
-    # one stops, the other swings back
-    assert both[-100:, 0, 1].min() > -1e-5
-    assert both[-100:, 1, 1].min() < -1e-4

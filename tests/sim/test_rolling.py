@@ -116,15 +116,6 @@ def test_a_ball_holds_the_steeper_a_slope_the_longer_it_has_rested(kind, rest):
     assert math.tan(slope) * RADIUS == pytest.approx(ROLLING * (1 + 2 * age), rel=0.1)
 
 
-@pytest.mark.parametrize("kind", PLANTS)
-def test_rigs_side_by_side_have_each_their_own_friction(kind):
-    arms = np.array([0.1e-3, 0.2e-3, 0.4e-3])
-    way, _ = run(plants(kind, Friction(rolling=arms), [0.0] * 3, x_rate=0.05), 2.5)
-    inertia = 1 + BALL.inertia / (BALL.mass * RADIUS**2)
-    stop = 0.05**2 / 2 * inertia * RADIUS / (GRAVITY * arms)
-    assert way[-1] == pytest.approx(stop, rel=0.02)
-
-
 def test_a_ball_off_its_middle_swings_as_a_physical_pendulum():
     # at rest its centre of mass hangs below: I_contact w'' = -m g d w, once round after 2 pi r
     below = 2e-3

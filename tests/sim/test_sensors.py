@@ -110,35 +110,6 @@ def test_noise_and_grid_belong_to_the_frame():
         assert changed[new].mean() > 0.95
 
 
-@pytest.mark.parametrize(
-    ("field", "values"),
-    [
-        ("dead_time", [0.02, 0.0427, 0.05]),
-        ("frame_rate", [0.0, 58.0, 100.0]),
-        ("grid", [0, 100, 4096]),
-        ("spread", [0.0, 0.001, 0.002]),
-        ("rotation", [0.0, 0.1, -0.3]),
-        ("variance", [(0.0, 0.0), (1e-6, 0.0), (1e-8, 1e-6)]),
-    ],
-)
-def test_a_screen_that_differs_from_its_neighbours_is_as_it_is_alone(field, values):
-    common = {"variance": (1e-7, 1e-7), "spread": 1e-4} | {field: None}
-    del common[field]
-
-    def screens(value, some):
-        screen = SimulatedScreen(TouchModel(**common, **{field: value}), PERIOD, some)
-        samples = []
-        for tick in range(200):
-            ball = np.tile([0.1 * np.sin(3 * tick * PERIOD), 0.02], (len(some), 1))
-            screen.see(ball, np.ones(len(some), bool))
-            samples.append(screen.read().position)
-        return np.array(samples)
-
-    together = screens(np.array(values), seeds(3))
-    for rig, value in enumerate(values):
-        assert np.array_equal(together[:, [rig]], screens(value, seeds(3)[rig : rig + 1])), rig
-
-
 def test_noise_held_for_differing_times_is_what_each_rig_draws_alone():
     together = Noise((1.0,), seeds(3), hold=np.array([1, 3, 7]))
     alone = [

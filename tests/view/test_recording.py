@@ -108,23 +108,6 @@ def test_a_reopened_run_moves_exactly_as_the_run_itself(scenario, tmp_path):
     assert np.array_equal(again.motion.u, done.motion.u)
 
 
-def test_any_rig_of_several_can_be_opened(scenario, tmp_path):
-    from twin.run.assemble import assemble
-    from twin.run.loop import drive
-    from twin.run.record import Recorder
-
-    chosen = scenario()
-    rig, controller = assemble([chosen.model_copy(update={"seed": seed}) for seed in range(3)])
-    record = Recorder(200, 3, chosen.rig.period)
-    drive(rig, controller, chosen.duration, record)
-    write_run(tmp_path / "three", record, {"scenario": chosen.model_dump(mode="json")})
-    first, last = open_run(tmp_path / "three", (0, 2))
-    assert (first.name, last.name) == ("three-rig-0", "three-rig-2")
-    assert np.array_equal(last.motion.ball, record["state"][:, 2, 0::4])
-    with pytest.raises(RecordError, match=r"no rig 3 \(recorded: 0 to 2\)"):
-        open_run(tmp_path / "three", (3,))
-
-
 def test_a_missing_record_is_one_line(tmp_path):
     with pytest.raises(RecordError, match="no such record"):
         open_run(tmp_path)

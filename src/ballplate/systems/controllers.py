@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.systems.signals import DESIRED, INPUTS, STATES, state_space
+from ballplate.systems.signals import DESIRED, INPUTS, state_space
 from controllers.analysis import MEASUREMENTS, linear_controller, tracking_law
+from controllers.ballplate import STATES
 from controllers.observers.ideal import Ideal
 from twin.errors import ScenarioError
 

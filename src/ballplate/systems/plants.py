@@ -9,10 +9,10 @@ import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.models import model
-from ballplate.systems.signals import AGE, INPUTS, STATES, state_space
+from ballplate.systems.signals import AGE, INPUTS, state_space
 from controllers.analysis import MEASUREMENTS, System, measured_late, whole_periods
 from controllers.arrays import Array
-from controllers.ballplate import MEASURED
+from controllers.ballplate import MEASURED, STATES
 from controllers.observers.sampling import sample
 
 if TYPE_CHECKING:

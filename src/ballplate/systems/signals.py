@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
     from controllers.analysis import System
 
-STATES = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-"""State of ball and plate in the order of (5.5), in plate axes."""
 INPUTS = ("phi_acc", "theta_acc")
 """Plate accelerations u of (5.8)."""
 DESIRED = ("reference_x", "reference_y")

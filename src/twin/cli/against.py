@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from twin.errors import RecordError
 from twin.run.sources import check_no_scenario
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 AGAINST = click.option(
     "--against",
@@ -25,19 +26,13 @@ AGAINST = click.option(
     shell_complete=tab.scenarios,
     help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
 )
-RIGS = click.option(
-    "--rig", "rigs", multiple=True, type=int, help="Rig, if the record has several; repeatable."
-)
 
 
-def opened(
-    paths: Sequence[Path], rigs: tuple[int, ...], against: str | None, overrides: Sequence[str]
-) -> list[Replay]:
+def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
     """The runs that paths lead to; of logs the prediction of each as well.
 
     Args:
         paths: Run folders, records, CSV logs; the newest run if there is none.
-        rigs: Which rigs of a record of several; empty for the first.
         against: The scenario of the logs.
         overrides: ``KEY=VALUE`` each, what is changed of it.
 
@@ -46,7 +41,7 @@ def opened(
     """
     from twin.run.folders import LAST
     from twin.run.log_run import fitting, log_run, read_log
-    from twin.run.replay import open_runs, replay_of
+    from twin.run.replay import open_runs
 
     paths = paths or [Path(LAST)]
     logs = [path for path in paths if path.suffix == ".csv"]
@@ -69,6 +64,6 @@ def opened(
         label = f"{Path(against).stem} predicted"
         runs += [
             log_run(rows, scenario, path.stem),
-            replay_of(one_run(scenario, label, Terminal()), label),
+            replace(one_run(scenario, label, Terminal()), name=label),
         ]
-    return runs + (open_runs(others, rigs, warn) if others else [])
+    return runs + (open_runs(others, warn) if others else [])

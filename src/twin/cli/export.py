@@ -14,12 +14,11 @@ from twin.errors import RecordError
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--rig", type=int, help="Rig, if the record has several [the first].")
 @click.option(
     "--every", type=click.IntRange(min=1), default=1, help="Take every N-th row only.", metavar="N"
 )
 @click.option("--columns", help="Columns to take, with commas between [all]; time comes first.")
-def export(run: Path, file: Path, rig: int | None, every: int, columns: str | None) -> int:
+def export(run: Path, file: Path, every: int, columns: str | None) -> int:
     """Export the signals of a run to a .csv, .mat or .parquet file."""
     from twin.errors import nearest
     from twin.run.export import export as write
@@ -27,7 +26,7 @@ def export(run: Path, file: Path, rig: int | None, every: int, columns: str | No
     from twin.run.sources import check_no_scenario
 
     check_no_scenario(run)
-    (opened,) = open_run(run, () if rig is None else (rig,))
+    (opened,) = open_run(run)
     if opened.lacking:
         warn(opened.lacking)
     names = list(opened.rows)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.against import AGAINST, RIGS
+from twin.cli.against import AGAINST
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
@@ -16,13 +16,13 @@ from twin.errors import RecordError
 from twin.run.folders import run_folder
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
 """Format to the ending of its file."""
 
 
-def _contents(kind: str, runs: list[Replay]) -> dict[str, bytes]:
+def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
     """What is added to the stem of each file of a format, and the file's content."""
     from twin.report.numbers import as_csv, as_latex
 
@@ -65,7 +65,6 @@ class Formats(click.ParamType[tuple[str, ...]]):
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
-@RIGS
 @click.option(
     "--format", "formats", type=Formats(), default="html", metavar="html,png,pdf,csv,latex"
 )
@@ -74,7 +73,6 @@ def report(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
-    rigs: tuple[int, ...],
     formats: tuple[str, ...],
     out: Path | None,
 ) -> int:
@@ -83,7 +81,7 @@ def report(
     RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
     there is none.
     """
-    opened = open_all(runs, rigs, against, overrides)
+    opened = open_all(runs, against, overrides)
     folder = opened[0].folder
     if folder is None:
         stem = out or run_folder(f"{opened[0].name}-against-{against}", overrides) / "report"

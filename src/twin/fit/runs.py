@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 import numpy as np
 
 from controllers.arrays import Array
+from twin.errors import LawError
 from twin.fit.schema import Experiment, FitTable
 from twin.scenario import Scenario
 from twin.study.build import Builder
@@ -88,6 +89,7 @@ class Runs:
 
         Raises:
             TwinError: If a process is killed, or a chunk of runs is lost too often.
+            LawError: If none of an experiment can be run, as where its law raises an error.
         """
         asked = list(dict.fromkeys(wanted))
         missing = [each for each in asked if each not in self._known]
@@ -106,6 +108,10 @@ class Runs:
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
             ).to_pylist()
             self._failed += sum(row["outcome"] != "finished" for row in rows)
+            for place, one in enumerate(experiments):
+                its = [row for (_, at), row in zip(missing, rows, strict=True) if at == place]
+                if its and all(row["outcome"] == "refused" for row in its):
+                    raise LawError(f"{one.label}: {its[0]['reason']}")
             for each, row in zip(missing, rows, strict=True):
                 self._known[each] = {
                     name: float("nan") if row[name] is None else row[name]

@@ -7,7 +7,7 @@ with one entry per rig; what the rigs of a batch have only once is refused by na
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,7 +65,8 @@ def assemble(
         ModelError: If the mechanism or its cam table cannot be used.
     """
     each = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
-    _agree(each)
+    for other in each[1:]:
+        agree(shared(each[0]), shared(other), "rigs that run side by side")
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
     return Experiment(
@@ -111,14 +112,15 @@ def shared(scenario: Scenario) -> dict[str, Any]:
     return {key: value_of(scenario, key) for key in keys}
 
 
-def _agree(scenarios: Sequence[Scenario]) -> None:
-    first = shared(scenarios[0])
-    for scenario in scenarios[1:]:
-        for key, value in shared(scenario).items():
-            if first.get(key, value) != value:
-                raise ScenarioError(
-                    f"{key}: rigs that run side by side must agree, got {first[key]} and {value}"
-                )
+def agree(first: Mapping[str, Any], other: Mapping[str, Any], who: str) -> None:
+    """Make sure that scenarios say the same of some keys.
+
+    Raises:
+        ScenarioError: If they do not, for ``who`` must.
+    """
+    for key, value in other.items():
+        if first.get(key, value) != value:
+            raise ScenarioError(f"{key}: {who} must agree, got {first[key]} and {value}")
 
 
 def build_devices(

@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
+from controllers.ballplate import BallPlate
 from controllers.per_rig import PerRigReference
 from twin.run.assemble import assemble, shared
-from twin.run.control import own_errors
+from twin.run.control import law_of, own_errors
 from twin.run.loop import Ending, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.plants import build_friction
+from twin.run.plants import PLANTS, build_friction
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 
-LEAST = {"mujoco": 16, "lagrange": 2}
-"""Rigs from which on a plant of each kind is calculated in the same way, however many there are."""
 PAIR = 2
-"""Rigs per law from which on its matrix products are rounded in the same way."""
+"""Matrix products of a law's rigs, a multiple of it, are rounded in the same way, whatever the
+multiple: kernels of OpenBLAS take rows in pairs, and an odd one by another way."""
 
 SEEN_EVERY = 5
 """Control periods from one instant to the next of what the rig's computer sees."""
@@ -41,6 +41,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
     return shared(scenario) | {
         "observer": scenario.observer.model_dump(),
         "predictor": None if scenario.predictor is None else scenario.predictor.model_dump(),
+        "model": repr(scenario.designed_on),
         "resisted": friction is not None,
         "free": friction is None or bool(friction.absent),
         "constant": friction is None or friction.constant,
@@ -99,11 +100,12 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
 
 
 def _padded(scenarios: Sequence[Scenario]) -> list[int]:
-    """Which scenario each rig runs: law by law, some twice so that no group is too small."""
-    laws = [scenario.controller.model_dump_json() for scenario in scenarios]
-    order = sorted(range(len(scenarios)), key=lambda i: laws[i])
-    found = []
-    for index in order:
-        found += [index] * (PAIR if laws.count(laws[index]) < PAIR else 1)
-    lacking = max(0, LEAST[scenarios[0].plant.kind] - len(found))
+    """Which scenario each rig runs: law by law, the last of one twice to make its number even."""
+    groups: dict[tuple[str, BallPlate], list[int]] = {}
+    for index, scenario in enumerate(scenarios):
+        groups.setdefault(law_of(scenario), []).append(index)
+    found: list[int] = []
+    for its in groups.values():
+        found += its + its[-1:] * (len(its) % PAIR)
+    lacking = max(0, PLANTS[scenarios[0].plant.kind].least - len(found))
     return found + [found[-1]] * lacking

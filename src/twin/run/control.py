@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import sys
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
@@ -54,7 +53,7 @@ def own_errors() -> Iterator[None]:
 
 
 def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
-    """The controllers of N scenarios as one, designed on the nominal model of Table A.2.
+    """The controllers of N scenarios as one, each designed on the ball its designer knows.
 
     Equal laws, observers and references are made once and shared.
 
@@ -62,7 +61,7 @@ def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
         ScenarioError: If a law, observer or reference refuses its settings.
     """
     period = scenarios[0].rig.period
-    laws = _each(scenarios, lambda s: s.controller.model_dump_json(), build_law)
+    laws = _each(scenarios, law_of, build_law)
     observers = _each(scenarios, _observed, _observer)
     references = _each(scenarios, _referred, build_reference)
     for law, observer in zip(laws, observers, strict=True):
@@ -108,29 +107,31 @@ def build_law(scenario: Scenario) -> Law:
     """
     choice = scenario.controller
     cls = choices("controller")[choice.kind]
-    return _designed(cls, choice.model_dump_json(), scenario.law_ticks)
+    return _designed(cls, choice.model_dump_json(), scenario.law_ticks, scenario.designed_on)
 
 
 @lru_cache(maxsize=1024)
-def _designed(cls: type, choice: str, ticks: int) -> Law:
+def _designed(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
     """A law has no state: one object serves all runs of this process."""
     chosen = ControllerChoice.model_validate_json(choice)
-    law: Law = _build("controller", chosen, model=BallPlate())
+    law: Law = _build("controller", chosen, model=model)
     if problem := wrong_answer(law):
         raise ScenarioError(problem)
     return law if ticks == 1 else HeldLaw(law, ticks)
 
 
-def _observed(scenario: Scenario) -> str:
-    predictor = scenario.predictor
-    return json.dumps(
-        [scenario.observer.model_dump(), None if predictor is None else predictor.model_dump()]
-    )
+def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
+    """What tells a scenario's law from others."""
+    return scenario.controller.model_dump_json(), scenario.designed_on
+
+
+def _observed(scenario: Scenario) -> tuple[str, BallPlate]:
+    return scenario.model_dump_json(include={"observer", "predictor"}), scenario.designed_on
 
 
 def _observer(scenario: Scenario) -> Observer:
     """The observer with what makes up for the dead time: itself, or a predictor around it."""
-    model, period, predictor = BallPlate(), scenario.rig.period, scenario.predictor
+    model, period, predictor = scenario.designed_on, scenario.rig.period, scenario.predictor
     choice, delay = scenario.observer, 0.0 if predictor is None else predictor.delay
     if issubclass(choices("observer")[choice.kind], DelayedObserver):
         if predictor is not None and predictor.kind is not None:

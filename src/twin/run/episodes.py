@@ -11,7 +11,7 @@ from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
 from twin.errors import ScenarioError, TwinError
 from twin.hal.states import State
-from twin.run.assemble import build_rig, shared
+from twin.run.assemble import agree, build_rig, shared
 from twin.run.changes import change_devices, change_transmission, without_error
 from twin.run.loop import RAN_AWAY
 from twin.run.plants import build_plant, differ, mistaken, rebuild_plant
@@ -24,7 +24,7 @@ from twin.sim.rig import SimulatedRig
 from twin.sim.touch import TouchModel
 from twin.sim.transmission import TransmissionError
 
-SHARED = ("rig.limits", "rig.cams", "sensors.noise_hold", "sensors.encoders.counts", "change")
+EPISODES = ("rig.limits", "rig.cams", "sensors.noise_hold", "sensors.encoders.counts", "change")
 """Keys in which all episodes must agree, besides those in which the rigs of any batch must."""
 
 
@@ -95,7 +95,7 @@ class Episodes:
             ModelError: If a number is out of range.
         """
         for scenario in scenarios:
-            _agree(self._common, _common(scenario))
+            agree(self._common, _common(scenario), "all episodes")
         before = list(self.scenarios)
         for rig, scenario in zip(rigs.tolist(), scenarios, strict=True):
             self.scenarios[rig] = scenario
@@ -175,10 +175,4 @@ def _own(seen: Measurement) -> Measurement:
 
 
 def _common(scenario: Scenario) -> dict[str, object]:
-    return shared(scenario) | {key: value_of(scenario, key) for key in SHARED}
-
-
-def _agree(first: dict[str, object], other: dict[str, object]) -> None:
-    for key, value in other.items():
-        if first.get(key, value) != value:
-            raise ScenarioError(f"{key}: all episodes must agree, got {first[key]} and {value}")
+    return shared(scenario) | {key: value_of(scenario, key) for key in EPISODES}

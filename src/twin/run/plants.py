@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
+from twin.scenario.plant import PLANTS as NAMED
 from twin.scenario.schema import Scenario
 from twin.settings import changed, filled, per_rig, settings_of
 from twin.sim.plant.exact import ExactPlant
@@ -23,9 +23,6 @@ from twin.sim.plant.parts import Parts
 from twin.sim.plant.surface import SurfaceMap, SurfaceModel
 from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
 
-if TYPE_CHECKING:
-    from twin.sim.plant.mechanism import Mechanism
-
 
 def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:
     """The plant of N scenarios and the transmissions that its rigs believe in.
@@ -33,8 +30,19 @@ def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Pla
     Raises:
         ModelError: If the mechanism or its cam table cannot be used.
     """
-    plant, known = PLANTS[scenarios[0].plant.kind](scenarios, threads)
+    plant, known = PLANTS[scenarios[0].plant.kind].make(scenarios, threads)
     return plant, mistaken(known, scenarios)
+
+
+def believed(scenario: Scenario) -> Transmission:
+    """What the rig of a scenario believes of its cams; the mechanism is built only for its ratio.
+
+    Raises:
+        ModelError: If the mechanism or its cam table cannot be used.
+    """
+    if scenario.plant.kind == "mujoco" and scenario.rig.cams != "ratio":
+        return mistaken(_cams(scenario.rig.cams, 1.0), [scenario])
+    return build_plant([scenario])[1]
 
 
 def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
@@ -49,10 +57,7 @@ def change_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     Raises:
         ModelError: If a number is out of range.
     """
-    if isinstance(plant, ExactPlant):
-        plant.change(**_equations(scenarios))
-        return
-    _mechanism_of(plant).change(build_friction(scenarios) or Friction(), _parts(scenarios))
+    PLANTS[scenarios[0].plant.kind].change(plant, scenarios)
 
 
 def rebuild_plant(
@@ -75,10 +80,7 @@ def rebuild_plant(
     fresh = [scenarios[rig] for rig in rigs]
     if not differ((Friction, SurfaceModel, Parts), before, fresh):
         return
-    if isinstance(plant, ExactPlant):
-        plant.change(**_equations(scenarios))
-        return
-    _mechanism_of(plant).rebuild(rigs, _parts(fresh), build_friction(scenarios) or Friction())
+    PLANTS[scenarios[0].plant.kind].rebuild(plant, rigs, scenarios)
 
 
 def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scenario]) -> bool:
@@ -98,23 +100,7 @@ def prepare_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
     Raises:
         ModelError: If a number is out of range.
     """
-    if isinstance(plant, ExactPlant):
-        return
-    _mechanism_of(plant).foresee(_parts(scenarios))
-
-
-def _mechanism_of(plant: Plant) -> Mechanism:
-    """The plant as a mechanism.
-
-    Raises:
-        ModelError: If it is another plant, of which nobody knows how it changes.
-    """
-    from twin.sim.plant.mechanism import Mechanism  # noqa: PLC0415  heavy: loaded when needed
-
-    if not isinstance(plant, Mechanism):
-        kind = type(plant).__name__
-        raise ModelError(f"plant.kind: {kind} cannot be changed while it runs; see change_plant")
-    return plant
+    PLANTS[scenarios[0].plant.kind].foresee(plant, scenarios)
 
 
 def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
@@ -129,9 +115,8 @@ def _exact(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Transmis
 
 def _equations(scenarios: Sequence[Scenario]) -> dict[str, Any]:
     """What scenarios say of the exact equations: ball, friction and level."""
-    ball = scenarios[0].plant.ball
     return {
-        "model": BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+        "model": scenarios[0].plant.ball.model,
         "friction": build_friction(scenarios),
         "level": per_rig(settings_of(Parts)["level"], scenarios),
     }
@@ -144,7 +129,7 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
         rigs=len(scenarios),
         step=scenarios[0].plant.step,
         threads=threads,
-        friction=build_friction(scenarios) or Friction(),
+        friction=_friction(scenarios),
         parts=_parts(scenarios),
     )
     kinds = [scenario.rig.cams for scenario in scenarios]
@@ -154,11 +139,58 @@ def _mechanism(scenarios: Sequence[Scenario], threads: int) -> tuple[Plant, Tran
     return plant, PerRigTransmission([cams[kind] for kind in kinds])
 
 
-PLANTS: dict[str, Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]] = {
-    "lagrange": _exact,
-    "mujoco": _mechanism,
+def _stays(plant: Any, *_: Any) -> None:
+    kind = type(plant).__name__
+    raise ModelError(f"plant.kind: {kind} cannot be changed while it runs; see PlantKind")
+
+
+class PlantKind(NamedTuple):
+    """A plant that ``plant.kind`` can name.
+
+    Attributes:
+        make: From N scenarios and a number of threads; the plant, and what its rigs know of cams.
+        label: What a run on it is called beside runs on others.
+        least: Rigs from which on it is calculated in the same way, to the bit, however many.
+        change: Lets it go on as scenarios say; by default it cannot.
+        rebuild: Lets rigs of some numbers be what the scenarios of all say.
+        foresee: Does ahead of time what takes long of ``change``.
+    """
+
+    make: Callable[[Sequence[Scenario], int], tuple[Plant, Transmission]]
+    label: str
+    least: int = 16
+    change: Callable[[Any, Sequence[Scenario]], None] = _stays
+    rebuild: Callable[[Any, NDArray[np.integer], Sequence[Scenario]], None] = _stays
+    foresee: Callable[[Any, Sequence[Scenario]], None] = _stays
+
+
+PLANTS = {
+    "lagrange": PlantKind(
+        _exact,
+        "exact equations",
+        least=2,
+        change=lambda plant, scenarios: plant.change(**_equations(scenarios)),
+        rebuild=lambda plant, _, scenarios: plant.change(**_equations(scenarios)),
+        foresee=lambda *_: None,
+    ),
+    "mujoco": PlantKind(
+        _mechanism,
+        "honest twin",
+        change=lambda plant, scenarios: plant.change(_friction(scenarios), _parts(scenarios)),
+        rebuild=lambda plant, rigs, scenarios: plant.rebuild(
+            rigs, _parts([scenarios[rig] for rig in rigs]), _friction(scenarios)
+        ),
+        foresee=lambda plant, scenarios: plant.foresee(_parts(scenarios)),
+    ),
 }
-"""How the plants that ``plant.kind`` names are made, with the transmission their rigs know."""
+"""The plants by what ``plant.kind`` calls them."""
+
+
+def register(name: str, kind: PlantKind) -> None:
+    """Let scenarios of this process name a further plant."""
+    PLANTS[name] = kind
+    if name not in NAMED:
+        NAMED.append(name)
 
 
 @lru_cache(maxsize=8)
@@ -175,6 +207,10 @@ def build_friction(scenarios: Sequence[Scenario]) -> Friction | None:
     surfaces = SurfaceMap.stacked([_drawn(_surface(scenario)) for scenario in scenarios])
     friction = filled(Friction, scenarios, map=surfaces)
     return None if friction.absent.all() and friction.map is None else friction
+
+
+def _friction(scenarios: Sequence[Scenario]) -> Friction:
+    return build_friction(scenarios) or Friction()
 
 
 _surface = attrgetter(*(about.key for about in settings_of(SurfaceModel).values()))

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
+from controllers.ballplate import STATES
 from controllers.interfaces import Quantity
-
-if TYPE_CHECKING:
-    pass
 
 Observe = Callable[[float, Mapping[str, NDArray[Any]]], None]
 
@@ -27,17 +25,16 @@ class Channel:
     units: tuple[str, ...]
 
 
-_STATE = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
 _STATE_UNITS = ("m", "m/s", "rad", "rad/s", "m", "m/s", "rad", "rad/s")
 
 CHANNELS = {
-    "state": Channel(tuple(f"true_{name}" for name in _STATE), _STATE_UNITS),
+    "state": Channel(tuple(f"true_{name}" for name in STATES), _STATE_UNITS),
     "measured": Channel(
         ("measured_x", "measured_phi", "measured_y", "measured_theta"), ("m", "rad", "m", "rad")
     ),
     "age": Channel(("age",), ("s",)),
     "touched": Channel(("touched",), ("1",)),
-    "estimate": Channel(tuple(f"estimated_{name}" for name in _STATE), _STATE_UNITS),
+    "estimate": Channel(tuple(f"estimated_{name}" for name in STATES), _STATE_UNITS),
     "requested": Channel(("requested_phi_acc", "requested_theta_acc"), ("rad/s^2", "rad/s^2")),
     "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
     "supervisor": Channel(("supervisor",), ("1",)),
@@ -138,6 +135,12 @@ class Recorder:
             return Channel(names, tuple(quantity.unit for quantity in self.further))
         units = tuple(column.rpartition("_")[2] for column in self.plant)
         return CHANNELS.get(name) or Channel(self.plant, units)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Name to unit of all columns it may have."""
+        known = map(self.channel, (*CHANNELS, "plant", "further"))
+        return {k: v for each in known for k, v in zip(each.columns, each.units, strict=True)}
 
     def of_rig(self, rig: int) -> Recorder:
         """The record of one rig alone, a copy."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.scenario.plant import FrictionTable, PlantTable
+from twin.scenario.plant import BallTable, FrictionTable, PlantTable
 from twin.scenario.schema import (
     DisturbanceTable,
     EncodersTable,
@@ -14,12 +14,13 @@ from twin.scenario.schema import (
 
 
 def clean(scenario: Scenario) -> Scenario:
-    """The same controller and motion on the nominal exact equations.
+    """The same controller and motion on the exact equations that the controller is designed on.
 
-    Nothing a scenario may say of its rig is left but where the ball starts, control period and
-    limits: no friction, tilt, other ball or mechanism, no dead time, quantisation or noise, and
-    no predictor, which has nothing to predict.
+    Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
+    starts, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
+    noise, and no predictor, which has nothing to predict.
     """
+    known = scenario.designed_on
     start = scenario.plant.start.model_copy(update={"spin": 0.0})
     none = (0.0, 0.0)
     return scenario.model_copy(
@@ -27,6 +28,7 @@ def clean(scenario: Scenario) -> Scenario:
             "plant": PlantTable(
                 kind="lagrange",
                 step=scenario.plant.step,
+                ball=BallTable(mass=known.mass, radius=known.radius, inertia=known.inertia),
                 friction=FrictionTable(rolling_mm=0.0),
                 start=start,
             ),

@@ -17,6 +17,7 @@ from typing import Any, get_args, get_origin
 
 from docstring_parser import parse_from_object
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from twin.errors import ScenarioError, shortened
 from twin.scenario.schema import KINDS, Choice, Scenario, choices, settings_model
@@ -148,8 +149,8 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     sources = model.sources if issubclass(model, Section) else {}
     for name, field in model.model_fields.items():
         inner = _table(field.annotation)
-        if inner is not None and issubclass(inner, Choice):
-            yield from _kind(f"{prefix}{name}", inner)
+        if name == "kind" and issubclass(model, Choice):
+            yield _kind(prefix.rstrip("."), field)
         elif inner is not None:
             yield from keys(inner, f"{prefix}{name}.")
         else:
@@ -162,9 +163,9 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
             )
 
 
-def _kind(table: str, model: type[Choice]) -> Iterator[Key]:
-    field = model.model_fields["kind"]
-    yield Key(
+def _kind(table: str, field: FieldInfo) -> Key:
+    """The key that names a law, observer or reference."""
+    return Key(
         key=f"{table}.kind",
         type="text",
         unit="",
@@ -173,9 +174,6 @@ def _kind(table: str, model: type[Choice]) -> Iterator[Key]:
         allowed=", ".join(choices(table)),
         meaning=f"The {table}; its own settings stand beside it.",
     )
-    properties = model.model_json_schema()["properties"]
-    for name in model.model_fields.keys() - {"kind"}:
-        yield _key(f"{table}.{name}", properties[name], _meanings(model)[name])
 
 
 def _settings(table: str, kind: str) -> Iterator[Key]:

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from controllers.catalog import broken
-from twin.data_file import DEEPEST, LONGEST_KEY, DataError, parse_toml, read_toml
+from twin.data_file import DEEPEST, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
 from twin.scenario.plant import without_ball
@@ -113,15 +113,6 @@ def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     return result
 
 
-def override(tables: Mapping[str, Any], overrides: Iterable[str]) -> Tables:
-    """The tables with each ``dotted.key=value`` put in; values are TOML, or else plain text.
-
-    Raises:
-        ScenarioError: If an override is not of the form ``key=value``.
-    """
-    return put(tables, map(setting, overrides))
-
-
 def setting(text: str) -> tuple[str, Any]:
     """Key and value of an override.
 
@@ -141,7 +132,8 @@ def setting(text: str) -> tuple[str, Any]:
 def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Tables:
     """The tables with the values of dotted keys put in.
 
-    Naming another ``kind`` of controller, observer or reference drops the settings of the old.
+    Naming another ``kind`` of controller, observer or reference drops the settings of the old; the
+    ball that is known stays.
 
     Raises:
         ScenarioError: If a key leads through a value.
@@ -149,17 +141,17 @@ def put(tables: Mapping[str, Any], settings: Iterable[tuple[str, Any]]) -> Table
     result = copy.deepcopy(dict(tables))
     for key, new in sorted(settings, key=lambda item: not item[0].endswith(".kind")):
         names = key.split(".")
-        if len(names) > DEEPEST or max(map(len, names)) > LONGEST_KEY:
-            allowed = f"at most {DEEPEST} parts of {LONGEST_KEY} characters"
-            raise ScenarioError(f"override '{shortened(key)}': too long a key: {allowed}")
+        if len(names) > DEEPEST:
+            raise ScenarioError(f"override '{shortened(key)}': at most {DEEPEST} parts")
         table = result
         for depth, name in enumerate(names[:-1]):
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
                 path = ".".join(names[: depth + 1])
                 raise ScenarioError(f"override '{key}': {path} is a value, not a table")
-        if names[-1] == "kind" and names[0] in KINDS and table.get("kind") != new:
-            table.clear()
+        if key in {f"{each}.kind" for each in KINDS} and table.get("kind") != new:
+            for other in table.keys() - {"model"}:
+                del table[other]
         if names == ["plant", "ball", "kind"] and table.get("kind", new) != new:
             without_ball(result["plant"], table["kind"])
         table[names[-1]] = copy.deepcopy(new)

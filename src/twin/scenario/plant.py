@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
+from controllers.ballplate import BallPlate
 from twin.scenario.tables import Section, table
 from twin.settings import settings_of
 from twin.sim.drives import DriveModel
@@ -16,6 +17,16 @@ from twin.sim.plant.surface import SurfaceModel
 
 if TYPE_CHECKING:
     from twin.scenario.tables import Derived
+
+PLANTS = ["mujoco", "lagrange"]
+"""What ``kind`` may name; ``twin.run.plants.register`` adds to it."""
+
+
+def _known(kind: str) -> str:
+    if kind not in PLANTS:
+        raise ValueError(f"must be {' or '.join(map(repr, PLANTS))}, got {kind!r}")
+    return kind
+
 
 LEAST_ROLLING_MM = 0.01
 """The smallest arm of rolling resistance the engine can simulate, in mm."""
@@ -38,6 +49,11 @@ class _Ball(Section):
 
     kind: Literal["hollow", "steel"] = "hollow"
     """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
+
+    @property
+    def model(self) -> BallPlate:
+        """The exact equations with this ball."""
+        return BallPlate(**{name: getattr(self, name) for name in ("mass", "radius", "inertia")})
 
 
 class _Surface(Section):
@@ -85,7 +101,9 @@ else:
 class _PlantTable(Section):
     """What is simulated."""
 
-    kind: Literal["mujoco", "lagrange"] = "mujoco"
+    kind: Annotated[
+        str, AfterValidator(_known), WithJsonSchema({"type": "string", "enum": list(PLANTS)})
+    ] = "mujoco"
     """The mechanism in MuJoCo, or the exact equations (5.9)."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
@@ -118,9 +136,10 @@ class _PlantTable(Section):
                 section: Section = getattr(self, path)
                 if getattr(section, name) != type(section).model_fields[name].default:
                     return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
-        elif self.step > 0.002:
+        mechanism = self.kind == "mujoco"
+        if mechanism and self.step > 0.002:
             return f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
-        elif 0 < self.friction.rolling_mm < LEAST_ROLLING_MM:
+        if mechanism and 0 < self.friction.rolling_mm < LEAST_ROLLING_MM:
             return (
                 f"plant.friction.rolling_mm: must be 0 or at least {LEAST_ROLLING_MM:g} for the "
                 f"mechanism, got {self.friction.rolling_mm:g}"

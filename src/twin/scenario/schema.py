@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.limits import Limits
@@ -105,12 +106,33 @@ class Choice(BaseModel):
         return dict(self.model_extra or {})
 
 
+class KnownBall(Section):
+    """The ball that the designer of law, observer and predictor believes in."""
+
+    kind: Literal["scenario", "nominal"] = "scenario"
+    """The ball of plant.ball, or the nominal one of Table A.2, whatever rolls on the plate; model =
+    "nominal" is short for it. A [[change]] of the ball and what a study or family draws of it are
+    unknown to the designer."""
+    mass: Positive | None = None
+    """Mass in kg that is believed in place of that ball's."""
+    radius: Positive | None = None
+    """Radius in m in place of that ball's."""
+    inertia: Positive | None = None
+    """Moment of inertia in kg m^2 in place of that ball's."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, value: Any) -> Any:
+        return {"kind": value} if isinstance(value, str) else value
+
+
 class ControllerChoice(Choice):
-    """A law, and how often it is evaluated."""
+    """A law, how often it is evaluated, and for which ball it is designed."""
 
     period: Positive | None = None
     """Control period of the law in s, a multiple of rig.period: its command is held between; that
     of the rig if none is given."""
+    model: KnownBall = KnownBall()
 
 
 class ObserverChoice(Choice):
@@ -171,6 +193,19 @@ class Scenario(Section):
                 f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
             )
         return self
+
+    @property
+    def designed_on(self) -> BallPlate:
+        """Ball and plate as the designer of law, observer and predictor knows them.
+
+        That is what the scenario says of its ball, unless ``controller.model`` says otherwise. Who
+        makes a rig differ from what its designer knows leaves this alone: a ``[[change]]`` is no
+        part of it, and a study writes what was known into ``controller.model``.
+        """
+        known = self.controller.model
+        ball: BallPlate = BallPlate() if known.kind == "nominal" else self.plant.ball.model
+        given = known.model_dump(exclude={"kind"}, exclude_none=True)
+        return dataclasses.replace(ball, **given)
 
     @property
     def law_ticks(self) -> int:

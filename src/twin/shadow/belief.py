@@ -126,7 +126,7 @@ class Belief:
         number = {
             name: float(np.ravel(v)[0]) for name, v in vars(friction).items() if name != "map"
         }
-        ball, surface = scenario.plant.ball, scenario.plant.surface
+        surface = scenario.plant.surface
         level = np.radians(scenario.plant.level_deg)
         values = {
             "rolling": number["rolling"],
@@ -158,7 +158,7 @@ class Belief:
                 for name in PARAMETERS
             ]
         )
-        model = BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia)
+        model: BallPlate = scenario.plant.ball.model
         braking = model.k1 * values["rolling"] / model.radius
         patchy = surface.spread_percent / 100
         sloped = float(model.k1 * np.radians(surface.slope_deg))

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.ballplate import BallPlate
 from twin.identify.log import GRIPS, MECHANISM_LAG, Log
 from twin.run.assemble import assemble
 from twin.run.loop import drive
@@ -177,7 +176,7 @@ def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
     drive(simulated, controller, first.duration, record)
     found = []
     for index, (belief, _) in enumerate(pairs):
-        measured, ball = record["measured"][:, index], belief.plant.ball
+        measured = record["measured"][:, index]
         mechanism = belief.plant.kind == "mujoco"
         found.append(
             Log(
@@ -188,7 +187,7 @@ def logs(pairs: Sequence[tuple[Scenario, Scenario]]) -> list[Log]:
                 age=record["age"][:, index, 0],
                 touched=record["touched"][:, index, 0] > 0.5,
                 command=period * np.cumsum(record["applied"][:, index], axis=0),
-                model=BallPlate(mass=ball.mass, radius=ball.radius, inertia=ball.inertia),
+                model=belief.plant.ball.model,
                 own_lag=MECHANISM_LAG if mechanism else period / 2,
                 grips=GRIPS[belief.plant.kind],
                 scenario=belief.model_dump(mode="json"),

@@ -17,6 +17,8 @@ from twin.scenario.schema import KINDS, checked_settings, choices
 from twin.study.family import Point
 
 _MISSING = object()
+KNOWN = ("mass", "radius", "inertia")
+"""What a controller's designer knows of the ball."""
 
 
 def _with_defaults(scenario: Scenario) -> dict[str, Any]:
@@ -31,6 +33,9 @@ def _with_defaults(scenario: Scenario) -> dict[str, Any]:
 
 class Builder:
     """Scenarios from overrides and points, as ``load`` makes them; but a law is checked once.
+
+    Where a point says something of the ball, the controller is designed on the ball without it: a
+    point is what a designer does not know.
 
     Args:
         name: Name or file of the scenario.
@@ -55,7 +60,10 @@ class Builder:
         Raises:
             ScenarioError: If a key does not exist, or a value is out of range.
         """
-        given = {}
+        given: dict[str, Any] = {}
+        if any(key.startswith("plant.ball.") for key in point):
+            known = self._built([*map(self._setting, fixed)]).designed_on
+            given["controller.model"] = {key: getattr(known, key) for key in KNOWN}
         for key, value in point.items():
             factor = value if key in relative else None
             path, _, tail = key.rpartition(".")

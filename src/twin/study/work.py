@@ -167,7 +167,7 @@ def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:
     refused: dict[str, TwinError | None] = {}
     for job in jobs:
         scenario = Scenario.model_validate_json(job.scenario)
-        controller = scenario.model_dump_json(include=CONTROLLER)
+        controller = scenario.model_dump_json(include=CONTROLLER) + repr(scenario.designed_on)
         if controller not in refused:
             refused[controller] = _refusal(scenario)
         error = refused[controller]

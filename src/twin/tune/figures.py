@@ -63,7 +63,8 @@ def trade_off(found: TuneResult) -> Figure:
         _ticks(ax.xaxis, ax.yaxis)
         ax.set_xlabel("largest RMS effort of a run [rad/s²]")
         ax.set_ylabel(f"cost of the worst {found.tune.tail:.0%}, first {few} rigs")
-        ax.legend(frameon=False, loc="upper center", ncols=4)
+        if ran:
+            ax.legend(frameon=False, loc="upper center", ncols=4)
         ax.margins(y=0.2)
     return figure
 

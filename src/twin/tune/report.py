@@ -29,6 +29,7 @@ def sentences(found: TuneResult) -> list[str]:
         f"On {after['rigs']} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
         f"before: {failed(before)}.",
     ]
+    lines += [f"Lost, as in {reason}." for reason in after["reasons"][:1]]
     cost, was = after["cost"], before["cost"]
     if cost is not None:
         than = "a lost rig" if was is None else f"{was:.3g}"

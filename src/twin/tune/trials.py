@@ -12,6 +12,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
+from twin.run.control import own_errors
 from twin.scenario import Scenario
 from twin.scenario.study_step import at_study_step
 from twin.study.build import Builder
@@ -245,6 +246,7 @@ def _controller(scenario: Scenario) -> str:
 @lru_cache(maxsize=4096)
 def _loop(controller: str) -> NominalLoop:
     try:
-        return nominal_loop(Scenario.model_validate_json(controller))
+        with own_errors():
+            return nominal_loop(Scenario.model_validate_json(controller))
     except ScenarioError as error:
         return NominalLoop.none(error)

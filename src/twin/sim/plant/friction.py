@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
-from twin.errors import ModelError
-from twin.settings import Unit, setting
+from twin.settings import Unit, check, setting
 from twin.sim.plant.presliding import bent
 from twin.sim.plant.surface import SurfaceMap
 
@@ -79,14 +78,7 @@ class Friction:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        least = {"breakaway_ratio": 1.0}
-        for item in fields(self)[:-1]:
-            value = np.asarray(getattr(self, item.name), float)
-            low = least.get(item.name, 0.0)
-            inside = value > 0 if item.name == "stribeck_speed" else value >= low
-            if not (np.isfinite(value) & inside).all():
-                bound = "more than 0" if item.name == "stribeck_speed" else f"at least {low:g}"
-                raise ModelError(f"friction: {item.name} must be {bound}, got {value}")
+        check(self)
 
     @property
     def absent(self) -> NDArray[np.bool_]:

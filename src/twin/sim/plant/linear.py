@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from controllers import ballplate
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.sim.plant.ball_contact import free_dimension
@@ -15,10 +16,10 @@ from twin.sim.plant.model import cam_ratio, load_model
 from twin.sim.plant.parts import Parts
 
 STATES = (
-    "x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate",
-    "motor_phi", "motor_phi_rate", "motor_theta", "motor_theta_rate",
-    "servo_phi", "servo_theta", "ball_turn_x", "ball_turn_y",
-)  # fmt: skip
+    *ballplate.STATES,
+    *("motor_phi", "motor_phi_rate", "motor_theta", "motor_theta_rate"),
+    *("servo_phi", "servo_theta", "ball_turn_x", "ball_turn_y"),
+)
 """Ball and plate as in (5.5); motor angles and rates; the servos' set points in rad; the rates at
 which the ball turns about the axes x and y in rad/s, which follow its speed within some 20 ms."""
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from twin.errors import ModelError
-from twin.settings import Unit, setting
+from twin.settings import Unit, check, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,16 +96,7 @@ class Parts:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        signed = {"offset", "plate_centre", "level"}
-        may_be_zero = {"oval", "sliding", "spinning", "damping_ratio", "joint_friction"}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value is None:
-                continue
-            numbers = np.asarray(value, float)
-            low = numbers >= 0 if item.name in may_be_zero else numbers > 0
-            if not (np.isfinite(numbers).all() and (item.name in signed or low.all())):
-                raise ModelError(f"mechanism: {item.name} cannot be {value}")
+        check(self)
 
     @property
     def compiled(self) -> Parts:

@@ -17,17 +17,13 @@ if TYPE_CHECKING:
 class Signals(Mapping[str, "Array"]):
     """Columns of one rig's record, shape (K,) each, by their names.
 
-    Args:
-        columns: Name to values.
-        units: Name to unit.
-
     Attributes:
+        rows: Name to values.
         units: Name to unit, as ``m`` or ``rad/s``.
     """
 
-    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
-        self._columns = columns
-        self.units = dict(units)
+    rows: Mapping[str, Array]
+    units: Mapping[str, str]
 
     def __getitem__(self, name: str) -> Array:
         """The values of a column, shape (K,).
@@ -36,18 +32,18 @@ class Signals(Mapping[str, "Array"]):
             RecordError: If there is none of that name.
         """
         try:
-            return self._columns[name]
+            return self.rows[name]
         except KeyError:
-            raise RecordError(f"no column '{name}'{nearest(name, self._columns)}") from None
+            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
 
     def __contains__(self, name: object) -> bool:
-        return name in self._columns
+        return name in self.rows
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._columns)
+        return iter(self.rows)
 
     def __len__(self) -> int:
-        return len(self._columns)
+        return len(self.rows)
 
     @property
     def time(self) -> Array:
@@ -56,10 +52,10 @@ class Signals(Mapping[str, "Array"]):
 
     def to_pandas(self) -> pd.DataFrame:
         """The columns as a table over time in s; ``attrs["units"]`` has their units."""
-        import pandas as pd
+        import pandas as pd  # noqa: PLC0415  heavy: loaded when needed
 
         frame = pd.DataFrame(dict(self)).set_index("time")
-        frame.attrs["units"] = self.units
+        frame.attrs["units"] = dict(self.units)
         return frame
 
     def export(self, file: str | Path) -> Path:
@@ -71,7 +67,7 @@ class Signals(Mapping[str, "Array"]):
         Raises:
             RecordError: If the ending is none of these, or the file cannot be written.
         """
-        from twin.run.export import export
+        from twin.run.export import export  # noqa: PLC0415  heavy: loaded when needed
 
-        export(Path(file), self._columns, self.units)
+        export(Path(file), self.rows, self.units)
         return Path(file)

@@ -1,0 +1,119 @@
+"""Every range of every law, observer and reference holds for objects and for scenarios alike."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+from annotated_types import Len
+from pydantic import ValidationError
+
+from controllers.ballplate import BallPlate
+from controllers.observers import Luenberger
+from controllers.ranges import NotNegative, Positive, check
+from controllers.smith import Smith
+from twin.scenario.describe import every_kind
+from twin.scenario.schema import checked_settings, choices
+
+
+def outside(allowed, step):
+    """The numbers next to a range in words, as ``> 0, <= 10``."""
+    for bound in filter(None, allowed.split(", ")):
+        sign, value = bound.split()
+        yield float(value) + {">": 0, "<": 0, ">=": -step, "<=": step}[sign]
+
+
+def wrong(key):
+    """Values that a key described in words does not allow, in every way."""
+    kind, _, several = key.type.partition("list of ")
+    if "text" in key.type or "number" not in key.type:
+        return
+    whole = "whole" in key.type
+    numbers = [int(n) if whole else n for n in outside(key.allowed, 1 if whole else 1e-6)]
+    numbers += [] if whole else [math.nan, math.inf, -math.inf]
+    if not several or " or " in kind:
+        yield from numbers
+    if several:
+        given = key.default if isinstance(key.default, list) else [1.0]
+        nested = isinstance(given[0], list)
+        count = int(several.split()[0]) if several[0].isdigit() else len(given)
+        full = given if len(given) == count else given * count
+        for number in numbers:
+            last = [*full[-1][:-1], number] if nested else number
+            yield [*full[:-1], last]
+        if several[0].isdigit():
+            yield full[:-1]
+            yield [*full, full[-1]]
+
+
+KINDS = every_kind()
+EVERY = [
+    (name, key.key.partition(".")[2], value)
+    for name, its in KINDS.items()
+    for key in its
+    for value in wrong(key)
+]
+
+
+@pytest.mark.parametrize(("kind", "field", "value"), EVERY, ids=str)
+def test_a_value_outside_its_range_is_refused_by_class_and_scenario(kind, field, value):
+    table, _, name = kind.partition(".")
+    cls = choices(table)[name]
+    with pytest.raises(ValueError, match=rf"\A{field} must be .*\Z"):
+        cls(**{field: value})
+    with pytest.raises(ValidationError):
+        checked_settings(cls, {field: value})
+
+
+def test_every_law_observer_and_reference_of_the_project_is_tried():
+    poles_alone = {"controller.pole_placement", "observer.luenberger"}
+    poles_alone |= {"observer.nonlinear_luenberger", "observer.ideal"}
+    assert KINDS.keys() - {kind for kind, *_ in EVERY} == poles_alone
+
+
+@pytest.mark.parametrize("period", [0, -0.002, math.inf, math.nan])
+def test_a_period_is_a_positive_number(period):
+    for cls in choices("observer").values():
+        with pytest.raises(ValueError, match=r"\Aperiod must be a positive number"):
+            cls(period=period)
+
+
+@pytest.mark.parametrize("delay", [-0.001, math.inf, math.nan])
+def test_a_delay_is_no_negative_number(delay):
+    with pytest.raises(ValueError, match=r"\Adelay must be a number, 0 or more"):
+        Smith(observer=Luenberger(), delay=delay)
+
+
+@pytest.mark.parametrize("name", ["mass", "radius", "inertia", "gravity"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_a_parameter_of_the_ball_is_a_positive_number(name, value):
+    with pytest.raises(ValueError, match=f"{name} must be a positive number"):
+        BallPlate(**{name: value})
+
+
+@dataclass
+class Odd:
+    one: NotNegative | None = None
+    few: tuple[Positive, ...] = ()
+    two: Annotated[tuple[NotNegative, ...], Len(2, 2)] | None = None
+    points: tuple[tuple[float, float], ...] = ()
+    whole: int = 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"one": -1}, "one must be a number, 0 or more, got -1"),
+        ({"few": (1, 0)}, r"few must be positive numbers, got \[1, 0\]"),
+        ({"two": (1,)}, r"two must be 2 finite numbers, none negative, got \[1\]"),
+        ({"points": ((1, 2), (1, 2, 3))}, "points must be lists of 2 finite numbers"),
+        ({"points": 3.0}, "points must be lists of 2 finite numbers, got 3.0"),
+        ({"whole": 1.5}, "whole must be a finite whole number, got 1.5"),
+        ({"one": "much"}, "one must be a number, 0 or more, got much"),
+    ],
+    ids=str,
+)
+def test_what_is_allowed_is_said_in_one_line(wrong, said):
+    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
+        check(Odd(**wrong))
+    check(Odd(one=0, few=(1, 2.5), two=(0, 1), points=((1, 2),), whole=3))
