@@ -163,12 +163,13 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        from twin.report.numbers import LABELS, shown
+        from twin.page import digits
+        from twin.report.numbers import LABELS
 
         metric = DRAWN[0]
         unit = LABELS[metric][1]
         lines = [
-            (*map(named, point), str(row["outcome"]), shown(row[metric], unit))
+            (*map(named, point), str(row["outcome"]), digits(row[metric], unit))
             for point, row in zip(self.points, self.rows, strict=True)
         ]
         heads = (*self.keys, "outcome", f"{LABELS[metric][0]} [{unit}]")

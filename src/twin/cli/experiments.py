@@ -62,13 +62,13 @@ def show(predicted: list[Prediction], *, whole: bool) -> None:
     """Print the cells, thesis beside twin, and for the whole chapter the goals."""
     from rich.table import Table
 
-    from twin.report.numbers import shown
+    from twin.page import digits
     from twin.thesis.experiments.judge import UNITS
     from twin.thesis.experiments.predict import goals
 
     out = Table("table", "row", "quantity", "thesis", "predicted", "frictionless", "")
     for row in predicted:
-        values = (shown(row[key], "") for key in ("thesis", "predicted", "frictionless"))
+        values = (digits(row[key]) for key in ("thesis", "predicted", "frictionless"))
         name = f"{row['column']} [{UNITS[row['column']]}]"
         mark = "fitted" if row["calibration"] else ""
         out.add_row(row["table"], row["row"], name.replace("[", r"\["), *values, mark)

@@ -49,7 +49,7 @@ def show(tables: Sequence[str], *, as_json: bool, whole: bool) -> int:
     """Predict and explain the tables of these numbers; of the whole chapter, judge the goals."""
     from rich.table import Table
 
-    from twin.report.numbers import shown
+    from twin.page import digits
     from twin.thesis.experiments import explained
     from twin.thesis.experiments.judge import UNITS
 
@@ -62,7 +62,7 @@ def show(tables: Sequence[str], *, as_json: bool, whole: bool) -> int:
     out = Table("table", "row", "quantity", "thesis", "predicted", "explained", "held out")
     for cell in cells:
         name = f"{cell['column']} [{UNITS[cell['column']]}]".replace("[", r"\[")
-        values = (shown(cell[key], "") for key in ("thesis", "predicted", "explained", "held_out"))
+        values = (digits(cell[key]) for key in ("thesis", "predicted", "explained", "held_out"))
         out.add_row(cell["table"], cell["row"], name, *values)
     console.print(out)
     for goal in explained.goals(cells) if whole else ():

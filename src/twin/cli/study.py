@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.filesize import decimal
-from rich.markup import escape
 
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
@@ -159,21 +158,13 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 
 def _show(about: Study, found: list[Answer]) -> None:
-    from rich.table import Table
-
+    from twin.page import terminal
     from twin.study.report import compared, grids
     from twin.study.summary import sentences
 
     console.print(f"[bold]{about.title}[/bold]: {about.metrics[0]}")
-    for grid in grids(about, found):
-        console.print(grid.title, markup=False)
-        values = Table(*map(escape, grid.headings), header_style="bold")
-        for row in grid.rows:
-            values.add_row(*map(escape, row))
-        console.print(values)
-    table = Table("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail")
-    for answer in found:
-        table.add_row(*compared(answer))
-    console.print(table)
+    for table in (*grids(about, found), compared(about, found)):
+        console.print(table.title, markup=False)
+        console.print(terminal(table))
     for sentence in sentences(about, found):
         console.print(sentence, markup=False)

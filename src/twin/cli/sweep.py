@@ -83,7 +83,8 @@ def _show(done: Sweep) -> None:
     from rich.table import Table
 
     from ballplate.swept import named
-    from twin.report.numbers import FIRST, LABELS, shown
+    from twin.page import digits
+    from twin.report.numbers import FIRST, LABELS
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
     console.print(done.title, style="bold", markup=False)
@@ -104,7 +105,7 @@ def _show(done: Sweep) -> None:
                 early = each["outcome"] != "finished"
                 when = f" at {each['outcome_time']:.3g} s" if each["outcome_time"] else ""
                 words = f"{each['outcome']}{when}"
-                cells.append(words if early else shown(each.get(key), LABELS[key][1]))
+                cells.append(words if early else digits(each.get(key), LABELS[key][1]))
         table.add_row(escape(named(value)), *cells)
     console.print(table)
     if several and keys:

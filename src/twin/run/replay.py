@@ -19,7 +19,7 @@ from twin.hal.states import State
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
 from twin.run.finished import Run
-from twin.run.folders import is_last, last, record_of, run_folders
+from twin.run.folders import is_last, last, listed, record_of, run_folders
 from twin.run.loop import INTERRUPTED
 from twin.run.metadata import check_metadata, classes_of
 from twin.run.metrics import Motion, held
@@ -310,6 +310,9 @@ def open_runs(
         except RecordError as error:
             failed.append(error)
             continue
+        if len(opened) == 1:
+            (run,) = opened
+            opened = [replace(run, name=listed(path.parent).get(path.name, run.name))]
         for run in opened:
             taken = sum(other.name.partition("~")[0] == run.name for other in runs)
             name = f"{run.name}~{taken + 1}" if taken else run.name

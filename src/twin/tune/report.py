@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.html import inline, render
-from twin.report.numbers import LABELS, shown
+from twin.page import digits
+from twin.report.numbers import LABELS
 from twin.run.control import build_law
 from twin.tune.certificate import CONFIDENCE, Certificate
 from twin.tune.figures import before_and_after, sensitivities, trade_off
@@ -89,8 +90,8 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
                     task.name,
                     label,
                     f"{name} [{unit}]",
-                    *(shown(value, unit) for value in numbers or (None,) * 3),
-                    shown(task.scale, unit),
+                    *(digits(value, unit) for value in numbers or (None,) * 3),
+                    digits(task.scale, unit),
                     f"{side.finished[task.name]} of {side.rigs}",
                     "-" if effort is None else f"{effort[0]:.2g}",
                 )

@@ -30,17 +30,17 @@ def draw(path: Path, rows: Sequence[Prediction]) -> None:
     """
     figure = Figure(figsize=(11, 6), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 4, sharex=True, sharey=True)
+    axes = figure.subplots(2, 4, sharex=True, sharey="col")
     for column, (law, pair) in enumerate(LAWS.items()):
         for line, table in enumerate(pair):
             ax = axes[line, column]
             _panel(ax, [r for r in rows if r["table"] == table and r["column"] == "e_tt"])
             fitted = " (fitted)" if table == "9.3" else ""
             ax.set_title(f"{law}, {table}{fitted}", fontsize=10)
-            ax.set_ylim(0)
     for line, side in enumerate(SIDES):
         axes[line, 0].set_ylabel(f"{side}\ntracking error [%]")
     for ax in axes[1]:
+        ax.set_ylim(0)  # of both above each other, once both are drawn
         ax.set_xlabel("ω [rad/s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
