@@ -164,7 +164,8 @@ def _write(figure: Figure, path: Path) -> None:
     """A PNG of few colours."""
     raw = BytesIO()
     figure.savefig(raw, format="png", dpi=100)
-    picture = Image.open(raw).convert("RGB").quantize(PALETTE)
+    # median cut, which is the default, takes the mean of colours of few pixels: blue became teal
+    picture = Image.open(raw).convert("RGB").quantize(PALETTE, method=Image.Quantize.FASTOCTREE)
     write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
 
 

@@ -12,6 +12,7 @@ import inspect
 import json
 import tomllib
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import click
@@ -270,14 +271,28 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
             face = "tab:blue" if at == 0 else "none"
             gone = np.array([value is None for value in values])
             x, colours = np.array(x), {"facecolors": face, "edgecolors": "tab:blue"}
-            axis.scatter(x[~gone], rows[~gone], s=30, **colours)
-            axis.scatter(x[gone], rows[gone], s=40 if at else 15, marker="x", c="tab:red")
-            axis.axvline(task["goals"][at], color="0.6", lw=1, ls="-" if at == 0 else "--")
-        axis.set(xscale="log", xlim=(low, high), title=task["name"], xlabel=f"{word}, {unit}")
+            whose = ("nominal rig", "worst rig")[at]
+            axis.scatter(x[~gone], rows[~gone], s=30, label=whose, **colours)
+            axis.scatter(
+                x[gone],
+                rows[gone],
+                s=40 if at else 15,
+                marker="x",
+                c="tab:red",
+                label=f"{whose}: not reached",
+            )
+            line: dict[str, Any] = {"color": "0.6", "lw": 1, "ls": "-" if at == 0 else "--"}
+            axis.axvline(task["goals"][at], label=f"goal of the {whose}", **line)
+        # no text wider than its panel: the layout does not see to that
+        axis.set(xscale="log", xlim=(low, high))
+        axis.set_title(fill(task["name"], 20), fontsize=10)
+        axis.set_xlabel(fill(f"{word}, {unit}", 22), fontsize=9)
         axis.grid(axis="y", color="0.9")
         axis.set_yticks(rows, names)
     for axis in axes.flat[len(tasks) :]:
         axis.set_axis_off()
+    entries = axes.flat[0].get_legend_handles_labels()
+    figure.legend(*entries, loc="outside lower center", ncols=6, frameon=False)
     path.parent.mkdir(exist_ok=True)
     figure.savefig(path, metadata={"Date": None})
 

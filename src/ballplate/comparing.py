@@ -30,11 +30,13 @@ class Case(NamedTuple):
     Attributes:
         scenario: What is run.
         heading: What the table calls it: the shortest text that tells it from the others.
+        name: What pictures call it, where no key stands over it.
         folder: Where it is kept within the folder of the comparison.
     """
 
     scenario: Scenario
     heading: str
+    name: str
     folder: str
 
 
@@ -151,13 +153,13 @@ def cases_of(
     for name in names:
         named = (name,) if len(names) > 1 or not varied or not alone else ()
         for variant in variants(varied):
-            label, heading, folder = (
+            label, heading, called = (
                 " ".join(filter(None, (*named, text)))
                 for text in (variant.label, variant.heading, variant.name)
             )
             changed = changes_of((), dict(variant.settings))
             scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, heading, slug(folder))
+            cases[label] = Case(scenario, heading, called, slug(called))
     return cases
 
 
@@ -244,6 +246,7 @@ def side_by_side(
         {**finished, **ordered},
         title,
         {label: cases[label].heading for label in ordered},
+        names={label: cases[label].name for label in ordered},
         folders={label: cases[label].folder for label in ordered},
         interrupted=interrupted or bool(failed),
         replaced=replaced,

@@ -22,6 +22,7 @@ class Comparison(Mapping[str, "Result"]):
     Attributes:
         title: What is compared.
         headings: What the table calls each run.
+        names: What pictures call it.
         folders: Where each run that was just made is kept within a folder of the comparison.
         interrupted: Whether Ctrl-C ended it before all had run.
         folder: Where it was saved as the runs came; None for nowhere.
@@ -35,6 +36,7 @@ class Comparison(Mapping[str, "Result"]):
         title: str,
         headings: Mapping[str, str],
         *,
+        names: Mapping[str, str] | None = None,
         folders: Mapping[str, str] | None = None,
         interrupted: bool = False,
         replaced: str = "",
@@ -43,6 +45,7 @@ class Comparison(Mapping[str, "Result"]):
         self._runs = dict(runs)
         self.title = title
         self.headings = {label: headings.get(label, label) for label in runs}
+        self.names = self.headings | dict(names or {})
         self.folders = dict(folders or {})
         self.interrupted, self.replaced = interrupted, replaced
         self.folder: Path | None = None
@@ -71,8 +74,8 @@ class Comparison(Mapping[str, "Result"]):
 
     @property
     def motions(self) -> dict[str, Motion]:
-        """The motion of each run by what the table calls it."""
-        return {self.headings[label]: each.motion for label, each in self._runs.items()}
+        """The motion of each run by what pictures call it."""
+        return {self.names[label]: each.motion for label, each in self._runs.items()}
 
     def summaries(self) -> dict[str, dict[str, Any]]:
         """The indicators of each run, as ``Result.summary``."""
@@ -111,7 +114,11 @@ class Comparison(Mapping[str, "Result"]):
 
         place = Path(folder)
         draw(place / "compare.png", self.motions, self.title, self._area)
-        content = {"folders": list(self.folders.values()), "runs": self.summaries()}
+        content = {
+            "folders": list(self.folders.values()),
+            "names": [self.names[label] for label in self.folders],
+            "runs": self.summaries(),
+        }
         write_json(place / MANIFEST, content)
         return place
 

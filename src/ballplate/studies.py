@@ -78,8 +78,8 @@ class StudyResult:
         """For a notebook: sentences, a row per variant, figures."""
         from twin.study.report import compared
 
-        heads = ("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail")
-        rows = table(heads, [compared(answer) for answer in self.answers])
+        found = compared(self.work.study, self.answers)
+        rows = table(found.heads, found.rows)
         pictures = [png_image(figure) for figure in self.plot().values()]
         return page(self.title, paragraphs(self.sentences), rows, *pictures)
 

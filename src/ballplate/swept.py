@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DRAWN = ("tracking_error_percent", "rms_error")
-"""The indicators that are drawn unless another is named."""
+"""The first of these indicators that applies is drawn unless another is named."""
 WIDTH = 80
 """Characters in a line of the title."""
 
@@ -104,7 +104,8 @@ class Sweep:
         Runs that ended early are crosses at the bottom.
 
         Args:
-            metrics: Their names, as ``settling_time``; tracking error and RMS by default.
+            metrics: Their names, as ``settling_time``; by default the tracking error, or, where
+                it does not apply, the RMS error.
 
         Raises:
             ScenarioError: If there is none of that name.
@@ -114,10 +115,10 @@ class Sweep:
         from matplotlib.figure import Figure
 
         from twin.report.numbers import LABELS
-        from twin.run.overview_plot import COLOURS, LOOK
+        from twin.run.overview_plot import LOOK, style
 
-        asked = metrics or tuple(name for name in DRAWN if any(x is not None for x in self[name]))
-        drawn = {name: self[name] for name in asked or DRAWN[1:]}
+        known = [name for name in DRAWN if any(each is not None for each in self[name])]
+        drawn = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}
         values = self.values
         numeric = all(isinstance(value, int | float) for value in values)
         at = np.array(values if numeric else range(len(values)), float)
@@ -131,12 +132,13 @@ class Sweep:
                 scale = 1000 if unit == "mm" else 1
                 for index, (curve, rows) in enumerate(self.curves.items()):
                     early = np.array([row["outcome"] != "finished" for row in rows])
-                    known = [np.nan if row.get(name) is None else scale * row[name] for row in rows]
-                    colour = COLOURS[index % len(COLOURS)]
-                    shown = np.where(early, np.nan, known)
-                    panel.plot(at, shown, "o-", color=colour, ms=4, label=curve)
+                    each = [np.nan if row.get(name) is None else scale * row[name] for row in rows]
+                    look = style(index)
+                    shown = np.where(early, np.nan, each)
+                    panel.plot(at, shown, marker="o", ms=4, label=curve, **look)
                     if early.any():
-                        panel.plot(at[early], 0 * at[early], "x", color=colour, ms=7, clip_on=False)
+                        cross = {"color": look["color"], "ms": 7, "clip_on": False}
+                        panel.plot(at[early], 0 * at[early], "x", **cross)
                 panel.set(ylabel=f"{words} [{unit}]", ylim=(0, None))
             early_too = "" if self.finished else "  (×: the run ended early)"
             panels[-1].set_xlabel(f"{self.keys[0]}{early_too}")
@@ -144,7 +146,8 @@ class Sweep:
                 panels[-1].set_xticks(at, list(map(named, values)))
             if len(self.curves) > 1:
                 handles = panels[0].get_legend_handles_labels()
-                figure.legend(*handles, loc="outside lower center", ncols=4, fontsize=9)
+                of = ", ".join(self.keys[1:])
+                figure.legend(*handles, loc="outside lower center", ncols=4, title=of)
             figure.draw_without_rendering()
         return showable(figure)
 
@@ -163,12 +166,13 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        from twin.report.numbers import LABELS, shown
+        from twin.page import digits
+        from twin.report.numbers import LABELS
 
         metric = DRAWN[0]
         unit = LABELS[metric][1]
         lines = [
-            (*map(named, point), str(row["outcome"]), shown(row[metric], unit))
+            (*map(named, point), str(row["outcome"]), digits(row[metric], unit))
             for point, row in zip(self.points, self.rows, strict=True)
         ]
         heads = (*self.keys, "outcome", f"{LABELS[metric][0]} [{unit}]")

@@ -3,6 +3,7 @@
 import asyncio
 import sys
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -12,6 +13,7 @@ from twin.play import serve
 from twin.play.audience import Audience
 from twin.play.guard import Guard, is_loopback
 from twin.play.pace import AHEAD, BEHIND, Pace
+from twin.play.sight import COLUMNS, Errors
 from twin.play.sliders import PLANT, gains, moved, multiplied, shown_by
 from twin.scenario.load import load
 
@@ -138,6 +140,34 @@ def test_a_gain_is_multiplied_and_the_others_of_its_key_stay():
     assert multiplied(found, found[1], 0.5) == {"controller.gains": [180, 81, 66, 13]}
     (rho, _, *_) = gains(load("hold").model_dump(mode="json"), "controller")
     assert multiplied([rho], rho, 2.0) == {"controller.rho": 600.0}
+
+
+def test_the_error_so_far_is_that_of_all_pictures_and_forgets_what_was_undone():
+    def row(time, error, clean):
+        now = {**dict.fromkeys(COLUMNS, 0.0), "time": time, "error": error, "ghost_error": clean}
+        return [now[name] for name in COLUMNS]
+
+    errors = Errors()
+    assert errors.rms == (0.0, 0.0)
+    errors.add([row(0.0, 0.03, 0.0), row(0.02, 0.04, 0.01)])
+    assert errors.rms == pytest.approx((np.sqrt(0.0025 / 2), np.sqrt(0.0001 / 2)))
+    errors.add([row(0.04, 9.0, np.nan)])
+    assert np.isnan(errors.rms[1])
+    errors.add([row(0.02, 0.04, 0.01)])  # somebody went back
+    assert errors.rms == pytest.approx((np.sqrt(0.0025 / 2), np.sqrt(0.0001 / 2)))
+
+
+def test_gains_are_called_what_they_are():
+    tables = load("circle", ("controller.kind=pid",)).model_dump(mode="json")
+    found = {gain.label: gain for gain in gains(tables, "controller")}
+    assert "plate: plate's angle" in found
+    assert "plate: rate" in found
+    assert found["kp"].help == "Gain on the error, 1/s^2."
+    tables["controller"] = {"kind": "afl", "gains": [1.0, 2.0, 3.0, 4.0]}
+    labels = [gain.label for gain in gains(tables, "controller")]
+    assert labels == ["gains: p0", "gains: p1", "gains: p2", "gains: p3"]
+    tables["controller"] = {"kind": "backstepping"}
+    assert [gain.label for gain in gains(tables, "controller")][:2] == ["c: 1", "c: 2"]
 
 
 def test_a_missing_extra_is_one_line(monkeypatch):

@@ -201,8 +201,9 @@ def test_a_person_drives_the_rig(browser, tmp_path):
         assert page.wrong == []
         page.context.close()
         assert played.ended() == 0
-        assert len(played.lines) == 1, played.lines
+        assert played.lines[1:] == [f"ended without saving, so saved as {folder}~2/\n"]
 
+    assert open_run(tmp_path / "run~2")[0].driven["pushes"]  # after the first was saved
     (run,) = open_run(folder)
     assert run.driven["goals"] > 3
     assert run.scenario.change[-1].set["plant.friction.rolling_mm"] == pytest.approx(0.4, abs=0.02)
@@ -219,6 +220,24 @@ def test_a_person_drives_the_rig(browser, tmp_path):
             real = np.degrees(run.rows[f"true_{name}"][near])
             assert real.min() - 0.06 < told < real.max() + 0.06
             assert clockwise == pytest.approx(4 * sense * told, abs=0.25)
+
+
+@pytest.mark.parametrize("width", [420, 1024])
+def test_all_is_reached_on_a_narrow_window(browser, tmp_path, width):
+    with playing("circle", "--out", str(tmp_path / "run")) as played:
+        page = browser(tmp_path / "one", played.url)
+        page.set_viewport_size({"width": width, "height": 900})
+        expect(page.get_by_test_id("error")).to_contain_text("RMS so far", timeout=1000 * PATIENCE)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        plate = page.locator("svg[data-time]").bounding_box()
+        assert plate["width"] > 0.8 * min(width, 450)
+        for each in ("pause", "save", "plant.friction.rolling_mm", "controller.kind"):
+            box = page.get_by_test_id(each).bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+        page.context.close()
+        assert played.ended() == 0
+        assert len(played.lines) == 1, played.lines  # nothing was done, so nothing is kept
 
 
 def spent(process):
@@ -293,7 +312,10 @@ def test_a_simulation_that_dies_is_one_line_and_exit_code_1(tmp_path):
         max(children, key=lambda each: sum(each.cpu_times()[:2])).kill()
         assert played.ended() == 1
         # what follows is Python's own: semaphores of a process that was killed are taken back
-        assert played.lines[1] == "ballplate: the simulation's process was ended\n"
+        assert played.lines[1] == (
+            "ballplate: the simulation's process was ended; "
+            "what was driven since it was last saved is lost\n"
+        )
         assert "Traceback" not in "".join(played.lines)
 
 

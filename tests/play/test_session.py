@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from twin.play.driven import Driven
-from twin.play.events import Back, Goal, Pause, Push, Save, Settings
+from twin.play.events import Back, End, Goal, Pause, Push, Save, Settings
 from twin.play.kept import Kept, States
 from twin.play.sight import COLUMNS
 from twin.report.diagnosis import Diagnosis
@@ -265,6 +265,23 @@ def test_a_law_that_plans_ahead_follows_the_path_that_is_known_and_no_goal(drive
     assert "plans on a path known ahead, which is no goal's" in wrong[0]
     assert "which is laid from the start of a scenario that has it" in wrong[1]
     assert session.driven.goals.points[0][1:] == (0.05, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("script", "last", "saved"),
+    [
+        ({}, 40, []),  # untouched: any run of the scenario is the same
+        ({10: [Goal(0.05, 0.0)]}, 40, ["end"]),
+        ({10: [Goal(0.05, 0.0)], 30: [Save(Path("asked"))]}, 40, ["asked", "end"]),
+        ({10: [Goal(0.05, 0.0)], 30: [Pause(True)], 31: [Save(Path("asked"))]}, 40, ["asked"]),
+        ({0: [Pause(True)], 1: [Settings({"plant.friction.rolling_mm": 0.1})]}, 3, []),
+    ],
+)
+def test_what_is_not_saved_when_it_ends_is_saved_then(driven, script, last, saved):
+    written = []
+    script = {**script, last: [End(Path("end"))]}
+    driven(load("hold"), script, last + 99, write=lambda _, folder: written.append(folder.name))
+    assert written == saved
 
 
 def test_nothing_is_saved_of_nothing(driven):

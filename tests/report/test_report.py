@@ -11,14 +11,16 @@ from twin.cli.report import report as command
 from twin.devices.timing import TimingLog
 from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum
+from twin.report.figures import details
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
 from twin.report.summary import summary, verdict
 from twin.run.execute import run, save
 from twin.run.finished import Run
-from twin.run.replay import open_run
+from twin.run.replay import open_run, open_runs
 from twin.scenario.load import check
 from twin.view.signals import signals
+from twin.writing import write_json
 
 pytestmark = pytest.mark.usefixtures("quick_pictures")
 
@@ -90,7 +92,7 @@ def test_cut_effort_is_counted_and_told():
     requested[:2500] = 9.0
     cut = made(reference, requested_phi_acc=requested)
     assert Diagnosis.of(cut).cut == pytest.approx(0.25)
-    assert any("cut the control effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
+    assert any("cut the effort 25.0%" in line for line in summary(cut, Diagnosis.of(cut)))
     assert any("No limit was in the way" in line for line in summary(some, Diagnosis.of(some)))
 
 
@@ -120,7 +122,7 @@ def test_a_ball_stuck_by_friction_is_called_stuck():
     assert found.stuck == pytest.approx(0.03)
     (sentence,) = [text for text in summary(still, found) if "stuck" in text]
     # 0.18 mm on 20 mm
-    assert "30 mm from its reference" in sentence
+    assert "30 mm away from its reference" in sentence
     assert "tilted by 0.3 deg; its friction holds it up to 0.52 deg" in sentence
 
 
@@ -287,6 +289,31 @@ def test_every_format_is_written_beside_the_run(scenario, tmp_path):
     }
     for name, start in starts.items():
         assert (tmp_path / name).read_bytes().startswith(start), name
+
+
+def test_runs_of_a_comparison_come_in_its_order_and_by_its_names(scenario, tmp_path):
+    done = run(scenario("duration=0.02"))
+    for name in ("b-ki=0", "a-ki=1", "0-other"):
+        save(done, tmp_path / name, {})
+    listed = {"folders": ["b-ki=0", "a-ki=1"], "names": ["b ki=0", "a ki=1"]}
+    write_json(tmp_path / "compare.json", listed)
+    assert [each.name for each in open_runs((tmp_path,))] == ["b ki=0", "a ki=1", "0-other"]
+    assert [each.name for each in open_runs((tmp_path / "a-ki=1",))] == ["a ki=1"]
+    write_json(tmp_path / "compare.json", {"folders": ["b-ki=0", "a-ki=1"]})  # of an older version
+    assert [each.name for each in open_runs((tmp_path,))] == ["b-ki=0", "a-ki=1", "0-other"]
+
+
+def test_of_many_runs_each_is_told_in_a_sentence(runs):
+    few, many = html(runs), html([*runs, *runs])
+    assert "<h3>run_1</h3>" in few
+    assert "<h3>" not in many
+    assert many.count("run_1: Tracking error e_tt") == 4
+
+
+def test_a_page_of_simulated_runs_has_no_picture_of_lateness(runs):
+    titles = [panel.get_title() for panel in details(runs).axes]
+    assert len(titles) == 3
+    assert not any("late" in title for title in titles)
 
 
 def test_an_unknown_format_names_the_known_ones(tmp_path):

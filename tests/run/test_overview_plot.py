@@ -5,8 +5,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from twin.run.metrics import Motion
-from twin.run.overview_held import HEIGHT
-from twin.run.overview_plot import COLOURS, LEAST_ERROR, WINDOW, picture
+from twin.run.overview_held import HEIGHT, HIGHEST
+from twin.run.overview_plot import COLOURS, LEAST_ERROR, MOST, REFERENCE, WINDOW, picture
 
 TIME = np.arange(0.0, 4.0, 0.01)
 
@@ -28,8 +28,16 @@ def drawn(**runs):
     return figure, {panel.get_title().split(" (")[0]: panel for panel in figure.axes}
 
 
+def words(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
 def references(panel):
-    return [line for line in panel.lines if "reference" in str(line.get_label())]
+    return [
+        line
+        for line in panel.lines
+        if line.get_zorder() == REFERENCE["zorder"] and len(line.get_xdata())
+    ]
 
 
 def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
@@ -37,11 +45,12 @@ def test_a_reference_of_all_runs_is_drawn_once_as_long_as_the_longest():
     (line,) = references(panels["Ball on the screen, from above"])
     assert line.get_color() == "black"
     assert len(line.get_xdata()) == len(TIME)
-    assert [text.get_text() for text in figure.legends[0].get_texts()].count("reference") == 1
+    assert words(figure).count("reference") == 1
 
 
 def test_runs_with_references_of_their_own_show_each_in_the_colour_of_its_run():
-    _, panels = drawn(wide=motion(0.1), narrow=motion(0.05))
+    figure, panels = drawn(wide=motion(0.1), narrow=motion(0.05))
+    assert sum("reference" in text for text in words(figure)) == 1
     first, second = references(panels["Ball on the screen, from above"])
     assert [to_hex(line.get_color()).upper() for line in (first, second)] == list(COLOURS[:2])
     assert np.abs(first.get_xdata()).max() == pytest.approx(100)
@@ -57,10 +66,34 @@ def test_the_legend_covers_no_curve():
     figure, _ = drawn(**{f"run {number}": motion(0.01 * number) for number in range(1, 8)})
     (legend,) = figure.legends
     box = legend.get_window_extent()
-    assert len(legend.get_texts()) == 14
+    assert len(legend.get_texts()) == 8
     for panel in figure.axes:
         assert panel.get_legend() is None
         assert not box.overlaps(panel.get_tightbbox())
+
+
+def test_runs_that_share_a_reference_have_it_once_and_in_black():
+    _, panels = drawn(wide=motion(0.1), same=motion(0.1, 0.02), narrow=motion(0.05))
+    found = [
+        to_hex(line.get_color()) for line in references(panels["Ball on the screen, from above"])
+    ]
+    assert sorted(found) == sorted(["#000000", COLOURS[2].lower()])
+
+
+def test_of_many_runs_numbers_stand_at_the_curves_and_a_short_list_below():
+    runs = {f"lqr kappa={number}": motion(0.01 * number) for number in range(1, 24)}
+    figure, panels = drawn(**runs)
+    assert len(words(figure)) <= MOST
+    listed = figure.legends[0].get_title().get_text().replace("\xa0", " ")
+    for number, name in enumerate(runs, 1):
+        assert f"{number} {name}" in listed
+    assert len(listed.splitlines()) <= MOST
+    for panel in (panels["Ball on the screen, from above"], panels["Tracking error"]):
+        numbers = [text.get_text() for text in panel.texts if text.get_text().isdigit()]
+        assert numbers == [str(number) for number in range(1, 24)]
+    few, panels = drawn(**dict(list(runs.items())[:MOST]))
+    assert words(few)[:MOST] == list(runs)[:MOST]
+    assert not any(text.get_text().isdigit() for text in panels["Tracking error"].texts)
 
 
 @pytest.mark.parametrize(("error", "top"), [(1e-9, LEAST_ERROR), (0.02, 21.0)])
@@ -148,8 +181,7 @@ def test_where_friction_holds_the_ball_is_shaded_and_said():
         (path,) = paths
         assert colour.upper() == COLOURS[0]
         assert path.get_extents().extents == pytest.approx([1.0, 0.0, 1.99, 0.8 * HEIGHT])
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "honest twin held by friction, 25.0 % of the time" in words
+    assert "honest twin held by friction, 25.0 % of the time" in words(figure)
 
 
 def test_bands_of_several_runs_lie_above_each_other_under_one_entry():
@@ -159,14 +191,13 @@ def test_bands_of_several_runs_lie_above_each_other_under_one_entry():
     heights = [path.get_extents().intervaly.tolist() for (path,), _ in found]
     expected = np.array([[0.0, 0.8], [1.0, 1.8]]) * HEIGHT
     np.testing.assert_allclose(heights, expected)
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "held by friction, 25.0 to 50.0 % of the time" in words
+    assert "held by friction, 25.0 to 50.0 % of the time" in words(figure)
 
 
 def test_nothing_is_shaded_where_no_friction_held_the_ball():
     figure, panels = drawn(run=resting(9.0, 9.0), unknown=motion())
     assert not bands(panels["Tracking error"])
-    assert not any("held" in text.get_text() for text in figure.legends[0].get_texts())
+    assert not any("held" in text for text in words(figure))
 
 
 def test_strips_of_many_runs_keep_below_a_third_of_the_panel():
@@ -174,7 +205,16 @@ def test_strips_of_many_runs_keep_below_a_third_of_the_panel():
     _, panels = drawn(**runs)
     tops = [path.get_extents().y1 for paths, _ in bands(panels["Position"]) for path in paths]
     assert len(tops) == 23
-    assert max(tops) <= 0.3
+    assert max(tops) <= HIGHEST
+
+
+def test_strips_lie_below_the_curves():
+    held = resting(0.5, 1.0)
+    _, panels = drawn(one=held, other=held)
+    panel = panels["Tracking error"]
+    (top,) = {path.get_extents().y1 for paths, _ in bands(panel)[1:] for path in paths}
+    low, high = panel.get_ylim()
+    assert low + top * (high - low) <= min(line.get_ydata().min() for line in panel.lines)
 
 
 def test_a_ball_that_left_the_plate_ends_in_a_cross():
@@ -183,7 +223,9 @@ def test_a_ball_that_left_the_plate_ends_in_a_cross():
         still = motion()
         ball = still.ball.copy()
         ball[-1] = x, 0.0
-        _, panels = drawn(**{name: replace(still, ball=ball)})
+        figure, panels = drawn(**{name: replace(still, ball=ball)})
         ends[name] = {line.get_marker() for line in panels["Ball on the screen, from above"].lines}
+        ended = {line.get_marker() for line in panels["Tracking error"].lines}
+        assert ("X" in ended) == ("left the plate" in words(figure)) == (name == "left")
     assert "X" in ends["left"] - ends["stays"]
     assert "s" in ends["stays"] - ends["left"]

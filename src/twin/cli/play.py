@@ -51,7 +51,8 @@ def play(
 
     Drag the goal, push the ball, move friction, dead time, level and gains by sliders, choose
     another law or observer, pause, go back; the clean model goes beside. A saved run is a run
-    folder like any other. It ends with Ctrl-C, or when the page is closed.
+    folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
+    saved is saved then.
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.play.serve import Server, folder_of, library, open_browser
@@ -71,6 +72,12 @@ def play(
 
     server.run(begun)
     if server.failure is not None:
-        click.echo(f"ballplate: {server.failure}", err=True)
+        lost = "what was driven since it was last saved is lost"
+        click.echo(f"ballplate: {server.failure}; {lost}", err=True)
         return 1
+    if server.lost:
+        click.echo(f"ballplate: {server.kept}", err=True)
+        return 1
+    if server.kept:
+        console.print(f"ended without saving, so {server.kept}", soft_wrap=True, markup=False)
     return 0

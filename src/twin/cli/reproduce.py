@@ -79,14 +79,14 @@ def _show_measured(rows: list[Row], *, whole: bool) -> None:
     """Print the cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
     from rich.table import Table
 
-    from twin.report.numbers import shown
+    from twin.page import digits
     from twin.thesis import chapter9
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
     out = Table("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
     for row in rows:
         name = f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]".replace("[", r"\[")
-        values = (shown(row[key], "") for key in keys)
+        values = (digits(row[key], "") for key in keys)
         mark = "fitted" if row["calibration"] else ""
         out.add_row(row["table"], row["row"], name, *values, mark)
     console.print(out)

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.filesize import decimal
-from rich.markup import escape
 
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
-from twin.cli.output import console, duration, errors, print_json, print_table, print_titles, say
+from twin.cli.output import console, duration, errors, print_json, print_titles, say
 from twin.cli.terminal import Terminal
 from twin.jobs import cores
 from twin.shipped import chosen, shipped_in, titles
@@ -150,15 +149,14 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 
 def _show(about: Study, found: list[Answer]) -> None:
+    from rich.markup import escape
+
+    from twin.page import terminal
     from twin.study.report import compared, grids
     from twin.study.summary import sentences
 
     console.print(f"[bold]{escape(about.title)}[/bold]: {about.metrics[0]}")
-    for grid in grids(about, found):
-        say(grid.title)
-        print_table(grid.headings, grid.rows)
-    print_table(
-        ("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail"),
-        map(compared, found),
-    )
+    for table in (*grids(about, found), compared(about, found)):
+        say(table.title)
+        console.print(terminal(table))
     say(*sentences(about, found))

@@ -81,7 +81,8 @@ def _tell(done: Sweep) -> None:
 
 def _show(done: Sweep) -> None:
     from ballplate.swept import named
-    from twin.report.numbers import FIRST, LABELS, shown
+    from twin.page import digits
+    from twin.report.numbers import FIRST, LABELS
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
     curves = done.curves
@@ -89,7 +90,7 @@ def _show(done: Sweep) -> None:
 
     def cell(run: Mapping[str, Any], key: str) -> str:
         if run["outcome"] == "finished":
-            return shown(run.get(key), LABELS[key][1])
+            return digits(run.get(key), LABELS[key][1])
         when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
         return f"{run['outcome']}{when}"
 

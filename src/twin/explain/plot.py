@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.explain.attribution import EffectCase, Explanation
-from twin.run.overview_plot import COLOURS
+from twin.run.overview_plot import COLOURS, LOOK
 from twin.writing import write_whole
 
 LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]
@@ -24,7 +24,7 @@ def draw(path: Path, explanation: Explanation) -> None:
     """
     rows = len(explanation.contributions)
     height = 3.6 + 0.36 * max(rows, 3)
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+    with mpl.rc_context(LOOK):
         figure = Figure(figsize=(12, height), layout="constrained")
         title = f"{explanation.scenario.title}: what makes the error"
         figure.suptitle(title, fontsize=12, fontweight="bold")
@@ -67,14 +67,14 @@ def _errors(panel: Axes, explanation: Explanation) -> None:
     panel.axvline(none, color=ALONE, lw=1, ls="--")
     top = -0.75
     panel.annotate("all effects", (whole, top), color=LEFT, ha="right", fontsize=8)
-    panel.annotate("none", (none, top), color=ALONE, ha="left", fontsize=8)
+    panel.annotate(" none", (none, top), color=ALONE, ha="left", fontsize=8)
     labels = [part.effect.label for part in explanation.contributions]
     panel.set_yticks(range(len(labels)), labels)
     panel.set_ylim(len(labels) - 0.4, -1.1)
     panel.set_xlim(left=0)
     panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
-    panel.set_title("Taken from all, and on its own")
-    panel.legend(loc="lower right", fontsize=8)
+    panel.set_title("Error without each effect, and with it alone")
+    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=2)
 
 
 def _shares(panel: Axes, explanation: Explanation) -> None:
@@ -89,9 +89,11 @@ def _shares(panel: Axes, explanation: Explanation) -> None:
     panel.set_yticks(places, [""] * len(values))
     panel.set_ylim(len(values) - 0.4, -1.1)
     panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
+    panel.set_xticks([at for at in panel.get_xticks() if abs(at) <= max(100.0, reach)])
+    panel.set_xlim(min(0.0, *values) * 1.25, 1.25 * reach)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set_xlabel("share of the error [%]")
-    panel.set_title(_remainder(explanation))
+    panel.set_title(_remainder(explanation), fontsize=9.5)
 
 
 def _remainder(explanation: Explanation) -> str:
@@ -110,9 +112,8 @@ def _time(panel: Axes, explanation: Explanation) -> None:
     for label, (case, colour) in cases.items():
         time = period * np.arange(len(case.distance))
         panel.plot(time, 1000 * case.distance, color=colour, lw=1, label=label)
+    panel.set(xlabel="time [s]", ylabel="distance from reference [mm]", ylim=(0, None))
     start = explanation.scenario.metrics.start
     if start > 0:
-        panel.axvline(start, color="0.4", lw=0.8, ls=":")
-        panel.text(start, 0, " judged from here", color="0.4", fontsize=8, va="bottom")
-    panel.set(xlabel="time [s]", ylabel="distance from reference [mm]", ylim=(0, None))
-    panel.legend(loc="upper right", fontsize=8)
+        panel.axvline(start, color="0.4", lw=0.8, ls=":", label="judged from here")
+    panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower right", ncols=4)

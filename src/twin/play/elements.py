@@ -12,60 +12,49 @@ from twin.hal.interface import SCREEN
 from twin.play.sight import COLUMNS
 
 RIG, CLEAN, PHI, THETA, EFFORT = "#0072b2", "#009e73", "#7a4fa3", "#b5651d", "#555555"
-STRIPS = (
-    {
-        "title": "Tracking error, mm",
-        "columns": ["error", "ghost_error"],
-        "names": ["rig", "clean model"],
-        "colours": [RIG, CLEAN],
-        "factor": 1000,
-        "least": 5,
-        "signed": False,
-    },
-    {
-        "title": "Plate angle, deg",
-        "columns": ["phi", "theta"],
-        "names": ["phi (moves x)", "theta (moves y)"],
-        "colours": [PHI, THETA],
-        "factor": 180 / math.pi,
-        "least": 1,
-        "signed": True,
-    },
-    {
-        "title": "Control effort: plate acceleration (RMS), rad/s²",
-        "columns": ["effort"],
-        "names": [],
-        "colours": [EFFORT],
-        "factor": 1,
-        "least": 1,
-        "signed": False,
-    },
-)
-SIDES = (
-    {
-        "title": "seen from the lower edge",
-        "axis": "x",
-        "angle": "phi",
-        "lowers": 1,
-        "half": 500 * SCREEN[0],
-        "colour": PHI,
-    },
-    {
-        "title": "seen from the right edge",
-        "axis": "y",
-        "angle": "theta",
-        "lowers": -1,
-        "half": 500 * SCREEN[1],
-        "colour": THETA,
-    },
-)
+STRIPS = [
+    dict(zip(("title", "curves", "factor", "least", "signed"), each, strict=True))
+    for each in (
+        (
+            "Tracking error, mm",
+            [("error", "rig", RIG), ("ghost_error", "clean model", CLEAN)],
+            *(1000, 5, False),
+        ),
+        (
+            "Plate angle, deg",
+            [("phi", "phi (moves x)", PHI), ("theta", "theta (moves y)", THETA)],
+            *(180 / math.pi, 1, True),
+        ),
+        ("Plate acceleration (RMS), rad/s²", [("effort", "", EFFORT)], 1, 1, False),
+    )
+]
+"""Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
+SIDES = [
+    dict(zip(("title", "axis", "angle", "lowers", "half", "colour"), each, strict=True))
+    for each in (
+        ("seen from the lower edge", "x", "phi", 1, 500 * SCREEN[0], PHI),
+        ("seen from the right edge", "y", "theta", -1, 500 * SCREEN[1], THETA),
+    )
+]
 """The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
 +y; half its length in mm."""
 
 Moved = Callable[[float, float], None]
 
 
-class Plate(Element, component="plate.js"):
+class Drawn(Element):
+    """A part of the page that is sent rows of numbers, oldest first."""
+
+    def __init__(self, **props: Any) -> None:
+        super().__init__()
+        self.props.update({"columns": list(COLUMNS), **props})
+
+    def show(self, rows: Sequence[Sequence[float]]) -> None:
+        """Show them."""
+        self.run_method("show", rows)
+
+
+class Plate(Drawn, component="plate.js"):
     """The plate from above.
 
     Args:
@@ -75,17 +64,11 @@ class Plate(Element, component="plate.js"):
     """
 
     def __init__(self, area: tuple[float, float], goal: Moved, push: Moved) -> None:
-        super().__init__()
-        self.props["size"] = [1000 * each for each in SCREEN]
-        self.props["area"] = [1000 * each for each in area]
-        self.props["columns"] = list(COLUMNS)
-        self.props["drives"] = False
+        sizes = {"size": SCREEN, "area": area}
+        millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
+        super().__init__(**millimetres, drives=False)
         self.on("goal", lambda event: _called(goal, event.args))
         self.on("push", lambda event: _called(push, event.args))
-
-    def show(self, rows: Sequence[Sequence[float]]) -> None:
-        """Show rows of numbers, oldest first."""
-        self.run_method("show", rows)
 
     def let_drive(self, drives: bool) -> None:
         """Whether who looks may drag."""
@@ -93,30 +76,18 @@ class Plate(Element, component="plate.js"):
         self.update()
 
 
-class Sides(Element, component="tilt.js"):
-    """The plate from two sides, so that its tilt is seen."""
+class Sides(Drawn, component="tilt.js"):
+    """The plate from two sides, so that its tilt is seen: the last row."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.props["columns"] = list(COLUMNS)
-        self.props["sides"] = list(SIDES)
-
-    def show(self, rows: Sequence[Sequence[float]]) -> None:
-        """Show the last of rows of numbers."""
-        self.run_method("show", rows[-1:])
+        super().__init__(sides=SIDES)
 
 
-class Strips(Element, component="strips.js"):
+class Strips(Drawn, component="strips.js"):
     """Error, plate angle and effort over the last seconds."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.props["columns"] = list(COLUMNS)
-        self.props["strips"] = list(STRIPS)
-
-    def show(self, rows: Sequence[Sequence[float]]) -> None:
-        """Show rows of numbers, oldest first."""
-        self.run_method("show", rows)
+        super().__init__(strips=STRIPS)
 
 
 def _called(done: Moved, given: Any) -> None:

@@ -53,7 +53,9 @@ class Told(NamedTuple):
 
 
 class End(NamedTuple):
-    """Nothing follows."""
+    """Nothing follows; what was driven since it was last saved is saved, if there is a folder."""
+
+    folder: Path | None = None
 
 
 Event = Goal | Push | Settings | Pause | Back | Save | Told | End

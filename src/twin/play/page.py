@@ -13,7 +13,7 @@ from nicegui import ui
 from twin.play.driven import drivable
 from twin.play.elements import CLEAN, RIG, Plate, Sides, Strips
 from twin.play.events import Back, Event, Goal, Pause, Push, Settings
-from twin.play.sight import COLUMNS, Status
+from twin.play.sight import COLUMNS, Errors, Status
 from twin.play.sliders import Slider, gains, moved, multiplied, shown_by, sliders, value_in
 from twin.scenario.schema import choices
 
@@ -47,29 +47,28 @@ class Page:
         self._touched = 0.0
         ui.query("body").style("background:#eef1f4")
         ui.query(".nicegui-content").style("padding:.6rem;gap:.5rem")
-        with (
-            ui.row()
-            .classes("items-center no-wrap")
-            .style("width:100%")
-            .style("gap:1rem;padding:0 .5rem")
-        ):
+        with ui.row().classes("items-center").style("width:100%;gap:.1rem 1rem;padding:0 .5rem"):
             title = f"Driven by hand: {status.tables['title']}"
             ui.label(title).style("font-size:1.2rem;font-weight:600")
             self._ended = ui.label().style("color:#b00020;font-weight:600")
             ui.space()
-            self._clock = ui.label().style("font-variant-numeric:tabular-nums").mark("clock")
+            figures = "font-variant-numeric:tabular-nums"
+            self._error = ui.label().style(figures).props("data-testid=error")
+            self._clock = ui.label().style(figures).mark("clock")
             self._role = ui.label().style("color:#5b6770").mark("role")
-        with ui.row().classes("no-wrap").style("width:100%").style("gap:1rem;align-items:stretch"):
-            with ui.column().style("flex:1 1 0;min-width:0;gap:.5rem"):
-                with ui.card().style("width:100%").style("padding:.6rem"):
-                    with ui.row().classes("no-wrap items-center").style("width:100%;gap:.8rem"):
-                        self.plate = Plate(area, self._goal, self._push).style("flex:1;min-width:0")
-                        self.sides = Sides().style("flex:none;width:16rem")
+        # what does not fit beside each other, on a phone, stands below each other
+        with ui.row().style("width:100%;gap:1rem;align-items:stretch"):
+            with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
+                with ui.card().style("width:100%;padding:.6rem"):
+                    with ui.row().classes("items-center").style("width:100%;gap:.4rem .8rem"):
+                        plate = Plate(area, self._goal, self._push)
+                        self.plate = plate.style("flex:99 1 18rem;min-width:0")
+                        self.sides = Sides().style("flex:1 1 16rem;min-width:0")
                     self._legend()
                 self._buttons()
-                with ui.card().style("width:100%").style("padding:.6rem;height:19rem"):
-                    self.strips = Strips().style("width:100%").style("height:100%")
-            with ui.card().style("width:20rem;flex:none;gap:.35rem;padding:.8rem"):
+                with ui.card().style("width:100%;padding:.6rem;height:19rem"):
+                    self.strips = Strips().style("width:100%;height:100%")
+            with ui.card().style("flex:1 1 20rem;gap:.35rem;padding:.8rem"):
                 self._choices()
         self._say(status)
 
@@ -82,13 +81,13 @@ class Page:
             ("background:#333;transform:scale(.5)", "where the ball shall be now"),
             ("background:#37474f;border-radius:0;height:.25rem", "downhill (30 mm a degree)"),
         )
-        with ui.row().style("gap:1.1rem;font-size:.85rem;color:#37424a"):
+        with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:#37424a"):
             for style, text in marks:
                 html = f'<span style="{sign};{style}"></span>{text}'
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 
     def _buttons(self) -> None:
-        with ui.row().classes("items-center").style("width:100%").style("gap:.5rem"):
+        with ui.row().classes("items-center").style("width:100%;gap:.5rem"):
             self._pause = self._button("Pause", "pause", self._turn_pause, "pause")
             self._button("Back 1 s", "replay", lambda: self._do(Back(1.0)), "back")
             self._button("Back 5 s", "replay_5", lambda: self._do(Back(5.0)), "back-5")
@@ -113,11 +112,11 @@ class Page:
             self._slider(slider)
         ui.separator()
         self._law = self._select("Law", laws, "controller.kind")
-        self._law_gains = ui.column().style("width:100%").style("gap:0")
+        self._law_gains = ui.column().style("width:100%;gap:0")
         observers = list(choices("observer"))
         self._observer = self._select("Observer", observers, "observer.kind")
         with ui.expansion("Observer's numbers").style("width:100%").props("dense"):
-            self._observer_gains = ui.column().style("width:100%").style("gap:0")
+            self._observer_gains = ui.column().style("width:100%;gap:0")
         self._shown_gains: dict[str, Any] = {}
 
     def _select(self, label: str, options: Sequence[str], key: str) -> Any:
@@ -132,8 +131,8 @@ class Page:
             self._do(Settings({key: value}))
 
     def _slider(self, slider: Slider) -> None:
-        with ui.column().style("width:100%").style("gap:0"):
-            with ui.row().classes("justify-between").style("width:100%").style("font-size:.85rem"):
+        with ui.column().style("width:100%;gap:0"):
+            with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
                 ui.label(slider.label).tooltip(slider.help)
                 text = ui.label()
             name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
@@ -159,12 +158,9 @@ class Page:
         column.clear()
         with column:
             for gain in found:
-                with (
-                    ui.row()
-                    .classes("justify-between")
-                    .style("width:100%")
-                    .style("font-size:.85rem")
-                ):
+                if gain.help:
+                    ui.label(gain.help).style("font-size:.72rem;line-height:1.25;color:#5b6770")
+                with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
                     ui.label(gain.label)
                     text = ui.label(f"{gain.value:.4g}")
                 bar = ui.slider(min=-WIDEST, max=WIDEST, step=0.1, value=0.0)
@@ -189,12 +185,14 @@ class Page:
     def _turn_pause(self) -> None:
         self._do(Pause(not self._status.paused))
 
-    def show(self, rows: list[list[float]]) -> None:
-        """Show pictures, oldest first."""
+    def show(self, rows: list[list[float]], errors: Errors) -> None:
+        """Show pictures, oldest first, and the errors so far."""
         self.plate.show(rows)
-        self.sides.show(rows)
+        self.sides.show(rows[-1:])
         self.strips.show(rows)
         now = dict(zip(COLUMNS, rows[-1], strict=True))
+        rig, clean = (f"{1000 * each:.3g} mm" for each in errors.rms)
+        self._error.text = f"error {1000 * now['error']:.0f} mm, RMS so far {rig} (clean {clean})"
         self._clock.text = f"{now['time']:.1f} s, {now['factor']:.2f} × real time"
 
     def say(self, status: Status, *, drives: bool, others: int) -> None:

@@ -98,14 +98,26 @@ class Simulation:
     def _fail(self, why: str) -> None:
         self.failure = self.failure or Failure(why)
 
-    def close(self) -> None:
-        """End it, once what is being saved is written."""
+    def close(self, folder: Path | None = None) -> Status | None:
+        """End it, once what is being saved is written.
+
+        Args:
+            folder: Where what was driven since it was last saved is kept; None to drop it.
+
+        Returns:
+            What it said last, if anything; how that saving went.
+        """
+        last: list[Status] = []
         if self._process.is_alive() and self.failure is None:
-            self.send(End())
+            self.send(End(folder))
+            until = monotonic() + LAST
+            while self.failure is None and monotonic() < until:
+                last = self.news(wait=0.1) or last
             self._process.join(LAST)
         let_go(self._process)
         self._pipe.close()
         self._ring.close()
+        return last[-1] if last else None
 
 
 class _Writer:
@@ -164,6 +176,9 @@ def _work(address: tuple[int, int, str], scenario: Scenario, pipe: Connection) -
 
             Session(scenario, inbox=inbox, show=show, tell=said.put, write=write, paused=True).run()
             write.finish()
+            while not write.told.empty():
+                message, wrong = write.told.get()
+                said.put(Status({}, message=message, wrong=wrong))
     except TwinError as error:
         said.put(Failure(error))
     except Exception as error:  # noqa: BLE001 - a law of one's own may raise anything

@@ -17,7 +17,7 @@ from twin.play.audience import Audience
 from twin.play.events import Event, Pause, Save
 from twin.play.guard import Guard, is_loopback
 from twin.play.process import Simulation
-from twin.play.sight import Status
+from twin.play.sight import Errors, Status
 from twin.run.folders import free, slug
 from twin.scenario.schema import Scenario
 
@@ -53,6 +53,8 @@ class Server:
         url: Address of the page, with the token if there is one.
         token: What the address must carry; empty if it need not.
         failure: Why the simulation ended by itself; None if it did not.
+        kept: What became at the end of what was driven and not saved; empty if there is none.
+        lost: Whether that could not be written.
 
     Raises:
         TwinError: If the extra is missing, the port is taken, or the scenario cannot be driven.
@@ -75,8 +77,10 @@ class Server:
         query = f"?token={self.token}" if self.token else ""
         self.url = f"http://{host}:{self._socket.getsockname()[1]}/{query}"
         self.failure: str | None = None
+        self.kept, self.lost = "", False
         self._pages: dict[str, Any] = {}
         self._audience = Audience(monotonic)
+        self._errors = Errors()
         try:
             self._simulation = Simulation(scenario)
         except BaseException:
@@ -98,7 +102,9 @@ class Server:
             pass
         finally:
             self._socket.close()
-            self._simulation.close()
+            last = self._simulation.close(self._next_folder())
+            if last is not None and not last.tables:
+                self.kept, self.lost = last.message, last.wrong
 
     def _serve(self, begun: Callable[[], None]) -> None:
         import uvicorn  # noqa: PLC0415 - of the extra
@@ -179,6 +185,7 @@ class Server:
 
     def _hand_on(self) -> None:
         rows = self._simulation.pictures().tolist()
+        self._errors.add(rows)
         for status in self._simulation.news():
             self._status = status
         driver, others = self._audience.driver, len(self._audience) - 1
@@ -186,7 +193,7 @@ class Server:
             with page.plate.client:
                 page.say(self._status, drives=who == driver, others=others)
                 if rows:
-                    page.show(rows)
+                    page.show(rows, self._errors)
 
 
 def _bound(address: str, port: int) -> socket.socket:

@@ -68,7 +68,8 @@ class Session:
         write: Write = save_driven,
         paused: bool = False,
     ) -> None:
-        self.driven = Driven.begun(scenario)
+        self.driven = self._first = Driven.begun(scenario)
+        self._saved = 0, self.driven
         self.outcome: Outcome | None = None
         self._states = States()
         self._inbox, self._show, self._write = inbox, show, write
@@ -164,7 +165,9 @@ class Session:
                 self._save(folder)
             case Told(message, wrong):
                 self._said.note(message, wrong=wrong)
-            case End():
+            case End(folder):
+                if folder is not None and self._unsaved:
+                    self._save(folder)
                 self._over = self._again = True
                 self.outcome = self.outcome or Outcome(Ending.FINISHED, time)
             case _:
@@ -216,6 +219,12 @@ class Session:
         row = self.record.length
         self._states.keep(self._both.kept(measurement, row, self.driven, acted=acted))
 
+    @property
+    def _unsaved(self) -> bool:
+        """Whether a person did something that is in no run folder."""
+        done = self.driven is not self._first and self.record.length > 0
+        return done and (self.record.length, self.driven) != self._saved
+
     def _save(self, folder: Path) -> None:
         """Have what was driven so far written."""
         if not self.record.length:
@@ -233,6 +242,7 @@ class Session:
             ),
             folder,
         )
+        self._saved = self.record.length, self.driven
         self._said.note(f"saving to {folder}/")
 
     def _picture(self, time: float) -> tuple[float, ...]:

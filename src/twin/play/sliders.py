@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
 from controllers.interfaces import DelayedObserver, Law, Observer
+from twin.scenario.describe import every_kind
 from twin.scenario.schema import choices
 
 
@@ -36,63 +38,19 @@ class Slider(NamedTuple):
     help: str
 
 
+DELAY = ("ms", 1000, 0, 150, 1)
+"""Unit, scale and range of a delay."""
+ARM = "Lever arm of the rolling resistance: the larger, the harder the ball is to set rolling."
+LATE = "How late the controller learns where the ball is."
+LEVEL = "The rig does not stand level: the ball rolls although the plate seems to be level."
 PLANT = (
-    Slider(
-        "plant.friction.rolling_mm",
-        None,
-        "rolling friction",
-        "mm",
-        1.0,
-        0.0,
-        0.5,
-        0.01,
-        "Lever arm of the rolling resistance: the larger, the harder the ball is to set rolling.",
-    ),
-    Slider(
-        "sensors.touch.dead_time",
-        None,
-        "dead time of the touch screen",
-        "ms",
-        1000.0,
-        0.0,
-        150.0,
-        1.0,
-        "How late the controller learns where the ball is.",
-    ),
-    Slider(
-        "plant.level_deg",
-        0,
-        "tilted base, along x",
-        "deg",
-        1.0,
-        -2.0,
-        2.0,
-        0.05,
-        "The rig does not stand level: the ball rolls although the plate seems to be level.",
-    ),
-    Slider(
-        "plant.level_deg",
-        1,
-        "tilted base, along y",
-        "deg",
-        1.0,
-        -2.0,
-        2.0,
-        0.05,
-        "The rig does not stand level: the ball rolls although the plate seems to be level.",
-    ),
+    Slider("plant.friction.rolling_mm", None, "rolling friction", "mm", 1, 0, 0.5, 0.01, ARM),
+    Slider("sensors.touch.dead_time", None, "dead time of the touch screen", *DELAY, LATE),
+    Slider("plant.level_deg", 0, "tilted base, along x", "deg", 1, -2, 2, 0.05, LEVEL),
+    Slider("plant.level_deg", 1, "tilted base, along y", "deg", 1, -2, 2, 0.05, LEVEL),
 )
-PREDICTOR = Slider(
-    "predictor.delay",
-    None,
-    "dead time that is assumed",
-    "ms",
-    1000.0,
-    0.0,
-    150.0,
-    1.0,
-    "What the controller takes the dead time to be.",
-)
+ASSUMED = "What the controller takes the dead time to be."
+PREDICTOR = Slider("predictor.delay", None, "dead time that is assumed", *DELAY, ASSUMED)
 
 
 class Gain(NamedTuple):
@@ -103,12 +61,14 @@ class Gain(NamedTuple):
         entry: Which of its numbers; None if it has one.
         label: In words.
         value: As it is now.
+        help: What it is, in words; of several numbers of a key the first has it.
     """
 
     key: str
     entry: int | None
     label: str
     value: float
+    help: str = ""
 
 
 def value_in(tables: Mapping[str, Any], key: str, entry: int | None = None) -> Any:
@@ -158,7 +118,8 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
     present = tables[table]
     cls = choices(table)[present["kind"]]
     given = {item.name for base in (Law, Observer, DelayedObserver) for item in fields(base)}
-    found = []
+    found: list[Gain] = []
+    meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
     for item in fields(cls):
         if item.name in given or not item.init:
             continue
@@ -170,12 +131,28 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
             continue
         if any(isinstance(each, bool) for each in numbers):
             continue
-        for entry, number in enumerate(numbers):
-            several = isinstance(value, list | tuple)
-            label = f"{item.name} {entry + 1}" if several else item.name
-            key = f"{table}.{item.name}"
-            found.append(Gain(key, entry if several else None, label, float(number)))
+        key = f"{table}.{item.name}"
+        meaning = meanings.get(key, "")
+        if not isinstance(value, list | tuple):
+            found.append(Gain(key, None, item.name, float(value), meaning))
+            continue
+        for entry, (part, number) in enumerate(
+            zip(_parts(meaning, len(numbers)), numbers, strict=True)
+        ):
+            label, more = f"{item.name}: {part}", "" if entry else meaning
+            found.append(Gain(key, entry, label, float(number), more))
     return found
+
+
+def _parts(meaning: str, count: int) -> list[str]:
+    """What each of a key's numbers is, if its meaning lists as many things; else their numbers."""
+    for listed in re.findall(r"\(([^()]+,[^()]+)\)|(?:of|on) ([^;:.]+)", meaning):
+        whole = re.sub(r" in [^,]*$", "", "".join(listed))
+        for text in (whole, whole.partition(",")[0]):  # a comma may be followed by units
+            parts = re.split(r",? and |, ", text)
+            if len(parts) == count:
+                return [part.removeprefix("the ") for part in parts]
+    return [str(number) for number in range(1, count + 1)]
 
 
 def _unused(name: str, present: Mapping[str, Any]) -> bool:

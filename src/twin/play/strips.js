@@ -51,8 +51,8 @@ export default {
       }
     },
     strip(pen, strip, begin, top, width, height) {
-      const { columns, names, colours, factor, title, least, signed } = strip;
-      const index = columns.map((name) => this.at[name]);
+      const { curves, factor, title, least, signed } = strip;
+      const index = curves.map(([column]) => this.at[column]);
       let most = least;
       for (const row of this.rows) {
         for (const i of index) {
@@ -80,14 +80,14 @@ export default {
       pen.fillText(title, LEFT, top - 8);
       let x = LEFT + pen.measureText(title).width + 16;
       pen.font = "12px sans-serif";
-      names.forEach((name, k) => {
-        pen.fillStyle = colours[k];
+      for (const [, name, colour] of curves.filter((curve) => curve[1])) {
+        pen.fillStyle = colour;
         pen.fillRect(x, top - 13, 12, 3);
         pen.fillText(name, x + 16, top - 8);
         x += pen.measureText(name).width + 32;
-      });
+      }
       index.forEach((i, k) => {
-        pen.strokeStyle = colours[k];
+        pen.strokeStyle = curves[k][2];
         pen.lineWidth = 1.6;
         pen.beginPath();
         let drawing = false;

@@ -6,7 +6,8 @@ export default {
   template: `
     <div>
       <div style="font-size:.8rem;color:#37424a">Side views; tilt is drawn {{ steeper }} times as steep</div>
-      <div v-for="side in sides" :key="side.axis" style="margin-top:.4rem">
+      <div style="display:flex;flex-wrap:wrap;gap:.4rem">
+      <div v-for="side in sides" :key="side.axis" style="flex:1 1 10rem">
         <svg viewBox="-400 -235 800 470" :data-testid="'side-' + side.axis"
              style="width:100%;display:block;background:#f4f6f8;border-radius:4px">
           <text x="-385" y="-190" font-size="40" fill="#37424a">{{ side.title }}</text>
@@ -25,6 +26,7 @@ export default {
             <path d="M 295 201 H 365 L 347 191 M 365 201 L 347 211" fill="none"/>
           </g>
         </svg>
+      </div>
       </div>
     </div>`,
   props: { sides: Array, columns: Array },

@@ -13,9 +13,26 @@ from matplotlib.figure import Figure
 
 from twin.report.diagnosis import spectrum
 from twin.run.finished import Run, columns
-from twin.run.overview_plot import COLOURS, LOOK, picture
+from twin.run.overview_plot import LOOK, MOST, picture, style
 
 Format = Literal["svg", "png", "pdf"]
+DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
+    "spectrum": (
+        "Spectrum of the error (RMS of x, y)",
+        "frequency [Hz]",
+        "amplitude [mm]",
+        (1e-5, None),
+    ),
+    "estimate": ("Error of the estimated position", "time [s]", "distance [mm]", (0, None)),
+    "share": (
+        "How often the error was smaller",
+        "distance from reference [mm]",
+        "share of time [%]",
+        (0, 100),
+    ),
+    "late": ("How late the periods began", "lateness [us]", "periods", (None, None)),
+}
+"""Of each panel title, labels and range."""
 
 
 def overview(runs: Sequence[Run]) -> Figure:
@@ -25,72 +42,37 @@ def overview(runs: Sequence[Run]) -> Figure:
 
 
 def details(runs: Sequence[Run]) -> Figure:
-    """Error spectrum, estimation error, distribution of the error, lateness of the loop."""
+    """Error spectrum, estimation error, distribution of the error; in real time, lateness."""
+    late = {index: each for index, run in enumerate(runs) if (each := lateness(run)) is not None}
+    names = ["spectrum", "estimate", "share", *(["late"] if late else [])]
     with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 5.6), layout="constrained")
-        panels = figure.subplot_mosaic([["spectrum", "estimate"], ["share", "late"]])
+        figure = Figure(figsize=(12, 3.4), layout="constrained")
+        panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
-            colour = COLOURS[index % len(COLOURS)]
-            _spectrum(panels["spectrum"], run, colour)
-            _share(panels["share"], run, colour)
-        _estimates(panels["estimate"], runs)
-        _late(panels["late"], runs)
-        if len(runs) > 1:
-            names = panels["spectrum"].get_legend_handles_labels()
-            figure.legend(*names, loc="outside lower center", ncols=4, fontsize=9)
+            frequency, amplitude = spectrum(run)
+            level = np.maximum(1000 * np.sqrt((amplitude**2).mean(axis=1)), 1e-6)
+            look = {**style(index), "lw": 1}
+            panels["spectrum"].loglog(frequency[1:], level[1:], label=run.name, **look)
+            distance = np.sort(1000 * np.hypot(*run.motion.error.T))
+            share = 100 * np.arange(1, len(distance) + 1) / len(distance)
+            panels["share"].plot(distance, share, **look)
+            if "true_x" in run.rows:
+                wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
+                panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
+        if not panels["estimate"].lines:
+            _instead(panels["estimate"], "on a real rig nobody knows\nwhere the ball truly is")
+        top = max((float(each.max()) for each in late.values()), default=0.0)
+        for index, each in late.items():
+            edges = np.linspace(0, max(top, 1.0), 60).tolist()
+            panels["late"].hist(each, edges, histtype="step", log=True, **style(index))
+        for name, panel in panels.items():
+            title, below, beside, limits = DETAILS[name]
+            panel.set(title=title, xlabel=below, ylabel=beside, ylim=limits)
+        if 1 < len(runs) <= MOST:
+            entries = panels["spectrum"].get_legend_handles_labels()
+            figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
         figure.draw_without_rendering()
     return figure
-
-
-def _spectrum(panel: Axes, run: Run, colour: str) -> None:
-    frequency, amplitude = spectrum(run)
-    level = 1000 * np.sqrt((amplitude**2).mean(axis=1))
-    panel.loglog(frequency[1:], np.maximum(level[1:], 1e-6), color=colour, lw=1, label=run.name)
-    panel.set(
-        xlabel="frequency [Hz]",
-        ylabel="amplitude [mm]",
-        title="Spectrum of the tracking error (root mean square of x and y)",
-        ylim=(1e-5, None),
-    )
-
-
-def _estimates(panel: Axes, runs: Sequence[Run]) -> None:
-    panel.set(xlabel="time [s]", ylabel="distance [mm]", title="Error of the estimated position")
-    known = [(i, run) for i, run in enumerate(runs) if "true_x" in run.rows]
-    if not known:
-        _instead(panel, "on a real rig nobody knows where the ball truly is")
-        return
-    for index, run in known:
-        wrong = columns(run.rows, "estimated")[:, 0::4] - run.motion.ball
-        colour = COLOURS[index % len(COLOURS)]
-        panel.plot(run.motion.time, 1000 * np.hypot(*wrong.T), color=colour, lw=0.8)
-    panel.set_ylim(0, None)
-
-
-def _share(panel: Axes, run: Run, colour: str) -> None:
-    distance = np.sort(1000 * np.hypot(*run.motion.error.T))
-    share = 100 * np.arange(1, len(distance) + 1) / len(distance)
-    panel.plot(distance, share, color=colour, lw=1.2)
-    panel.set(
-        xlabel="distance from the reference [mm]",
-        ylabel="share of time below [%]",
-        title="How often the error was below a value",
-        ylim=(0, 100),
-    )
-
-
-def _late(panel: Axes, runs: Sequence[Run]) -> None:
-    panel.set(xlabel="lateness [us]", ylabel="periods", title="How late the periods began")
-    timed = [(run, lateness(run)) for run in runs]
-    found = [(run, late) for run, late in timed if late is not None]
-    if not found:
-        _instead(panel, "simulated time: no period can be late")
-        return
-    top = max(float(late.max()) for _, late in found)
-    edges = np.linspace(0, max(top, 1.0), 60)
-    for index, (_, late) in enumerate(found):
-        panel.hist(late, edges.tolist(), histtype="step", color=COLOURS[index % len(COLOURS)])
-    panel.set_yscale("log")
 
 
 def _instead(panel: Axes, words: str) -> None:

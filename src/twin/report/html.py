@@ -5,40 +5,68 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.html import inline, render
+from twin.page import Block, Code, Picture, Table, Text, Verdict
+from twin.page import html as html_of
 from twin.report.diagnosis import Diagnosis
 from twin.report.figures import details, overview
-from twin.report.numbers import differing, flat, rows
-from twin.report.summary import summary
+from twin.report.numbers import differing, flat, indicators, rows
+from twin.report.summary import summary, verdict
 from twin.run.finished import Run
 
 MOST = 40
 """Events that are listed."""
+MOST_TOLD = 3
+"""Runs of which each has a sentence a fact; of more, one in all."""
+NOTE = (
+    "Indicators of the thesis's Appendix C; on single axes they judge x. Steady ones count from "
+    "metrics.start on."
+)
 
 
 def html(runs: Sequence[Run]) -> str:
     """The report on one run, or on several side by side."""
-    return render(
-        "report/report.html.j2",
-        title=_title(runs),
-        runs=[
-            {
-                "name": run.name,
-                "summary": summary(run, Diagnosis.of(run)),
-                "good": run.metrics.get("outcome") == "finished",
-                "versions": run.versions,
-            }
-            for run in runs
-        ],
-        rows=rows(runs),
-        timing=[(run.name, *line) for run in runs for line in _timing(run.ledger)],
-        events=[(run.name, *line) for run in runs for line in _events(run.events)],
-        overview=inline(overview(runs)),
-        details=inline(details(runs)),
-        differing=differing(runs),
-        settings=flat(runs[0].settings),
-        sources=_sources(runs),
-    )
+    several = len(runs) > 1
+    names = [run.name for run in runs]
+    blocks: list[Block] = []
+    good = [run.metrics.get("outcome") == "finished" for run in runs]
+    found = [Diagnosis.of(run) for run in runs]
+    if len(runs) > MOST_TOLD:
+        lines = [f"{run.name}: {verdict(run, its)}" for run, its in zip(runs, found, strict=True)]
+        blocks.append(Verdict(lines, all(good)))
+    else:
+        told = map(summary, runs, found)
+        titles = names if several else [""]
+        blocks += map(Verdict, told, good, titles)
+    blocks += [
+        indicators("Numbers", rows(runs), names, NOTE),
+        Picture("Motion", overview(runs)),
+        Picture("Error and estimation", details(runs)),
+    ]
+    timing = [(run.name, *line) for run in runs for line in _timing(run.ledger)]
+    if timing:
+        stages = ("run", "stage", "p50 [us]", "p99 [us]", "longest [us]")
+        blocks.append(Table("Real time", stages, timing, words=(0, 1)))
+    events = [(run.name, *line) for run in runs for line in _events(run.events)]
+    if events:
+        heads = ("run", "time [s]", "severity", "what was detected")
+        blocks.append(Table("Events", heads, events, words=(0, -1)))
+    if several:
+        differ = [(key, *values) for key, values in differing(runs)]
+        what = "Settings that differ; the others are those of the first run, below"
+        blocks.append(Table(what, ("key", *names), differ, words=range(1 + len(runs))))
+    settings = flat(runs[0].settings)
+    blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1)))
+    blocks += [
+        Code(file or "Typed at a prompt", text, f"Of {whose}." if several else "")
+        for whose, file, text in _sources(runs)
+    ]
+    versions = [
+        ", ".join(f"{name} {version}" for name, version in run.versions.items()) for run in runs
+    ]
+    shown = [
+        f"{run.name}: {each}" if several else each for run, each in zip(runs, versions, strict=True)
+    ]
+    return html_of(_title(runs), [*blocks, Text(shown, "Versions")])
 
 
 def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:

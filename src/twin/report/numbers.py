@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from twin.page import Table, digits
 from twin.run.indicators import LEFT
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from twin.run.finished import Run
 
 LABELS = {
@@ -131,58 +132,48 @@ def _rows(
             texts = (
                 each["outcome"]
                 if value is None and each.get("outcome") in LEFT
-                else shown(value, unit)
+                else digits(value, unit)
                 for value, each in zip(values, summaries, strict=True)
             )
             found.append(IndicatorRow(label, unit, tuple(texts)))
     return found
 
 
-def shown(value: Any, unit: str) -> str:
-    """A value in the digits a person wants to read."""
-    if value is None:
-        return "-"
-    if isinstance(value, str):
-        return value
-    return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.4g}"
+def indicators(
+    title: str, found: Sequence[IndicatorRow], names: Sequence[str], note: str = ""
+) -> Table:
+    """Rows as a table with a column per run."""
+    cells = [(row.label, *row.values, row.unit) for row in found]
+    heads = ("", *names, "unit")
+    return Table(title, heads, cells, words=(0, -1), again=(0, -1), note=note)
 
 
 def as_csv(runs: Sequence[Run]) -> str:
     """The table as comma-separated values with a header line."""
-    store = io.StringIO()
-    writer = csv.writer(store, lineterminator="\n")
-    writer.writerow(["indicator", "unit", *(run.name for run in runs)])
-    writer.writerows([row.label, row.unit, *row.values] for row in rows(runs))
-    return store.getvalue()
+    text: str = _frame(runs).to_csv(index=False, lineterminator="\n")
+    return text
 
 
 def as_latex(runs: Sequence[Run]) -> str:
     """The table for a paper; needs nothing but LaTeX itself."""
-    head = " & ".join(["", *(_escaped(run.name) for run in runs), "unit"])
-    body = [
-        " & ".join([_escaped(row.label), *map(_escaped, row.values), _unit(row.unit)]) + r" \\"
-        for row in rows(runs)
-    ]
-    return "\n".join(
-        [
-            rf"\begin{{tabular}}{{l{'r' * len(runs)}l}}",
-            r"\hline",
-            rf"{head} \\",
-            r"\hline",
-            *body,
-            r"\hline",
-            r"\end{tabular}",
-            "",
-        ]
-    )
+    frame = _frame(runs).rename(columns={"indicator": ""})
+    frame = frame.iloc[:, [0, *range(2, 2 + len(runs)), 1]]
+    style = frame.style.hide(axis="index").format(_escaped).format_index(_escaped, axis=1)
+    text: str = style.to_latex(column_format=f"l{'r' * len(runs)}l", hrules=True)
+    for rule in ("toprule", "midrule", "bottomrule"):
+        text = text.replace(rule, "hline")
+    return text
+
+
+def _frame(runs: Sequence[Run]) -> pd.DataFrame:
+    """Indicator, unit, and one text per run."""
+    import pandas as pd  # noqa: PLC0415  heavy: only files need it
+
+    heads = ["indicator", "unit", *(run.name for run in runs)]
+    return pd.DataFrame([(row.label, row.unit, *row.values) for row in rows(runs)], columns=heads)
 
 
 def _escaped(text: str) -> str:
-    special = {char: rf"\{char}" for char in "&%$#_{}"}
+    special = {char: rf"\{char}" for char in "&%$#_{}"} | {"|": "$|$", "²": "$^2$"}
     special |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    special |= {"|": r"$|$"}
     return "".join(special.get(char, char) for char in text)
-
-
-def _unit(unit: str) -> str:
-    return _escaped(unit).replace("²", "$^2$")

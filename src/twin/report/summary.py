@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from twin.devices.timing import blamed
 from twin.report.diagnosis import Diagnosis
@@ -25,6 +26,7 @@ SMALL = 1e-4
 """Error in m, less than the screen can tell, of which nothing needs to be said."""
 CUT = 0.001
 """Share of time in which a limit cut the effort from which on it is said."""
+FREE = "no limit was in the way"
 STEEP = 0.95
 """Share of the angle limit from which on the plate is said to have reached it."""
 
@@ -36,8 +38,8 @@ def summary(run: Run, found: Diagnosis) -> list[str]:
         *_by_hand(run),
         _error(run, found),
         *_rested(found),
-        *_held(run, found),
-        *_causes(run, found),
+        *(fact.sentence for fact in _limits(run, found)),
+        *_estimated(found),
     ]
     remarks = () if "controller" in run.absent else build_law(run.scenario).remarks
     return [*told, *_known(run), *remarks]
@@ -66,35 +68,77 @@ def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     rms = f"{_mm(found.rms)} RMS over x and y"
     start = run.scenario.metrics.start
     since = f" from {start:.4g} s on" if start else ""
-    return f"{share}{rms}{since}: {'; '.join(_limits(run, found))}."
+    limits = [fact.words for fact in _limits(run, found)]
+    limits = [words for words in limits if words != FREE] or limits
+    return f"{share}{rms}{since}: {'; '.join(limits)}."
 
 
-def _limits(run: Run, found: Diagnosis) -> list[str]:
-    """What limited a run, the weightiest first, in half sentences."""
-    limits = []
+class Fact(NamedTuple):
+    """Something that limited a run: in half a sentence, and what the report says besides."""
+
+    words: str
+    more: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Both as a sentence."""
+        return f"{self.words[0].upper()}{self.words[1:]}{self.more}."
+
+
+def _limits(run: Run, found: Diagnosis) -> list[Fact]:
+    """What limited a run, the weightiest first."""
+    facts = []
     if found.stuck is not None:
-        arm = run.scenario.plant.friction.rolling_mm
-        by = " by friction" if arm > 0 or "true_x" not in run.rows else ""
-        limits.append(
-            f"at the end the ball lay stuck{by} {1000 * found.stuck:.3g} mm away; a law with "
-            "integral action or a higher gain would free it"
-        )
-    elif found.lag is not None and found.gain is not None and found.rms > SMALL:
+        facts.append(_stuck(run, found, found.stuck))
+    if found.lag is not None and found.gain is not None and found.rest is not None:
         way = "behind" if found.lag >= 0 else "ahead of"
         size = "smaller" if found.gain <= 1 else "larger"
-        limits.append(
+        share = "most of the error" if found.rest < 0.5 * found.rms else "a part of the error"
+        behind = Fact(
             f"the ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
-            f"{abs(1 - found.gain):.1%} {size}"
+            f"{abs(1 - found.gain):.1%} {size}",
+            f"; this is {share}: without both, {1000 * found.rest:.2g} mm (RMS) would be left",
         )
+        facts += [behind] if found.stuck is None and found.rms > SMALL else []
     if found.cut is not None and found.cut > CUT:
-        limits.append(f"a limit cut the effort {found.cut:.1%} of the time")
+        facts.append(
+            Fact(
+                f"a limit of rate, acceleration or angle cut the effort {found.cut:.1%} of the time"
+            )
+        )
+    limit = run.scenario.rig.limits.angle_deg
+    used = found.angle * limit
     if found.angle > STEEP:
-        limits.append("the plate reached its angle limit")
+        facts.append(Fact("the plate reached its angle limit", f": {used:.3g} of {limit:g} deg"))
+    if found.cut is not None and found.cut <= CUT and found.angle <= STEEP:
+        facts.append(
+            Fact(
+                FREE, f": the effort was never cut, and the plate used {used:.2g} of {limit:g} deg"
+            )
+        )
     if found.lifted:
-        limits.append(f"a wheel left its cam {found.lifted:.1%} of the time")
+        facts.append(Fact(f"a wheel left its cam {found.lifted:.1%} of the time"))
     if found.untouched:
-        limits.append(f"the screen detected no ball {found.untouched:.1%} of the time")
-    return limits or ["no limit was in the way"]
+        facts.append(Fact(f"the screen detected no ball {found.untouched:.1%} of the time"))
+    return facts or [Fact(FREE)]
+
+
+def _stuck(run: Run, found: Diagnosis, away: float) -> Fact:
+    """A ball that lies still away from its reference: by what, and what would free it."""
+    plant = run.scenario.plant
+    arm = plant.friction.rolling_mm
+    simulated = "true_x" in run.rows
+    holds = math.degrees(
+        math.atan(arm * plant.friction.breakaway_ratio / (1000 * plant.ball.radius))
+    )
+    known = f"; its friction holds it up to {holds:.2g} deg" if arm > 0 and simulated else ""
+    return Fact(
+        f"at the end the ball lay stuck{' by friction' if arm > 0 or not simulated else ''} "
+        f"{1000 * away:.3g} mm away",
+        f" from its reference, on a plate tilted by {math.degrees(found.tilt):.2g} deg{known}. "
+        "A law with integral action or a higher gain, or a reference that keeps moving, would "
+        "free it",
+    )
 
 
 def _ending(run: Run) -> str:
@@ -153,52 +197,15 @@ def _rested(found: Diagnosis) -> list[str]:
     return [f"Friction held the ball at rest {found.held:.1%} of the whole run's time (shaded)."]
 
 
-def _held(run: Run, found: Diagnosis) -> list[str]:
-    """Of a ball that lies still away from its reference: by what, and what would free it."""
-    if found.stuck is None:
+def _estimated(found: Diagnosis) -> list[str]:
+    """How far off the observer was."""
+    if found.estimation is None or found.rms <= 0:
         return []
-    plant = run.scenario.plant
-    tilt = math.degrees(found.tilt)
-    arm = plant.friction.rolling_mm * plant.friction.breakaway_ratio
-    holds = math.degrees(math.atan(arm / (1000 * plant.ball.radius)))
-    simulated = arm > 0 and "true_x" in run.rows
-    known = f"; its friction holds it up to {holds:.2g} deg" if simulated else ""
+    size = "large" if found.estimation > 0.5 * found.rms else "small"
     return [
-        f"At the end the ball lay still {1000 * found.stuck:.3g} mm from its reference, stuck on a "
-        f"plate tilted by {tilt:.2g} deg{known}. A law with integral action or a higher gain, or a "
-        "reference that keeps moving, would free it."
+        f"The observer's position of the ball was off by {1000 * found.estimation:.2g} mm "
+        f"(RMS), a {size} part of it."
     ]
-
-
-def _causes(run: Run, found: Diagnosis) -> list[str]:
-    sentences = []
-    if found.cut is not None and found.cut > CUT:
-        sentences.append(
-            f"A limit of rate, acceleration or angle cut the control effort {found.cut:.1%} of "
-            "the time."
-        )
-    degrees = found.angle * run.scenario.rig.limits.angle_deg
-    limit = run.scenario.rig.limits.angle_deg
-    if found.angle > STEEP:
-        sentences.append(f"The plate reached its angle limit: {degrees:.3g} of {limit:g} deg.")
-    elif found.cut is not None and found.cut <= CUT:
-        sentences.append(
-            f"No limit was in the way: the effort was never cut, and the plate used {degrees:.2g} "
-            f"of {limit:g} deg."
-        )
-    sentences += _timing(found)
-    if found.estimation is not None and found.rms > 0:
-        share = found.estimation / found.rms
-        size = "a large part of it" if share > 0.5 else "a small part of it"
-        sentences.append(
-            f"The observer's position of the ball was off by {1000 * found.estimation:.2g} mm "
-            f"(RMS), {size}."
-        )
-    if found.lifted:
-        sentences.append(f"A wheel left its cam {found.lifted:.1%} of the time.")
-    if found.untouched:
-        sentences.append(f"The screen detected no ball {found.untouched:.1%} of the time.")
-    return sentences
 
 
 def _known(run: Run) -> list[str]:
@@ -216,17 +223,4 @@ def _known(run: Run) -> list[str]:
         f"At the end the observer took friction to slow the ball by {friction:.3g} ± "
         f"{spread:.2g} mm/s² (one standard deviation), and the tilt to act by "
         f"{gains[0]} along x and {gains[1]} along y more than nominal."
-    ]
-
-
-def _timing(found: Diagnosis) -> list[str]:
-    if found.lag is None or found.gain is None or found.rest is None:
-        return []
-    way = "behind" if found.lag >= 0 else "ahead of"
-    size = "smaller" if found.gain <= 1 else "larger"
-    share = "most of the error" if found.rest < 0.5 * found.rms else "a part of the error"
-    return [
-        f"The ball ran {1000 * abs(found.lag):.0f} ms {way} its reference on a path "
-        f"{abs(1 - found.gain):.1%} {size}; this is {share}: without both, "
-        f"{1000 * found.rest:.2g} mm (RMS) would be left."
     ]

@@ -22,6 +22,8 @@ FILES = ("run.parquet", "metrics.json", "picture.png", STREAM)
 """What a run folder holds."""
 MANIFEST = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
+WHATIF = "whatif.json"
+"""File of futures of a run: what ``--json`` prints, and their folders."""
 LONGEST = 100
 """Characters of a folder's name."""
 
@@ -104,19 +106,25 @@ def forget_listed(folder: Path, manifest: str) -> int:
     Returns:
         How many there were.
     """
-    listed = folder / manifest
-    try:
-        names = parse_json(listed.read_bytes())["folders"]
-        inner = [folder / Path(str(name)).name for name in names]
-    except (OSError, DataError, KeyError, TypeError):
-        return 0
+    inner = [folder / name for name in listed(folder, manifest)]
     for run in inner:
         for name in FILES:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
-    listed.unlink()
+    if inner:
+        (folder / manifest).unlink()
     return len(inner)
+
+
+def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:
+    """The folders that a file of their folder lists, in its order, and what each run is called."""
+    try:
+        found = parse_json((folder / manifest).read_bytes())
+        inner = [Path(str(name)).name for name in found["folders"]]
+        return dict(zip(inner, map(str, found.get("names", inner)), strict=True))
+    except (OSError, DataError, KeyError, TypeError, ValueError, AttributeError):
+        return {}
 
 
 def is_last(path: Path) -> bool:
@@ -159,8 +167,10 @@ def run_name(path: Path) -> str:
 
 
 def run_folders(folder: Path) -> list[Path]:
-    """The run folders that a folder is or holds."""
-    return sorted(file.parent for file in _records(folder))
+    """The run folders that a folder is or holds, those that were made together in their order."""
+    order = [*listed(folder), *listed(folder, WHATIF)]
+    found = sorted(file.parent for file in _records(folder))
+    return sorted(found, key=lambda run: order.index(run.name) if run.name in order else len(order))
 
 
 def _records(folder: Path) -> Iterator[Path]:

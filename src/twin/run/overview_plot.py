@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,20 +13,26 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
+from matplotlib.transforms import offset_copy
 
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
-from twin.run.overview_held import shade
-from twin.run.overview_layout import HEADING, arrange
+from twin.run.overview_held import GREY, shade
 from twin.writing import write_whole
 
 # Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
 # their light blue, which are hard to see as lines on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B57D00", "#4B2E83")
 STYLES = ("-", "--", "-.", ":")
-LOOK: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
+LOOK: Any = {
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.formatter.limits": (-4, 4),  # ticks stay short, whatever ran away
+}
 REFERENCE: dict[str, Any] = {
     "color": "black",
     "linewidth": 1.0,
@@ -37,6 +43,8 @@ WIDTH = 100
 """Characters in a line of the title."""
 LEGEND = 150
 """Characters in a line of the legend."""
+MOST = 12
+"""Entries of a legend, and lines of a list; of more runs, numbers stand at the curves."""
 FEW = 2
 """Runs whose efforts can be told apart as they are; of more, the running RMS is drawn."""
 WINDOW = 0.5
@@ -48,6 +56,30 @@ EDGE = 3.0
 LEAST_ERROR = 0.1
 """Least height of the axis of the tracking error in mm: less than the screen can tell."""
 DPI = 110
+INCH = 72.0
+"""Points; the lengths below are in points."""
+WIDE, PANELS, HEADING = 864.0, 434.0, 12.0
+"""Width of the picture, height of all panels, font size of the title."""
+BELOW, ABOVE = 39.0, 22.0
+"""Room below the lowest panel, for ticks and label, and above the highest, for its title."""
+LABEL = -44.0
+"""From a panel to the label of its vertical axis: past a tick of five digits and a sign."""
+PLACES = {
+    "plate": (62.0, 218.0, 380.0, 216.0),
+    "error": (62.0, 0.0, 380.0, 160.0),
+    "x": (512.0, 344.0, 340.0, 90.0),
+    "y": (512.0, 240.0, 340.0, 90.0),
+    "angle": (512.0, 113.0, 340.0, 90.0),
+    "effort": (512.0, 0.0, 340.0, 90.0),
+}
+"""Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
+again as the whole picture: it draws every text to see how large it is."""
+
+
+def style(index: int) -> dict[str, Any]:
+    """Colour and style of the lines of one of several runs, the same in every picture of them."""
+    again = index // len(COLOURS) % len(STYLES)
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[again]}
 
 
 def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> None:
@@ -89,36 +121,82 @@ def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float])
     """The picture laid out, for the settings in force."""
     figure = Figure(dpi=DPI)
     FigureCanvasAgg(figure)
-    lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
-    if lines:
-        figure.suptitle("\n".join(lines), fontsize=HEADING, fontweight="bold", y=0.99)
-    panels = figure.subplot_mosaic(
-        [["plate", "x"], ["plate", "y"], ["error", "angle"], ["error", "effort"]]
-    )
+    panels = {name: figure.add_axes((0.1, 0.1, 0.4, 0.1)) for name in PLACES}
     _plate(panels["plate"], area)
     smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):
         _add(panels, motion, label, index, smooth=smooth)
-    shade(panels, runs, COLOURS)
-    for label, motion, look in _references(runs):
-        _refer(panels, motion, label, look)
+        if len(runs) > MOST:
+            _number(panels, motion, index, len(runs))
+    _refer(panels, runs)
     _label(panels, smooth=smooth)
-    entries = panels["plate"].get_legend_handles_labels()
-    columns = max(1, min(len(entries[1]), LEGEND // (5 + max(map(len, entries[1])))))
-    legend = figure.legend(*entries, loc="lower center", ncols=columns, fontsize=LOOK["font.size"])
-    arrange(figure, panels, legend, len(lines), LOOK["font.size"])
+    shade(panels, runs, COLOURS)
+    if any(_gone(motion) for motion in runs.values()):
+        panels["plate"].plot([], [], "X", color=GREY, label="left the plate")
+    _place(figure, panels, _legend(figure, panels["plate"], list(runs)), title)
     return figure
 
 
-def _references(runs: Mapping[str, Motion]) -> list[tuple[str, Motion, dict[str, Any]]]:
-    """Label, motion and look of the references: the one of all runs, or each run's own."""
-    longest = max(runs.values(), key=lambda motion: float(motion.time[-1]))
-    if all(_same_reference(motion, longest) for motion in runs.values()):
-        return [("reference", longest, REFERENCE)]
-    return [
-        (f"reference of {label}", motion, {**REFERENCE, "color": COLOURS[index % len(COLOURS)]})
-        for index, (label, motion) in enumerate(runs.items())
-    ]
+def _legend(figure: Figure, panel: Axes, names: Sequence[str]) -> Legend:
+    """What the curves are: an entry each, or, if there are too many, a list of their numbers."""
+    entries = list(zip(*panel.get_legend_handles_labels(), strict=True))
+    numbered = None
+    if len(names) > MOST:
+        whole = (f"{n}\xa0{name}".replace(" ", "\xa0") for n, name in enumerate(names, 1))
+        lines = textwrap.wrap(
+            "   ".join(whole), LEGEND, max_lines=MOST, placeholder=" ...", break_on_hyphens=False
+        )
+        numbered = "\n".join(lines)
+        entries = entries[len(names) :]
+    columns = max(1, min(len(entries), LEGEND // (5 + max(len(words) for _, words in entries))))
+    return figure.legend(
+        *zip(*entries, strict=True),
+        loc="lower center",
+        ncols=columns,
+        title=numbered,
+        title_fontsize=LOOK["font.size"] - 1,
+    )
+
+
+def _place(figure: Figure, panels: Mapping[str, Axes], legend: Legend, title: str) -> None:
+    """Put all in its place: the legend below, the title above."""
+    lines = textwrap.wrap(title, WIDTH, max_lines=3, placeholder=" ...")
+    bottom = INCH * legend.get_window_extent().height / figure.dpi + BELOW
+    height = bottom + PANELS + ABOVE + (1.22 * HEADING * len(lines) + 8 if lines else 4)
+    figure.set_size_inches(WIDE / INCH, height / INCH)
+    if lines:
+        top = 1 - 5 / height
+        figure.suptitle("\n".join(lines), fontsize=HEADING, fontweight="bold", y=top)
+    for name, (left, low, wide, high) in PLACES.items():
+        panel = panels[name]
+        panel.set_position((left / WIDE, (bottom + low) / height, wide / WIDE, high / height))
+        side = offset_copy(panel.transAxes, figure, x=LABEL, units="points")
+        panel.yaxis.set_label_coords(0.0, 0.5, side)
+        below = offset_copy(panel.transAxes, figure, y=-20, units="points")
+        panel.xaxis.set_label_coords(0.5, 0.0, below)
+        panel.set_title(panel.get_title(), y=1.0, pad=5)  # else looked for in each drawing
+
+
+def _refer(panels: Mapping[str, Axes], runs: Mapping[str, Motion]) -> None:
+    """Draw each reference once: one that a single run has in the colour of that run."""
+    shared: list[tuple[Motion, list[int]]] = []  # the longest of those that are one, and whose
+    for index, motion in sorted(enumerate(runs.values()), key=lambda each: -each[1].time[-1]):
+        for longest, whose in shared:
+            if _same_reference(motion, longest):
+                whose.append(index)
+                break
+        else:
+            shared.append((motion, [index]))
+    own = {whose[0] for _, whose in shared if len(shared) > 1 and len(whose) == 1}
+    for motion, (first, *_) in shared:
+        colour = COLOURS[first % len(COLOURS)] if first in own else REFERENCE["color"]
+        look = {**REFERENCE, "color": colour}
+        desired = 1000 * motion.reference
+        panels["plate"].plot(*desired.T, **look)
+        for name, axis in (("x", 0), ("y", 1)):
+            panels[name].plot(motion.time, desired[:, axis], **look)
+    words = "reference (of one run alone in its colour)" if own else "reference"
+    panels["plate"].plot([], [], label=words, **REFERENCE)
 
 
 def _same_reference(motion: Motion, longest: Motion) -> bool:
@@ -127,11 +205,23 @@ def _same_reference(motion: Motion, longest: Motion) -> bool:
     return np.allclose(motion.reference, np.stack(other, axis=1), rtol=0, atol=SAME)
 
 
-def _refer(panels: Mapping[str, Axes], motion: Motion, label: str, look: Mapping[str, Any]) -> None:
-    desired = 1000 * motion.reference
-    panels["plate"].plot(*desired.T, label=label, **look)
-    for name, axis in (("x", 0), ("y", 1)):
-        panels[name].plot(motion.time, desired[:, axis], **look)
+def _number(panels: Mapping[str, Axes], motion: Motion, index: int, count: int) -> None:
+    """Write a run's number at its curves, each run's further on than that of the one before."""
+    at = int((index + 0.5) / count * (len(motion.time) - 1))
+    for name, (x, y) in {
+        "plate": 1000 * motion.ball[at],
+        "error": (motion.time[at], 1000 * np.hypot(*motion.error[at])),
+    }.items():
+        panels[name].annotate(
+            str(index + 1),
+            (x, y),
+            color=COLOURS[index % len(COLOURS)],
+            fontsize=7,
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"},
+            zorder=6,
+        )
 
 
 def _plate(panel: Axes, area: tuple[float, float]) -> None:
@@ -150,17 +240,19 @@ def _plate(panel: Axes, area: tuple[float, float]) -> None:
 def _add(
     panels: Mapping[str, Axes], motion: Motion, label: str, index: int, *, smooth: bool
 ) -> None:
-    colour, style = COLOURS[index % len(COLOURS)], STYLES[(index // len(COLOURS)) % len(STYLES)]
-    look: dict[str, Any] = {"color": colour, "linewidth": 1.2, "linestyle": style}
+    look: dict[str, Any] = {**style(index), "linewidth": 1.2}
+    colour = look["color"]
     ball = 1000 * motion.ball
     panels["plate"].plot(*ball.T, label=label, **look)
     panels["plate"].plot(*ball[0], "o", color=colour, ms=5)
-    gone = (np.abs(ball[-1]) > 500 * np.array(SCREEN) - EDGE).any()  # a cross: it left the plate
-    panels["plate"].plot(*ball[-1], "X" if gone else "s", color=colour, ms=9 if gone else 5)
-    panels["x"].plot(motion.time, ball[:, 0], **look)
-    panels["y"].plot(motion.time, ball[:, 1], **look)
+    gone = _gone(motion)
+    end: dict[str, Any] = {"color": colour, "marker": "X" if gone else "s", "ms": 9 if gone else 5}
+    panels["plate"].plot(*ball[-1], **end)
     distance = 1000 * np.hypot(*motion.error.T)
-    panels["error"].plot(motion.time, distance, **look)
+    for name, values in (("x", ball[:, 0]), ("y", ball[:, 1]), ("error", distance)):
+        panels[name].plot(motion.time, values, **look)
+        if gone:
+            panels[name].plot(motion.time[-1], values[-1], **{**end, "ms": 7})
     plate = np.degrees(motion.plate)
     other: dict[str, Any] = {**look, "alpha": 0.55, "linestyle": (0, (4, 1.5))}
     panels["angle"].plot(motion.time, plate[:, 0], **look)
@@ -168,6 +260,11 @@ def _add(
     effort = _running_rms(motion.u, motion.time) if smooth else motion.u
     panels["effort"].plot(motion.time, effort[:, 0], **{**look, "linewidth": 0.8})
     panels["effort"].plot(motion.time, effort[:, 1], **{**other, "linewidth": 0.8})
+
+
+def _gone(motion: Motion) -> bool:
+    """Whether the ball was seen last at the edge of the screen: it left the plate."""
+    return bool((1000 * np.abs(motion.ball[-1]) > 500 * np.array(SCREEN) - EDGE).any())
 
 
 def _running_rms(values: Array, time: Array) -> Array:
@@ -184,8 +281,8 @@ def _running_rms(values: Array, time: Array) -> Array:
 
 def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
     error = panels["error"]
-    distances = np.concatenate([np.asarray(line.get_ydata(), float) for line in error.lines])
-    top = float(distances[np.isfinite(distances)].max(initial=0.0))
+    lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
+    top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
     error.set(
         ylabel="distance from reference [mm]",
         xlabel="time [s]",
@@ -195,12 +292,15 @@ def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
     for name in ("x", "y"):
         panels[name].set_ylabel(f"{name} [mm]")
     panels["x"].set_title("Position (dotted: reference)")
-    panels["angle"].set_ylabel("plate angle [deg]")
-    effort, what = "plate acc.", "Plate and its acceleration (solid: φ about y; dashed: θ about x)"
-    if smooth:
-        effort, what = "RMS acc.", f"Plate, RMS over {WINDOW:g} s of its acceleration (dashed: θ)"
-    panels["effort"].set(ylabel=f"{effort} [rad/s²]", xlabel="time [s]")
-    panels["angle"].set_title(what)
+    panels["angle"].set(
+        ylabel="angle [deg]", title="Plate angle (solid: φ about y, dashed: θ about x)"
+    )
+    over = f" (RMS over {WINDOW:g} s)" if smooth else ""
+    panels["effort"].set(
+        ylabel="acc. [rad/s²]", xlabel="time [s]", title=f"Plate acceleration{over}"
+    )
+    for name in ("x", "angle"):
+        panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
     for name, least in (("x", 1.0), ("y", 1.0), ("angle", 0.05), ("effort", 0.05)):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:

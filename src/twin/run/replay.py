@@ -14,7 +14,16 @@ from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
 from twin.hal.states import State
 from twin.run.finished import Run
-from twin.run.folders import STREAM, is_last, is_record, last, record_in, record_of, run_folders
+from twin.run.folders import (
+    STREAM,
+    is_last,
+    is_record,
+    last,
+    listed,
+    record_in,
+    record_of,
+    run_folders,
+)
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome
 from twin.run.metadata import classes_of
 from twin.run.metrics import measure
@@ -136,6 +145,9 @@ def open_runs(
         except RecordError as error:
             failed.append(error)
             continue
+        if len(opened) == 1:
+            (run,) = opened
+            opened = [replace(run, name=listed(path.parent).get(path.name, run.name))]
         for run in opened:
             taken = sum(other.name.partition("~")[0] == run.name for other in runs)
             name = f"{run.name}~{taken + 1}" if taken else run.name

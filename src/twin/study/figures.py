@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.report.numbers import LABELS
-from twin.run.overview_plot import COLOURS, LOOK, STYLES
+from twin.run.overview_plot import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex
 from twin.study.design import Design
 from twin.study.family import Point
@@ -24,6 +24,8 @@ INDEX = {
     "montecarlo": "rank correlation",
 }
 FAILED = "#B00000"
+ENOUGH = 20
+"""Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
 MANY = 5000
 """Number of runs above which a scatter plot is kept as a bitmap."""
 
@@ -84,10 +86,6 @@ def ranked(study: Study, found: Sequence[Answer]) -> list[str]:
     return sorted(sizes, key=lambda key: -sizes[key])
 
 
-def _style(k: int) -> dict[str, Any]:
-    return {"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k // len(COLOURS) % len(STYLES)]}
-
-
 def _indices(study: Study, found: Sequence[Answer]) -> Figure:
     keys = ranked(study, found)
     height = 0.8 / len(found)
@@ -99,7 +97,7 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
         for index in answer.indices:
             at = keys.index(index.key) + (k - (len(found) - 1) / 2) * height
             _bar(panel, index, at, height * 0.9, k)
-        panel.barh(0, 0, color=_style(k)["color"], label=answer.variant)
+        panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set(
         xlabel=f"{INDEX[study.method]}; hollow: undecided",
@@ -115,7 +113,7 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
 
 
 def _bar(panel: Axes, index: SensitivityIndex, at: float, height: float, k: int) -> None:
-    colour = _style(k)["color"]
+    colour = style(k)["color"]
     if not index.decided:
         # no bar: its sign is unknown, only its interval is shown
         reach = (index.value - index.half, index.value + index.half)
@@ -161,9 +159,9 @@ def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
         np.array([getattr(each, name) for each in curve.spreads])
         for name in ("median", "low", "high")
     )
-    panel.plot(x, middle, marker="o", ms=3.5, lw=1.4, label=label, **_style(k))
+    panel.plot(x, middle, marker="o", ms=3.5, lw=1.4, label=label, **style(k))
     if (high > low).any():
-        panel.fill_between(x, low, high, color=_style(k)["color"], alpha=0.15, lw=0)
+        panel.fill_between(x, low, high, color=style(k)["color"], alpha=0.15, lw=0)
     failed = np.array([each.failed > 0 for each in curve.spreads])
     # a point without finished runs has no median: it is shown on the axis
     if failed.any():
@@ -177,14 +175,20 @@ def _spread(study: Study, found: Sequence[Answer]) -> Figure:
     figure = Figure(figsize=(9, 1.5 + 0.3 * len(found)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     for k, answer in enumerate(found):
-        whole, colour = answer.whole, _style(k)["color"]
-        left.plot((whole.low, whole.high), (k, k), color=colour, lw=5, alpha=0.35)
+        whole, colour = answer.whole, style(k)["color"]
+        bar: dict[str, Any] = {"lw": 5, "alpha": 0.35, "solid_capstyle": "butt"}
+        if whole.runs < ENOUGH:
+            left.plot(answer.values, [k] * len(answer.values), "|", color=colour, ms=9)
+        else:
+            left.plot((whole.low, whole.high), (k, k), color=colour, **bar)
         left.plot(whole.median, k, "o", color=colour)
         low, high = whole.chance
-        right.plot((100 * low, 100 * high), (k, k), color=FAILED, lw=5, alpha=0.35)
+        right.plot((100 * low, 100 * high), (k, k), color=FAILED, **bar)
         right.plot(100 * whole.failed / max(whole.runs, 1), k, "o", color=FAILED)
+    few = any(answer.whole.runs < ENOUGH for answer in found)
+    lie = "each run" if few else "where 9 of 10 runs lie"
     left.set(
-        xlabel=f"{metric_label(study)}: median, and where 9 of 10 runs lie",
+        xlabel=f"{metric_label(study)}: median, and {lie}",
         yticks=range(len(found)),
         yticklabels=[answer.variant for answer in found],
     )

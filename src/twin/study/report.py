@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
-from twin.html import inline, render
+from twin.html import inline
+from twin.page import Block, Picture, Table, Text, Verdict, as_markdown, digits, html
 from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
 from twin.study.experiments import labelled
-from twin.study.figures import figures, metric_label, parameter_label, where_label
+from twin.study.figures import ENOUGH, figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
-from twin.study.summary import NEGLIGIBLE, needed, sentences
+from twin.study.summary import NEGLIGIBLE, in_order, needed, sentences
 from twin.study.work import Work
 from twin.writing import write_whole
 
@@ -35,8 +35,7 @@ NAMES = {
     "montecarlo": ("rank correlation", ""),
 }
 
-ENOUGH = 20
-"""Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
+KNOWN = ("variant", "where", "parameter", "must be known within")
 
 
 def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> None:
@@ -51,26 +50,29 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
-    two = NAMES.get(study.method, ("", ""))
-    page = render(
-        "study/report.html.j2",
-        title=study.title,
-        good=any(answer.whole.failed < answer.whole.runs for answer in found),
-        sentences=sentences(study, found),
-        figures=drawn,
-        headings=HEADINGS,
-        metric=metric_label(study),
-        grids=grids(study, found),
-        compared=[compared(answer) for answer in found],
-        indices=[row for answer in found for row in _indices(answer)],
-        index_name=two[0],
-        second_name=two[1],
-        needed=needed(study, found),
-        unit=LABELS[study.metrics[0]][1],
-        endings=endings(work, rows),
-        about=_about(work),
-    )
-    _write(folder / "report.html", page)
+    good = any(answer.whole.failed < answer.whole.runs for answer in found)
+    blocks: list[Block] = [
+        Verdict(sentences(study, found), good),
+        compared(study, found),
+        *grids(study, found),
+        *(Picture(HEADINGS[name], picture) for name, picture in drawn.items()),
+    ]
+    ended = endings(work, rows)
+    blocks += [Text(ended, "Runs that failed")] if ended else []
+    ranks = [row for answer in found for row in _indices(answer)]
+    if ranks:
+        first, second = NAMES.get(study.method, ("", ""))
+        heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
+        blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
+    known = needed(study, found)
+    if known:
+        unit = LABELS[study.metrics[0]][1]
+        what = f"the {metric_label(study)} within {f'1 {unit}'.strip()}"
+        title = f"What must be known how well, to predict {what}"
+        blocks.append(Table(title, KNOWN, known, words=(0, 1, 2)))
+    note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
+    blocks.append(Text([_about(work)], "The study", note))
+    _write(folder / "report.html", html(study.title, blocks))
 
 
 def document(work: Work, found: Sequence[Answer], path: Path) -> None:
@@ -80,16 +82,12 @@ def document(work: Work, found: Sequence[Answer], path: Path) -> None:
         RecordError: If a file cannot be written.
     """
     study = work.study
-    lines = [f"# {study.title}", "", _about(work), ""]
-    lines += [f"- {sentence}" for sentence in sentences(study, found)]
+    blocks: list[Block] = [Text([_about(work)]), Text(sentences(study, found))]
     for name, picture in _inline_figures(work, found).items():
         file = f"{path.stem}-{name}.svg"
         _write(path.with_name(file), picture)
-        lines += ["", f"![{HEADINGS[name]}]({file})"]
-    head = ("variant", f"median {metric_label(study)}", "5 %", "95 %", "runs", "failed", "chance")
-    lines += ["", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    lines += ["| " + " | ".join(compared(answer)) + " |" for answer in found]
-    _write(path, "\n".join(lines) + "\n")
+        blocks.append(Picture(HEADINGS[name], picture, file=file))
+    _write(path, as_markdown(study.title, [*blocks, compared(study, found)]))
 
 
 def _inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
@@ -127,70 +125,62 @@ def _write(path: Path, text: str) -> None:
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
-class Grid(NamedTuple):
-    """A table of a metric over the values of a parameter, a column per variant.
-
-    Attributes:
-        title: The metric, and where the other parameters stand.
-        headings: The parameter, then the variants.
-        rows: Value and one cell per variant each.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def grids(study: Study, found: Sequence[Answer]) -> list[Grid]:
-    """The medians of a study with curves: parameter by variant."""
+def grids(study: Study, found: Sequence[Answer]) -> list[Table]:
+    """The medians of a study with curves: a row per variant, a column per value of a parameter."""
     with_curves = [answer for answer in found if answer.curves]
     made = []
     for number, curve in enumerate(with_curves[0].curves if with_curves else ()):
         where = where_label(study, curve.where)
-        columns = [answer.curves[number].spreads for answer in with_curves]
-        rows = tuple(
-            (str(value), *(_cell(spreads[at]) for spreads in columns))
-            for at, value in enumerate(curve.values)
-        )
-        title = f"{metric_label(study)}{f' at {where}' if where else ''}, median"
-        heads = (parameter_label(study, curve.key), *(answer.variant for answer in with_curves))
-        made.append(Grid(title, heads, rows))
+        rows = [
+            (answer.variant, *map(_cell, answer.curves[number].spreads)) for answer in with_curves
+        ]
+        over = f"median over {parameter_label(study, curve.key)}"
+        title = f"{metric_label(study)}, {over}{f', at {where}' if where else ''}"
+        made.append(Table(title, ("variant", *map(digits, curve.values)), rows))
     return made
 
 
 def _cell(spread: Spread) -> str:
     """A median, and how many runs it leaves out."""
     left_out = f" ({spread.failed} of {spread.runs} failed)" if spread.failed else ""
-    return f"{_digits(spread.median)}{left_out}"
+    return f"{digits(spread.median, places=3)}{left_out}"
 
 
-def compared(answer: Answer) -> tuple[str, ...]:
-    """One row of the table of variants."""
-    whole = answer.whole
-    low, high = whole.chance
-    few = whole.runs < ENOUGH
-    return (
-        answer.variant,
-        _digits(whole.median),
-        *("-" if few else _digits(value) for value in (whole.low, whole.high)),
-        str(whole.runs),
-        str(whole.failed),
-        "too few runs" if few else f"{100 * low:.1f} to {100 * high:.1f} %",
+def compared(study: Study, found: Sequence[Answer]) -> Table:
+    """A row per variant, the best first."""
+    rows = []
+    for whole, variant in ((answer.whole, answer.variant) for answer in in_order(found)):
+        few = whole.runs < ENOUGH
+        low, high = whole.chance
+        chance = "too few runs" if few else f"{100 * low:.1f} to {100 * high:.1f} %"
+        most = (None, None) if few else (whole.low, whole.high)
+        numbers = (digits(each, places=3) for each in (whole.median, *most))
+        rows.append((variant, *numbers, str(whole.runs), str(whole.failed), chance))
+    metric = metric_label(study)
+    heads = (
+        "variant",
+        f"median {metric}",
+        "5 %",
+        "95 %",
+        "runs",
+        "failed",
+        "probability to fail, 95 %",
     )
+    return Table("Compared, best first" if len(found) > 1 else "In all", heads, rows)
 
 
 def _indices(answer: Answer) -> list[tuple[Any, ...]]:
     rows = []
     for index in answer.indices:
-        value = _digits(index.value) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
+        value = (
+            digits(index.value, places=3) if abs(index.value) >= NEGLIGIBLE else f"< {NEGLIGIBLE:g}"
+        )
         verdict = "matters" if abs(index.value) >= NEGLIGIBLE else "negligible"
-        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else _digits(index.first)
+        first = f"< {NEGLIGIBLE:g}" if index.first < NEGLIGIBLE else digits(index.first, places=3)
         if not index.decided:
             value, first = "-", "-"
             verdict = "undecided: the interval holds zero"
-        rows.append((index.key, answer.variant, value, _digits(index.half), first, verdict))
+        rows.append(
+            (index.key, answer.variant, value, digits(index.half, places=3), first, verdict)
+        )
     return rows
-
-
-def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"

@@ -11,6 +11,8 @@ from twin.study.family import Point
 from twin.study.figures import metric_label, where_label
 from twin.study.schema import Study
 
+NAMED = 5
+"""Variants that a sentence ranks; of more, the table does."""
 NEGLIGIBLE = 0.01
 """Index below which a parameter is called negligible."""
 ROUGH = 0.2
@@ -25,12 +27,11 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
         found: One answer per variant.
     """
     metric, words = metric_label(study), []
-    best = sorted(
-        (a for a in found if not math.isnan(a.whole.median)), key=lambda a: a.whole.median
-    )
+    best = [each for each in in_order(found) if not math.isnan(each.whole.median)]
     if len(found) > 1 and best:
-        order = ", ".join(f"{a.variant} {a.whole.median:.3g}" for a in best)
-        words.append(f"By the median of {metric}, best first: {order}.")
+        few = [f"{each.variant} {each.whole.median:.3g}" for each in best]
+        few = few if len(few) <= NAMED else [*few[:3], f"..., last {few[-1]}"]
+        words.append(f"By the median of {metric}, best first: {', '.join(few)}.")
     if len(found) > 1:
         words += _common_importance(found, metric)
     for answer in found:
@@ -43,6 +44,11 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
             )
         words += [f"{answer.variant}: {note}." for note in answer.notes]
     return (words + _tolerances(study, found)) or ["All runs finished; see the curves."]
+
+
+def in_order(found: Sequence[Answer]) -> list[Answer]:
+    """The variants by their median, the best first; those without one last."""
+    return sorted(found, key=lambda each: (math.isnan(each.whole.median), each.whole.median))
 
 
 def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:

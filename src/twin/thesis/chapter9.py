@@ -214,11 +214,11 @@ def _settled(about: FitTable, arm: Sample, place: int) -> float:
     """When the ball of Table 9.1 comes within 5 % of the step of its place at rest for good, s."""
     with TemporaryDirectory() as folder:
         scenario = Runs(about, Store(Path(folder))).scenario(arm, about.experiments[place])
-    record = run(scenario.model_copy(update={"baseline": False})).record
-    x = record["estimate"][:, 0, 0]
-    end = x[record.time > record.time[-1] - 1].mean()
+    rows = run(scenario.model_copy(update={"baseline": False})).rows
+    time, x = rows["time"], rows["estimated_x"]
+    end = x[time > time[-1] - 1].mean()
     outside = np.flatnonzero(np.abs(x - end) > 0.05 * 0.15)
-    return float(record.time[outside[-1]]) if len(outside) else 0.0
+    return float(time[outside[-1]]) if len(outside) else 0.0
 
 
 class Goal(NamedTuple):

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.html import inline, render
-from twin.report.numbers import LABELS, shown
+from twin.page import digits
+from twin.report.numbers import LABELS
 from twin.run.control import build_law
 from twin.tune.certificate import CONFIDENCE
 from twin.tune.figures import before_and_after, trade_off
@@ -90,8 +91,8 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
                     task.name,
                     label,
                     f"{name} [{unit}]",
-                    *(shown(own[key], unit) for key in ("median", "quantile_90", "largest")),
-                    shown(task.scale, unit),
+                    *(digits(own[key], unit) for key in ("median", "quantile_90", "largest")),
+                    digits(task.scale, unit),
                     f"{own['finished']} of {side['rigs']}",
                     "-" if own["effort"] is None else f"{own['effort']:.2g}",
                 )

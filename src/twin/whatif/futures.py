@@ -14,7 +14,7 @@ from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
 from twin.run.finished import Run
-from twin.run.folders import forget_listed, free, record_of
+from twin.run.folders import WHATIF, forget_listed, free, record_of
 from twin.run.metrics import Motion
 from twin.run.replay import open_run
 from twin.scenario.load import load
@@ -29,8 +29,6 @@ from twin.writing import write_json, write_whole
 
 SHOWN_BEFORE = 2.0
 """Time in s before the moment that the picture shows."""
-SUMMARY = "whatif.json"
-"""File of a what-if's folder: what ``--json`` prints, and the folders of its branches."""
 SEPARATOR = ";"
 """Between the settings of one branch."""
 
@@ -155,7 +153,7 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     area = moment.scenario.rig.limits.area
     title = f"What if: {moment.name} from {moment.at:g} s on"
     picture = beside.begin(drawn, shown(moment, found), title, area)
-    forget_listed(folder, SUMMARY)
+    forget_listed(folder, WHATIF)
     folders = []
     for each in found:
         folders.append(free(folder / each.name))
@@ -163,8 +161,8 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     period = moment.scenario.rig.period
     end = period + max(each.run.motion.time[-1] for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
-    kept = {"folders": [own.name for own in folders]}
-    write_json(folder / SUMMARY, summary(moment, found) | kept)
+    kept = {"folders": ["recorded", *(own.name for own in folders)]}
+    write_json(folder / WHATIF, summary(moment, found) | kept)
     drawing = picture()
     write_whole(folder / "picture.png", lambda path: path.write_bytes(drawing))
     text = page(moment, found, drawing)

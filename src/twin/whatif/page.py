@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Sequence
 
-from twin.html import render
+from twin.page import Block, Picture, Text, Verdict, digits, html
+from twin.report.numbers import IndicatorRow, all_rows, indicators
 from twin.whatif.future import Future
 from twin.whatif.moment import LOOK_BACK, Moment
 
@@ -33,8 +33,6 @@ def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
         found: The futures.
         picture: Record and futures over each other, as PNG.
     """
-    measured = [each.run.metrics for each in found]
-    names = [name for name, value in measured[0].items() if isinstance(value, float)]
     before, sentences = moment.before_mm, [f"{agreement(moment)}."]
     if before is None:
         sentences.append(
@@ -45,25 +43,15 @@ def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
         sentences.append(
             f"That is more than {POOR:g} mm: the twin does not fit, and a future is no better."
         )
-    rows = [
-        {
-            "label": each.label,
-            "apart": "-" if each.max_difference is None else f"{1000 * each.max_difference:.3g}",
-            "metrics": [_short(values.get(name)) for name in names],
-        }
-        for each, values in zip(found, measured, strict=True)
+    found_rows = all_rows([each.run.metrics for each in found])
+    apart = tuple(digits(each.max_difference, "mm") for each in found)
+    found_rows.append(IndicatorRow("most from the record", "mm", apart))
+    title = f"What if: {moment.name} from {moment.at:g} s on"
+    blocks: list[Block] = [
+        Verdict(sentences, before is not None and before <= POOR),
+        Picture("Record and futures", picture),
+        indicators("The futures", found_rows, [each.label for each in found]),
     ]
-    return render(
-        "whatif/report.html.j2",
-        title=f"What if: {moment.name} from {moment.at:g} s on",
-        trusted=before is not None and before <= POOR,
-        sentences=sentences,
-        picture=b64encode(picture).decode(),
-        metrics=names,
-        rows=rows,
-        notes=moment.notes,
-    )
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else "-"
+    if moment.notes:
+        blocks.append(Text(moment.notes, "The record"))
+    return html(title, blocks)

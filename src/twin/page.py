@@ -1,0 +1,194 @@
+"""A result as a page: blocks of text, tables and pictures as HTML, Markdown or on a terminal."""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from markupsafe import Markup
+
+from twin import markdown
+from twin.html import inline, render
+
+if TYPE_CHECKING:
+    import rich.table
+    from matplotlib.figure import Figure
+
+WIDE = 125
+"""Characters of all columns of a table side by side; the others stand in a further table below."""
+HEAD = 14
+"""Characters of a heading that are not broken over lines."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """Sentences, or a list of them.
+
+    Attributes:
+        lines: The sentences.
+        title: Above them.
+        note: Below them.
+    """
+
+    kind: ClassVar = "text"
+    lines: Sequence[str]
+    title: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a result says, in sentences.
+
+    Attributes:
+        lines: The sentences.
+        good: Whether all is well.
+        title: Above them.
+    """
+
+    kind: ClassVar = "verdict"
+    lines: Sequence[str]
+    good: bool
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        title: Above it.
+        heads: One per column.
+        rows: One cell per column each.
+        words: The columns of words, which stand to the left; from the end if negative.
+        again: Columns that each part of a table too wide for a page has.
+        note: Below it.
+    """
+
+    kind: ClassVar = "table"
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: Collection[int] = (0,)
+    again: Collection[int] = (0,)
+    note: str = ""
+
+    @property
+    def parts(self) -> Iterator[tuple[list[tuple[str, bool]], list[list[tuple[str, bool]]]]]:
+        """Headings and rows of each part that fits a page; text and whether it is words."""
+        count = len(self.heads)
+        left = {column % count for column in self.words}
+        kept = {column % count for column in self.again}
+        widths = [
+            3 + max([min(len(head), HEAD), *(len(row[at]) for row in self.rows)])
+            for at, head in enumerate(self.heads)
+        ]
+        free = WIDE - sum(widths[at] for at in kept)
+        groups: list[list[int]] = [[]]
+        for at in (each for each in range(count) if each not in kept):
+            if groups[-1] and sum(widths[each] for each in (*groups[-1], at)) > free:
+                groups.append([])
+            groups[-1].append(at)
+        for group in groups:
+            columns = sorted((*kept, *group))
+            yield (
+                [(self.heads[at], at in left) for at in columns],
+                [[(row[at], at in left) for at in columns] for row in self.rows],
+            )
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture.
+
+    Attributes:
+        title: Above it, or what it shows.
+        content: A figure, a PNG, or SVG that was made of a figure.
+        note: Below it.
+        file: Where it lies beside a page in Markdown.
+    """
+
+    kind: ClassVar = "picture"
+    title: str
+    content: Figure | Markup | bytes
+    note: str = ""
+    file: str = ""
+
+    @property
+    def shown(self) -> Markup:
+        """The picture, to stand within a page."""
+        if isinstance(self.content, bytes):
+            data = b64encode(self.content).decode()
+            return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, self.title)
+        return self.content if isinstance(self.content, Markup) else inline(self.content)
+
+
+@dataclass(frozen=True)
+class Code:
+    """A text as it was typed.
+
+    Attributes:
+        title: Above it.
+        text: The text.
+        note: Below it.
+    """
+
+    kind: ClassVar = "code"
+    title: str
+    text: str
+    note: str = ""
+
+
+Block = Text | Verdict | Table | Picture | Code
+
+
+def html(title: str, blocks: Sequence[Block]) -> str:
+    """One HTML file that needs nothing else."""
+    return render("page.html.j2", title=title, blocks=blocks)
+
+
+def as_markdown(title: str, blocks: Sequence[Block]) -> str:
+    """The same in Markdown; pictures lie beside it."""
+    return "\n\n".join([f"# {title}", *(_in_markdown(each).rstrip() for each in blocks)]) + "\n"
+
+
+def terminal(table: Table) -> rich.table.Table:
+    """A table for a terminal, which breaks its cells over lines itself."""
+    from rich.markup import escape  # noqa: PLC0415  only where there is a terminal
+    from rich.table import Table as Drawn  # noqa: PLC0415
+
+    count = len(table.heads)
+    left = {column % count for column in table.words}
+    drawn = Drawn(header_style="bold")
+    for at, head in enumerate(table.heads):
+        drawn.add_column(escape(head), justify="left" if at in left else "right", overflow="fold")
+    for row in table.rows:
+        drawn.add_row(*map(escape, row))
+    return drawn
+
+
+def digits(value: Any, unit: str = "", places: int = 4) -> str:
+    """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, str):
+        return value
+    return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.{places}g}"
+
+
+def _in_markdown(block: Block) -> str:
+    above = f"## {block.title}\n\n" if block.title else ""
+    match block:
+        case Text((line,)):
+            return above + line
+        case Text(lines) | Verdict(lines):
+            return above + "\n".join(f"- {line}" for line in lines)
+        case Table(_, heads, rows, words):
+            return above + markdown.table(heads, rows, words)
+        case Picture(title, file=file):
+            return f"![{title}]({file})"
+        case Code(_, text):
+            return f"{above}```\n{text}\n```"

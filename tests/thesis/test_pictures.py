@@ -1,0 +1,23 @@
+import numpy as np
+from matplotlib.colors import to_rgb
+from PIL import Image
+from twin.thesis.reproduce.figures import MECHANISM, _panels, _style, _write
+
+from twin.run.overview_plot import COLOURS
+
+
+def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path):
+    time = np.linspace(0, 25, 2000)
+    with _style():
+        figure, panels = _panels(3, "Three laws, and the mechanism over them")
+        for panel in panels.flat:
+            for index, colour in enumerate(COLOURS[:3]):
+                values = 10 * time * np.exp(-time * (index + 1) / 2) + np.sin(time / 3)
+                panel.plot(time, values, color=colour)
+                panel.plot(time, values, zorder=4, **MECHANISM)
+        _write(figure, tmp_path / "few.png")
+    with Image.open(tmp_path / "few.png") as picture:
+        shown = np.array(picture.convert("RGB"), float).reshape(-1, 3)
+    for colour in COLOURS[:3]:
+        apart = np.abs(shown - 255 * np.array(to_rgb(colour))).max(axis=1)
+        assert (apart <= 4).sum() > 50, colour
