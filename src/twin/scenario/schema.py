@@ -14,9 +14,8 @@ from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.limits import Limits
 from twin.scenario.change import Change
-from twin.scenario.plant import PlantTable
-from twin.scenario.tables import Section, model_of, table
-from twin.sim.drives import DriveModel
+from twin.scenario.plant import SETTINGS, BallKeys, PlantKeys, SurfaceKeys
+from twin.scenario.tables import Section, model_of, tables
 from twin.sim.encoders import EncoderModel
 from twin.sim.touch import TouchModel
 from twin.sim.transmission import TransmissionError
@@ -31,7 +30,7 @@ MOST_PERIODS = 10_000_000
 """Longest run in control periods, 5.6 h of 2 ms: its record is kept in some GB of memory."""
 
 
-class _RigKeys(Section):
+class _Rig(Section):
     """How often the rig is controlled, and what it knows of its cams."""
 
     period: Positive = 0.002
@@ -40,7 +39,7 @@ class _RigKeys(Section):
     """The calibrated table over both plate angles, one table per axis, or a plain ratio."""
 
 
-class _TouchChecks(Section):
+class _Touch(Section):
     """The touch screen."""
 
     @field_validator("frame_rate", check_fields=False)
@@ -51,37 +50,38 @@ class _TouchChecks(Section):
         return value
 
 
-if TYPE_CHECKING:
-    LimitsTable = Derived
-    EncodersTable = Derived
-    TouchTable = Derived
-    DisturbanceTable = Derived
-else:
-    LimitsTable = table("rig.limits", Limits, module=__name__)
-    EncodersTable = table("sensors.encoders", EncoderModel, module=__name__)
-    TouchTable = table("sensors.touch", TouchModel, base=_TouchChecks, module=__name__)
-    DisturbanceTable = table("disturbance", DriveModel, module=__name__)
-
-
-class _LimitedRig(_RigKeys):
-    limits: LimitsTable = LimitsTable()
-
-
-if TYPE_CHECKING:
-    RigTable = Derived
-else:
-    RigTable = table("rig", TransmissionError, base=_LimitedRig, module=__name__)
-
-
-class SensorsTable(Section):
+class _Sensors(Section):
     """What the rig measures."""
 
     ideal: bool = False
     """Whether the full true state is measured instead."""
     noise_hold: NotNegative = 0.0
     """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
-    touch: TouchTable = TouchTable()
-    encoders: EncodersTable = EncodersTable()
+
+
+TABLES = tables(
+    *(*SETTINGS, TouchModel, EncoderModel, TransmissionError, Limits),
+    bases={
+        "plant": PlantKeys,
+        "plant.ball": BallKeys,
+        "plant.friction": Section,
+        "plant.surface": SurfaceKeys,
+        "plant.servo": Section,
+        "rig": _Rig,
+        "sensors": _Sensors,
+        "sensors.touch": _Touch,
+    },
+    module=__name__,
+)
+"""Tables by dotted name: what is said of plant, rig and sensors."""
+if TYPE_CHECKING:
+    PlantTable = Derived
+    RigTable = Derived
+    SensorsTable = Derived
+    DisturbanceTable = Derived
+    RigLimitsTable = Derived
+else:
+    globals().update((each.__name__, each) for each in TABLES.values())
 
 
 class MetricsTable(Section):
