@@ -1,14 +1,12 @@
 """What a physics step of 2 ms gets wrong beside one of 1 ms, and what it saves.
 
-Run with ``uv run python -m benchmarks.physics_step``. Errors are those to a step of 0.25 ms: of the
-ball's path over 10 s in closed loop, with the same noise, and of numbers about ball, plate and
-wheels. ``--thesis`` adds the tracking errors of Tables 9.2 to 9.9. Times are processor time, best
-of rounds that take turns.
+Errors are those to a step of 0.25 ms: of the ball's path over 10 s in closed loop, with the same
+noise, and of numbers about ball, plate and wheels. Times are processor time, best of rounds that
+take turns.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -18,10 +16,6 @@ import numpy as np
 from benchmarks.truths import RUNS, SECONDS, TRUTHS, path
 from controllers.arrays import Array
 from twin.sim.plant.mechanism import Mechanism
-from twin.thesis.experiments.batch import rolling, simulate
-from twin.thesis.experiments.fit import identified
-from twin.thesis.experiments.judge import e_tt
-from twin.thesis.experiments.tables import chosen
 
 FINE, STEPS = 0.00025, (0.001, 0.002)
 
@@ -70,29 +64,6 @@ def numbers() -> Iterator[Deviation]:
         yield Deviation.of(name, unit, number)
 
 
-def tables() -> Iterator[Deviation]:
-    """Of the tracking errors of Tables 9.2 to 9.9, in points: the largest of 24, and its rms."""
-    experiments, known = chosen(()), identified()
-    rigs = {"rolling friction": known.rolling, "no friction": 0.0}
-    errors = []
-    for step in (FINE, *STEPS):
-        traces = simulate(
-            experiments, [rolling(arm) | {"plant.step": step} for arm in rigs.values()]
-        )
-        errors.append(
-            [[e_tt(each, known.reading, known.start) for each in some] for some in traces]
-        )
-    fine, *coarse = np.array(errors)
-    for rig, name in enumerate(rigs):
-        found = []
-        for each in coarse:
-            off = (each - fine)[:, rig]
-            off = off[np.isfinite(off)]
-            found.append(f"{np.abs(off).max():.3f}, rms {np.sqrt(np.mean(off**2)):.3f} points")
-        mean = np.nanmean(fine[:, rig])
-        yield Deviation(f"Tables 9.2 to 9.9, {name}", f"{mean:.1f} % on average", *found)
-
-
 def seconds_of(step: float, rigs: int, time_span: float) -> float:
     """Processor seconds of moving mechanisms for a time span in s."""
     plant = Mechanism(rigs=rigs, step=step, threads=1)
@@ -108,20 +79,3 @@ def ratio(rigs: int, time_span: float, rounds: int = 7) -> float:
     times = [[seconds_of(step, rigs, time_span) for step in STEPS] for _ in range(rounds)]
     fine, coarse = np.min(times, axis=0)
     return float(coarse / fine)
-
-
-def main() -> None:
-    """Print all deviations and both ratios of time."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--thesis", action="store_true", help="the thesis's tables, too: minutes")
-    options = parser.parse_args()
-    print(f"{'':42} {'at 0.25 ms':>20} {'at 1 ms':>28} {'at 2 ms':>28}")
-    sources = [paths(), numbers(), *([tables()] if options.thesis else [])]
-    for source in sources:
-        for name, *rest in source:
-            print(f"{name:42} {rest[0]:>20} {rest[1]:>28} {rest[2]:>28}", flush=True)
-    print(f"time at 2 ms over that at 1 ms: one rig {ratio(1, 2.0):.3f}, 64 {ratio(64, 0.2):.3f}")
-
-
-if __name__ == "__main__":
-    main()

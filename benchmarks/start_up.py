@@ -1,7 +1,7 @@
 """Processor time of whole commands, from the shell to the end, in times of ``import numpy``.
 
-Run with ``uv run python -m benchmarks.start_up``. Commands and the import take turns, each in a
-fresh process with byte code kept, as a user has it after the first call; the least of all rounds.
+Commands and the import take turns, each in a fresh process with byte code kept, as a user has it
+after the first call; the least of all rounds.
 """
 
 from __future__ import annotations
@@ -51,15 +51,3 @@ def ratios(commands: dict[str, tuple[str, ...]], rounds: int) -> tuple[float, di
             raise RuntimeError("run circle wrote no record")
     numpy = least.pop("")
     return numpy, {name: taken / numpy for name, taken in least.items()}
-
-
-def main() -> None:
-    """Print all ratios."""
-    for commands, rounds in ((QUICK, 8), (WHOLE, 3)):
-        numpy, found = ratios(commands, rounds)
-        for name, ratio in found.items():
-            print(f"{name}: {ratio:.2f} times import numpy ({1000 * numpy:.0f} ms)")
-
-
-if __name__ == "__main__":
-    main()

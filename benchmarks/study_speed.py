@@ -1,7 +1,7 @@
 """Runs of a study in an hour of one core, and how many times those of an earlier checkout.
 
     git worktree add ../before 95b7a20 && (cd ../before && uv sync)
-    uv run python -m benchmarks.study_speed --before ../before
+    uv run python -m benchmarks --only study --before ../before
 
 The first chunk of the shipped study ``tournament``, as it would be handed out, in one process each,
 turn by turn; told in processor time, set-up and evaluation of the runs included. Each has as many
@@ -10,7 +10,6 @@ threads of linear algebra as its own commands give it: one here, all that there 
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -40,16 +39,15 @@ SECONDS = 16.0
 """How long each run of the study lasts."""
 
 
-def runs_per_hour(python: str, folder: Path, seconds: float = SECONDS, *given: str) -> float:
+def runs_per_hour(python: str, folder: Path, *given: str) -> float:
     """Runs that a checkout carries out in an hour of one core.
 
     Args:
         python: Its interpreter.
         folder: The checkout.
-        seconds: How long each run lasts.
         given: Further settings of all runs.
     """
-    command = (python, "-c", PIECE, str(seconds), *given)
+    command = (python, "-c", PIECE, str(SECONDS), *given)
     own = folder == Path(__file__).parent.parent
     threads = {"OPENBLAS_NUM_THREADS": "1"} if own else {}
     others = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
@@ -59,12 +57,11 @@ def runs_per_hour(python: str, folder: Path, seconds: float = SECONDS, *given: s
     return float(found.stdout)
 
 
-def most(before: Path | None, seconds: float, rounds: int) -> list[float]:
+def most(before: Path | None, rounds: int) -> list[float]:
     """The most runs an hour of several turns: here, at a step of 1 ms, and of an earlier checkout.
 
     Args:
         before: That checkout, with its environment; without one the list ends before it.
-        seconds: How long each run lasts.
         rounds: How often each has its turn.
     """
     here = Path(__file__).parent.parent
@@ -72,24 +69,7 @@ def most(before: Path | None, seconds: float, rounds: int) -> list[float]:
     if before is not None:
         turns.append((str((before / ".venv" / "bin" / "python").absolute()), before))
     found = [
-        [runs_per_hour(python, folder, seconds, *given) for python, folder, *given in turns]
+        [runs_per_hour(python, folder, *given) for python, folder, *given in turns]
         for _ in range(rounds)
     ]
     return np.max(found, axis=0).tolist()
-
-
-def main() -> None:
-    """Print runs per hour, and the ratio to those of an earlier checkout."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--before", type=Path, help="an earlier checkout with its own .venv")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="length of a run [16]")
-    options = parser.parse_args()
-    now, fine, *before = most(options.before, options.seconds, options.rounds)
-    print(f"{now:.0f} runs of {options.seconds:g} s an hour, at a physics step of 1 ms {fine:.0f}")
-    if before:
-        print(f"before {before[0]:.0f}: {now / before[0]:.2f} times as many (goal: at least 1.8)")
-
-
-if __name__ == "__main__":
-    main()

@@ -171,37 +171,6 @@ def least_force(step: float) -> float:
     return float(forces.min())
 
 
-def turned(accelerations: Array, every: float, axis: int, seconds: float = 2.0) -> Array:
-    """Plate angles (K, N, 2) of an axis whose acceleration is turned round at even intervals.
-
-    Accelerations in rad/s^2, one a rig; the interval in s.
-    """
-    swing = accelerations * every**2 / 8
-    s = np.arange(0, 1, PERIOD)[:, None]
-    aside = -swing * s**3 * (10 - 15 * s + 6 * s**2)
-    # from one turning point of a triangular speed to the next, 0 to 1: two parabolas
-    phase = (np.arange(0, seconds, PERIOD) / every % 2)[:, None]
-    part = np.where(phase < 1, phase, phase - 1)
-    rise = np.where(part < 0.5, 4 * part**2 - 1, 1 - 4 * (1 - part) ** 2) * swing
-    plate = np.zeros((len(s) + len(phase), len(accelerations), 2))
-    plate[..., axis] = np.concatenate((aside, np.where(phase < 1, rise, -rise)))
-    return plate
-
-
-def lift_off(step: float) -> float:
-    """Least acceleration about phi in rad/s^2, turned every 0.15 s, that lifts its wheel."""
-    tried = np.arange(14.0, 21.0, 0.2)
-    forces, _ = followed(step, turned(tried, 0.15, axis=0))
-    opened = forces[..., 0].min(axis=0) <= 0
-    return float(tried[opened.argmax()]) if opened.any() else math.inf
-
-
-def shaken_force(step: float, axis: int) -> float:
-    """Least force of a wheel under 7 rad/s^2 turned round every 0.06 s, near resonance, N."""
-    forces, _ = followed(step, turned(np.array([7.0]), 0.06, axis))
-    return float(forces[..., axis].min())
-
-
 def torque_peak(step: float) -> float:
     """Largest motor torque of the sines of ``least_force``, N m; a limit cycle would raise it."""
     t = np.arange(0, 3, PERIOD)[:, None]
@@ -238,7 +207,4 @@ TRUTHS: dict[str, tuple[str, Callable[[float], float]]] = {
     "way of the ball there in 0.15 s": ("mm", lambda step: 1e3 * at_stop(step)[1]),
     "least wheel force, 8 deg, 7 rad/s2": ("N", least_force),
     "largest torque on the way": ("N m", torque_peak),
-    "least force of phi wheel, shaken": ("N", lambda step: shaken_force(step, 0)),
-    "least force of theta wheel, shaken": ("N", lambda step: shaken_force(step, 1)),
-    "acceleration that lifts the phi wheel": ("rad/s2", lift_off),
 }

@@ -71,15 +71,19 @@ def reached(
     return known(scenarios(plan, task), task.get("judged", "tracking"), kept, simulate=simulate)
 
 
+def key(runs: list[Any], judged: str) -> str:
+    """What tells runs of one batch and what is judged of them from every other."""
+    from twin.study.work import code, digest  # noqa: PLC0415
+
+    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
+    return digest(" ".join((code(), judged, how, *(each.model_dump_json() for each in runs))))
+
+
 def known(
     runs: list[Any], judged: str, kept: Path, *, simulate: bool = True
 ) -> list[float | None] | None:
     """The same of scenarios that run as one batch, as they are kept or simulated."""
-    from twin.study.work import code, digest  # noqa: PLC0415
-
-    how = f"{inspect.getsource(simulated)} {BAND} {EVERY}"
-    texts = [code(), judged, how, *(each.model_dump_json() for each in runs)]
-    file = kept / f"{digest(' '.join(texts))}.json"
+    file = kept / f"{key(runs, judged)}.json"
     if file.is_file():
         found: list[float | None] = json.loads(file.read_text())
         return found
@@ -158,101 +162,71 @@ def verdict(value: float | None, goal: float, span: tuple[float, float] = (np.na
 def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
     """The page as Markdown, of the tasks that are known."""
     names = [law["name"] for law in plan["laws"]]
-    tasks = [task for task in plan["tasks"] if task["name"] in table]
-    left = [task["name"] for task in plan["tasks"] if task["name"] not in table]
-    lines = [
-        "# The cure: who wins against friction, dead time and noise",
-        "",
-        "Made by `uv run python docs/regenerate.py cure`; what it runs is `docs/cure.toml`.",
-        "",
-        f"Each law meets the nominal rig, with the same {plan['noises']} noises (told is the mean, "
-        f"in brackets least and largest), and the same {plan['rigs']} rigs of the family "
-        f"`{plan['family']}` (draw {plan['draw']}), on the mechanism in MuJoCo with all effects "
-        "on, at a physics step of 2 ms. Judged is the true ball. That few rigs say little of the "
-        "worst of many: `--rigs 60` asks for more. The gains of the thesis's laws are those of its "
-        "chapter 9, those of the others their defaults, none of them found by `ballplate tune`; "
-        "those of `mpc` and `internal_model` were chosen by hand so that a raw step ends, those of "
-        "`stable_inversion` and the random walks of its observer on 12 rigs of draw 101; `tvlqr` "
-        "and `iterative_learning` are softer. "
-        "Lap learning has learnt from one to three laps when it is judged, and the cure's map of "
-        "the friction has seen the way three times, at 2 rad/s five times. What holds on another "
-        "physics step, plant, noise or friction is tried in [cure_attacks.md](cure_attacks.md); "
-        "every law tuned with the same budget is in [tuned.md](tuned.md).",
-        "",
-        "![Nominal rig and worst rig of the family, law by law](figures/cure.svg)",
-        "",
-        "*Filled: nominal rig; open: worst rig of the family; red cross: ball lost, or never "
-        "settled (small: on the nominal rig). Lines: goals for both.*",
-        "",
-        "## Goals",
-        "",
-        "Of the cure: law `stable_inversion` behind observer `friction_map_kalman`; beside it "
-        "whoever did best.",
-        "",
-        "| task | judged | goal | the cure, nominal | goal | the cure, worst | best nominal "
-        "| best worst |",
-        "|---|---|--:|--:|--:|--:|---|---|",
-    ]
-    for task in tasks:
+    goals = []
+    for task in plan["tasks"]:
+        if task["name"] not in table:
+            continue
         found = table[task["name"]]
-        word, unit = KINDS[task.get("judged", "tracking")]
         nominal, worst = task["goals"]
-        first, last = (
-            best_of(names, list(column)) for column in list(zip(*found, strict=True))[:2]
+        sides = list(zip(*found, strict=True))[:2]
+        goals.append(
+            (
+                task["name"],
+                ", ".join(KINDS[task.get("judged", "tracking")]),
+                f"{nominal:g}",
+                verdict(found[-1].nominal, nominal, found[-1].span),
+                f"{worst:g}",
+                verdict(found[-1].worst, worst),
+                *(best_of(names, list(column)) for column in sides),
+            )
         )
-        lines.append(
-            f"| {task['name']} | {word}, {unit} | {nominal:g} "
-            f"| {verdict(found[-1].nominal, nominal, found[-1].span)} | {worst:g} "
-            f"| {verdict(found[-1].worst, worst)} | {first} | {last} |"
-        )
-    if FLOOR in table:
-        lines += floors(plan, table[FLOOR][-1])
-    lines += ["", "## Every law", "", "Nominal / worst rig; -: ball lost, or never settled.", ""]
-    heads = [task["name"] for task in tasks]
-    lines += [f"| law | {' | '.join(heads)} |", "|---" + "|--:" * len(heads) + "|"]
-    for at, name in enumerate(names):
-        row = [table[head][at] for head in heads]
-        texts = [f"{said(cell.nominal)} / {told(cell, plan['rigs'])}" for cell in row]
-        lines.append(f"| {name} | {' | '.join(texts)} |")
-    if left:
-        lines += ["", f"Not simulated for this page: {'; '.join(left)}."]
-    lines.append("")
-    return "\n".join(lines)
+    laws = [
+        (name, *(f"{said(cell.nominal)} / {told(cell, plan['rigs'])}" for cell in row))
+        for name, row in zip(names, zip(*table.values(), strict=True), strict=True)
+    ]
+    edge, rows = floors(plan, table[FLOOR][-1]) if FLOOR in table else ("", [])
+    left = [task["name"] for task in plan["tasks"] if task["name"] not in table]
+    return filled(
+        "cure", plan=plan, table=table, goals=goals, laws=laws, left=left,
+        floors=rows, edge=edge, floor_task=FLOOR,
+    )  # fmt: skip
 
 
-def floors(plan: dict[str, Any], cell: Cell) -> list[str]:
-    """What the cure reached on every rig, beside what an uneven screen leaves to anybody."""
+def filled(name: str, **parts: Any) -> str:
+    """The page of a template in this folder."""
+    import jinja2  # noqa: PLC0415
+
+    text = (HERE / f"{name}.template.md").read_text(encoding="utf-8")
+    strict = jinja2.StrictUndefined
+    how = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=strict)
+    return how.from_string(text).render(parts)
+
+
+def floors(plan: dict[str, Any], cell: Cell) -> tuple[str, list[tuple[str, ...]]]:
+    """What an uneven screen leaves to anybody at the edge of the family, and rig by rig."""
     from cure_floor import Screen, floor  # noqa: PLC0415
 
     task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
     radius = 0.15
-    lines = [
-        "",
-        "## How far the floor is",
-        "",
-        f"What the cure reaches on each of these rigs ({FLOOR}), beside the least that any "
-        "controller could reach on its first way over a screen as uneven, in the mean over such "
-        "screens: the linear-quadratic Gaussian bound of `docs/cure_floor.py`, with level, mean "
-        "friction and dead time known, ideal drives and any effort. On a way that comes again a "
-        "map of the friction may go below it. What is left is noise, play, slow drives, and a dead "
-        "time that is not the one believed. At the edge of the family (0.27 mm, 20 % uneven, 58 "
-        "frames a second) it is "
-        f"{floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task['omega']) / radius:.1%}.",
-        "",
-        "| rig | rolling, mm | uneven, % | frames/s | dead time, ms | floor, % | the cure, % |",
-        "|--:|--:|--:|--:|--:|--:|--:|",
-    ]
+    rows = []
     for number, (scenario, value) in enumerate(zip(rigs_of(plan, task), cell.rigs, strict=True)):
         touch, friction = scenario.sensors.touch, scenario.plant.friction.rolling_mm
         spread = scenario.plant.surface.spread_percent
         screen = Screen(friction, spread / 100, touch.frame_rate, touch.dead_time)
         least = 100 * floor(screen, radius * task["omega"]) / radius
-        every = f"{touch.frame_rate:.0f}" if touch.frame_rate else "500"
-        lines.append(
-            f"| {number + 1} | {friction:.2f} | {spread:.0f} | {every} "
-            f"| {1000 * touch.dead_time:.0f} | {least:.2f} | {said(value)} |"
+        rows.append(
+            (
+                str(number + 1),
+                f"{friction:.2f}",
+                f"{spread:.0f}",
+                f"{touch.frame_rate:.0f}" if touch.frame_rate else "500",
+                f"{1000 * touch.dead_time:.0f}",
+                f"{least:.2f}",
+                said(value),
+            )
         )
-    return lines
+    edge = floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task["omega"]) / radius
+    return f"{edge:.1%}", rows
 
 
 def rigs_of(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:

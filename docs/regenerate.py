@@ -45,11 +45,16 @@ PAGES = {
     "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
     "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
     "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
-    "settings": Page(("settings.md",), ("describe", "--doc", "docs/settings.md")),
-    "performance": Page(("performance.md",), ("-m", "benchmarks", "--doc", "docs/performance.md")),
+    "claims": Page(("claims.md",), ("claims.py",)),
+    "settings": Page(("settings.md",), ("settings.py",)),
+    "performance": Page(
+        ("performance.md", "data/performance.toml"),
+        ("-m", "benchmarks", "--doc", "docs/performance.md"),
+    ),
     "learning": Page(
         ("learning.md", "learning.png"),
-        ("-m", "benchmarks.gym_learning", "--doc", "docs/learning.md"),
+        ("../examples/learning.py",),
+        (("learning.md", "learning.md"), ("learning.png", "learning.png")),
     ),
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
     "shadow": Page(
@@ -59,19 +64,13 @@ PAGES = {
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),
-        ("reproduce", "--doc", "docs/reproduction.md"),
+        ("chapter8.py",),
     ),
-    "experiments": Page(
-        ("experiments.md", "figures/experiments.png"),
-        ("reproduce", "9", "--doc", "docs/experiments.md"),
-    ),
-    "explained": Page(
-        ("explained.md",), ("reproduce", "9", "--explained", "--doc", "docs/explained.md")
-    ),
+    "experiments": Page(("experiments.md", "figures/experiments.png"), ("chapter9.py",)),
     **{
         f"study-{name}": Page(
             (f"studies/{name}.md", f"studies/{name}-*.svg"),
-            ("study", name, "--doc", "docs/studies"),
+            ("study_page.py", name),
         )
         for name in ("friction", "gains", "tournament", "what_matters")
     },
@@ -89,7 +88,7 @@ def make(page: Page) -> int:
         else:
             call = "from twin.cli import main; main()"
             program = [sys.executable, "-c", call, *command]
-        code = subprocess.call(program, cwd=HERE.parent)
+        code = subprocess.call(program, cwd=folder if page.kept else HERE.parent)
         for made, name in page.kept if code == 0 else ():
             shutil.copyfile(Path(folder) / made, HERE / name)
     return code

@@ -9,9 +9,10 @@ by a larger budget; what a search found, while all that it read does.
 
 from __future__ import annotations
 
-import hashlib
+import inspect
 import json
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,37 +22,59 @@ import numpy as np
 HERE = Path(__file__).parent
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")
+FREE = {"title", "like", "set", "fields"}
+"""What of its tune a law has for itself; all else is the same for every law."""
 
 
-def asked(plan: dict[str, Any], law: dict[str, Any]) -> Any:
-    """The tune of a law, with the budget that all have."""
+def asked(plan: dict[str, Any]) -> dict[str, Any]:
+    """The tune of every law by name, with the budget that all have.
+
+    Raises:
+        ClickException: If one differs from the others in anything but what is its own.
+    """
     from twin.tune.schema import read  # noqa: PLC0415
 
-    return read(law["tune"], set=law.get("set"), **{key: plan[key] for key in BUDGET})
+    budget = {key: plan[key] for key in BUDGET}
+    found = {law["name"]: read(law["tune"], set=law.get("set"), **budget) for law in plan["laws"]}
+    first, *others = found.items()
+    for name, tune in others:
+        terms = sorted(set(type(tune).model_fields) - FREE)
+        unlike = [key for key in terms if getattr(tune, key) != getattr(first[1], key)]
+        if unlike:
+            raise click.ClickException(f"{name}: other {', '.join(unlike)} than {first[0]}")
+    return found
 
 
-def everything() -> str:
-    """All that a search reads: more than its runs do, as costs, margins, families and tasks."""
-    found = [
-        path
-        for folder in ("src", "controllers", "scenarios", "models")
-        for path in (HERE.parent / folder).rglob("*")
-        if path.suffix in {".py", ".toml", ".xml", ".json"}
-    ]
-    return " ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(found))
+def files() -> list[Path]:
+    """The files that a search reads: more than its runs do, as costs, margins, families, tasks."""
+    folders = ("src", "controllers", "scenarios", "models")
+    found = (path for folder in folders for path in (HERE.parent / folder).rglob("*"))
+    return sorted(path for path in found if path.suffix in {".py", ".toml", ".xml", ".json"})
+
+
+def key(tune: Any) -> str:
+    """What tells the result of a tune from every other: all that the search depends on."""
+    from twin.scenario.load import read as read_tables  # noqa: PLC0415
+    from twin.study.family import read as read_family  # noqa: PLC0415
+    from twin.study.work import code, digest  # noqa: PLC0415
+
+    texts = [digest(path.read_bytes().hex()) for path in files()]
+    texts += [code(), version("optuna"), inspect.getsource(result), tune.model_dump_json()]
+    texts.append(read_family(tune.family).model_dump_json())
+    texts += [repr(read_tables(task.scenario)) for task in tune.tasks]
+    return digest(" ".join(texts))
 
 
 def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     """What a tune found, as its ``--json`` says; None if it is not known."""
     from twin.study.executors import executors  # noqa: PLC0415
     from twin.study.store import Store  # noqa: PLC0415
-    from twin.study.work import digest  # noqa: PLC0415
     from twin.tune.fragment import settings  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
     from twin.tune.tune import tuned  # noqa: PLC0415
     from twin.writing import write_json  # noqa: PLC0415
 
-    file = kept / f"{digest(everything() + tune.model_dump_json())}.json"
+    file = kept / f"{key(tune)}.json"
     if file.is_file():
         known: dict[str, Any] = json.loads(file.read_text())
         return known
@@ -63,6 +86,27 @@ def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     about = found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
     write_json(file, about)
     return about
+
+
+def fewer(plan: dict[str, Any], found: dict[str, dict[str, Any]]) -> list[str]:
+    """Laws that ran fewer candidates than they might, as others had no margin.
+
+    Raises:
+        ClickException: If one had more than its budget.
+    """
+    less = []
+    for name, about in found.items():
+        ran = sum(each["rigs"] > 0 for each in about["candidates"])
+        fresh = [about[side]["rigs"] for side in ("before", "after")]
+        had = (about["search_rigs"], *fresh) != (plan["rigs"][-1], *[plan["certificate"]] * 2)
+        if ran > plan["candidates"] or had:
+            raise click.ClickException(
+                f"{name}: not the budget of the others: {ran} candidates on up to "
+                f"{about['search_rigs']} rigs, {fresh[0]} and {fresh[1]} fresh ones"
+            )
+        if ran < plan["candidates"]:
+            less.append(f"{name} ({ran})")
+    return less
 
 
 def order(about: dict[str, Any]) -> tuple[int, float]:
@@ -90,73 +134,36 @@ def said(cost: float | None) -> str:
 
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
     """The page as Markdown, of the laws that are tuned."""
+    from cure import filled  # noqa: PLC0415  the script beside this one
+
     names = sorted(found, key=lambda name: order(found[name]))
     tasks = [task.name for task in tune.tasks]
-    left = [law["name"] for law in plan["laws"] if law["name"] not in found]
-    lines = [
-        "# Equal budgets: every law tuned alike",
-        "",
-        "Made by `uv run python docs/regenerate.py tuned`; what it runs is `docs/tuned.toml`.",
-        "",
-        f"Each law's own fields were searched by `ballplate tune` with {plan['candidates']} "
-        f"candidates on {' then '.join(map(str, plan['rigs']))} rigs of the family "
-        f"`{tune.family}` (draw {tune.draw}) on the exact equations, for the mean cost of the "
-        f"worst {tune.tail:.0%} of the rigs; the best {tune.finalists} met the same rigs on the "
-        "mechanism in MuJoCo. What is told here is the certificate: "
-        f"{plan['certificate']} fresh rigs of draw {tune.certificate_draw} on the mechanism, "
-        "before (gains of the thesis, or a law's defaults) and after. The observers keep their "
-        "defaults. All tasks take 12 s, so that nothing is said of laws that learn for longer: "
-        "lap learning has no part. So small a budget finds less than the one "
-        "`ballplate tune` takes by itself.",
-        "",
-        "![Cost of every law on fresh rigs before and after](figures/tuned.svg)",
-        "",
-        "## Who wins",
-        "",
-        "Cost: mean over the tasks of RMS distance / scale, of the worst rigs; the scale is "
-        + ", ".join(f"{1e3 * task.scale:g} mm ({task.name})" for task in tune.tasks)
-        + f". Lost: rigs of {plan['certificate']} that did not finish every task, and the failure "
-        "rate that this excludes with 95 % confidence. A law that loses a rig has no cost. Tasks: "
-        "median and largest RMS distance of ball and reference in mm of the rigs that finished.",
-        "",
-        f"| law | lost | cost | {' | '.join(tasks)} | keeps its limits |",
-        "|---|--:|--:" + "|--:" * len(tasks) + "|---|",
-    ]
+    laws, fields = [], []
     for name in names:
-        about = found[name]
-        before, after = about["before"], about["after"]
-        lost = (
-            f"{before['failures']} → {after['failures']} "
-            f"(below {100 * after['failure_rate_below']:.2g} %)"
+        about, before, after = found[name], found[name]["before"], found[name]["after"]
+        share = f"below {100 * after['failure_rate_below']:.2g} %"
+        laws.append(
+            (
+                name,
+                f"{before['failures']} → {after['failures']} ({share})",
+                f"{said(before['cost'])} → {said(after['cost'])}",
+                *(cell(about, task) for task in tasks),
+                "yes" if about["kept"] else "no",
+            )
         )
-        cost = f"{said(before['cost'])} → {said(after['cost'])}"
-        cells = " | ".join(cell(about, task) for task in tasks)
-        kept = "yes" if about["kept"] else "no"
-        lines.append(f"| {name} | {lost} | {cost} | {cells} | {kept} |")
-    lines += [
-        "",
-        "Limits: disk margin of the nominal loop at least "
-        f"{tune.limits.disk:g}, {1e3 * tune.limits.delay:g} ms more dead time borne, RMS effort of "
-        f"any run at most {tune.limits.effort:g} rad/s^2.",
+        values = about["chosen"]["fields"].items()
+        fields.append((name, " ".join(f"`{key}={value:.4g}`" for key, value in values)))
+    winners = [
+        (task, *(best(found, side, task, number) for number, side in NUMBERS)) for task in tasks
     ]
-    lines += winners(found, tasks) + shares(found)
-    if plan["why"]:
-        lines += ["", "## Why", "", *(f"- {line}" for line in plan["why"])]
-    lines += [
-        "",
-        "## What was found",
-        "",
-        "| law | fields |",
-        "|---|---|",
-    ]
-    for name in names:
-        fields = found[name]["chosen"]["fields"]
-        texts = [f"`{key}={value:.4g}`" for key, value in fields.items()]
-        lines.append(f"| {name} | {' '.join(texts)} |")
-    if left:
-        lines += ["", f"Not tuned for this page: {'; '.join(left)}."]
-    lines.append("")
-    return "\n".join(lines)
+    left = [law["name"] for law in plan["laws"] if law["name"] not in found]
+    return filled(
+        "tuned", plan=plan, tune=tune, laws=laws, winners=winners, shares=shares(found),
+        fields=fields, less=fewer(plan, found), left=left,
+    )  # fmt: skip
+
+
+NUMBERS = [(number, side) for number in ("median", "largest") for side in ("before", "after")]
 
 
 def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) -> str:
@@ -169,50 +176,16 @@ def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) ->
     return f"{min(known)[1]}: {1e3 * min(known)[0]:.2g}" if known else "none"
 
 
-def winners(found: dict[str, dict[str, Any]], tasks: list[str]) -> list[str]:
-    """Who wins where."""
-    lines = [
-        "",
-        "## Where",
-        "",
-        "Least distance in mm among the laws that lost no rig: median of the fresh rigs, largest.",
-        "",
-        "| task | median before | median after | largest before | largest after |",
-        "|---|---|---|---|---|",
-    ]
-    for task in tasks:
-        cells = [
-            best(found, side, task, number)
-            for number in ("median", "largest")
-            for side in ("before", "after")
-        ]
-        lines.append(f"| {task} | {' | '.join(cells)} |")
-    return lines
-
-
-def shares(found: dict[str, dict[str, Any]]) -> list[str]:
+def shares(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
     """What tuning does to a law, and what the observer does."""
-    pairs = [
-        (name.removesuffix(OWN), found[name], found[name.removesuffix(OWN) + KNOWN])
-        for name in found
-        if name.endswith(OWN) and name.removesuffix(OWN) + KNOWN in found
-    ]
-    if not pairs:
-        return []
-    lines = [
-        "",
-        "## Tuning, or knowing the friction?",
-        "",
-        "Cost on the fresh rigs (rigs lost) of the thesis's laws with and without either.",
-        "",
-        "| law | neither | tuned | behind the observer | both |",
-        "|---|--:|--:|--:|--:|",
-    ]
-    for name, own, known in pairs:
-        sides = (own["before"], own["after"], known["before"], known["after"])
-        texts = [f"{said(side['cost'])} ({side['failures']})" for side in sides]
-        lines.append(f"| {name} | {' | '.join(texts)} |")
-    return lines
+    rows = []
+    for name, own in found.items():
+        law = name.removesuffix(OWN)
+        known = found.get(law + KNOWN)
+        if law != name and known is not None:
+            sides = (own["before"], own["after"], known["before"], known["after"])
+            rows.append((law, *(f"{said(side['cost'])} ({side['failures']})" for side in sides)))
+    return rows
 
 
 def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
@@ -249,19 +222,20 @@ def main(only: tuple[str, ...], *, finished: bool) -> None:
     """Tune what is not tuned yet, then write the page."""
     plan = tomllib.loads((HERE / "tuned.toml").read_text(encoding="utf-8"))
     kept, found = HERE.parent / "runs" / "tuned", {}
-    for law in plan["laws"]:
-        if only and law["name"] not in only:
+    tunes = asked(plan)
+    for name, tune in tunes.items():
+        if only and name not in only:
             continue
-        about = result(asked(plan, law), kept, simulate=not finished)
+        about = result(tune, kept, simulate=not finished)
         if about is not None:
-            found[law["name"]] = about
-            click.echo(f"{law['name']}: lost and cost {order(about)}")
+            found[name] = about
+            click.echo(f"{name}: lost and cost {order(about)}")
     if only:
         return
     if not found:
         raise click.ClickException("no law is tuned")
     drawing(found, HERE / "figures" / "tuned.svg")
-    text = page(plan, found, asked(plan, plan["laws"][0]))
+    text = page(plan, found, next(iter(tunes.values())))
     (HERE / "tuned.md").write_text(text, encoding="utf-8")
 
 

@@ -11,18 +11,38 @@ import pytest
 from twin.jobs import SecondProcess, cores, results
 
 ORPHAN = """
-import os, sys, time
-from twin.jobs import SecondProcess
+import multiprocessing, os, sys, time
+from contextlib import ExitStack
+from twin.scenario.load import load
+from twin.scenario.schema import Scenario
+
+def begun(kind, scenario, stack):
+    if kind == "second process":
+        from twin.jobs import SecondProcess
+        stack.enter_context(SecondProcess(wanted=True)).begin(os.getpid)()
+    elif kind == "play":
+        from twin.play.process import Simulation
+        return Simulation(scenario)
+    elif kind == "emulated rig":
+        from twin.emulator.process import emulated
+        stack.enter_context(emulated(scenario))
+    else:
+        from twin.view import live, live_process, terminal
+        if kind == "terminal":
+            return live_process.LiveProcess(terminal.work, (scenario,))
+        return live.show(scenario, "run", "rerun+http://127.0.0.1:1/proxy")
+
 if __name__ == "__main__":
-    with SecondProcess(wanted=True) as beside:
-        print(beside.begin(os.getpid)(), flush=True)
+    with ExitStack() as stack:
+        kept = begun(sys.argv[1], load("hold", ("plant.kind=lagrange",)), stack)
+        print(*(each.pid for each in multiprocessing.active_children()), flush=True)
         time.sleep(600)
 """
 
 
 def gone(process):
     """Whether a process ends within the time that a busy machine may need."""
-    for _ in range(300):
+    for _ in range(1200):
         try:
             os.kill(process, 0)
         except ProcessLookupError:
@@ -100,16 +120,21 @@ def test_a_second_process_ends_without_a_word_although_the_first_ends_in_order(c
 
 
 @pytest.mark.long
-def test_a_second_process_does_not_outlive_the_first():
-    first = subprocess.Popen([sys.executable, "-c", ORPHAN], stdout=subprocess.PIPE, text=True)
-    second = int(first.stdout.readline())
+@pytest.mark.parametrize("kind", ["second process", "play", "emulated rig", "terminal", "viewer"])
+def test_no_process_outlives_the_one_that_began_it(kind, tmp_path):
+    script = tmp_path / "first.py"
+    script.write_text(ORPHAN)
+    first = subprocess.Popen([sys.executable, script, kind], stdout=subprocess.PIPE, text=True)
+    others = [int(number) for number in first.stdout.readline().split()]
     first.kill()
     first.wait()
+    assert others
     try:
-        assert gone(second)
+        assert all(map(gone, others))
     finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(second, signal.SIGKILL)
+        for each in others:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(each, signal.SIGKILL)
         first.stdout.close()
 
 

@@ -49,8 +49,8 @@ def test_the_readmes_law_is_found_and_drives_the_ball_around_the_circle(snippet,
             "plant.friction.rolling_mm=0",
         )
     )
-    assert done.outcome.ending == "finished"
-    assert done.metrics.tracking_error_percent < 15
+    assert done.outcome == "finished"
+    assert done.metrics["tracking_error_percent"] < 15
 
 
 def test_the_readmes_laws_settings_are_checked_like_all_others(snippet, scenario):

@@ -33,17 +33,17 @@ from ballplate.identifying import Identified, identify
 from ballplate.loading import Log, load
 from ballplate.models import model
 from ballplate.reporter import BallplateWarning, Reporter
-from ballplate.results import Result
 from ballplate.running import run
-from ballplate.signals import Signals
 from ballplate.stepping import Rig, rig
 from ballplate.studies import StudyResult, study
 from ballplate.sweeping import sweep
 from ballplate.swept import Sweep
 from twin.errors import TwinError
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from ballplate import laws, observers, references, systems
+    from ballplate.results import Result
 
 __all__ = [
     "BallplateWarning",
@@ -86,4 +86,6 @@ if "gymnasium" in sys.modules:  # as within gym.make("ballplate:..."); see ballp
 def __getattr__(name: str) -> Any:
     if name in _LATE:
         return import_module(f"ballplate.{name}")
+    if name == "Result":
+        return import_module("ballplate.results").Result
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, paragraphs, table
+from twin.errors import ScenarioError
 from twin.shipped import shipped, titles
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def describe(name: str = "") -> Keys:
     """
     from twin.scenario.describe import about, described
 
+    if not isinstance(name, str):
+        raise ScenarioError(f"describe: give a key, a table or a kind as a text, got {name!r}")
     found = Keys(described(name))
     found.sentence = about(name)
     return found

@@ -87,12 +87,12 @@ def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[Change]:
     """
     from twin.scenario.load import setting
 
-    if isinstance(settings, str):
-        raise ScenarioError(f"settings: must be a table or a list of texts, got '{settings}'")
+    if isinstance(settings, str) or not isinstance(settings, Iterable):
+        raise ScenarioError(f"settings: must be a table or a list of texts, got {settings!r}")
     if isinstance(settings, Mapping):
         found = [Change.of(*pair) for pair in flattened(settings)]
     else:
-        found = [Change(*setting(text), text) for text in settings]
+        found = [Change(*setting(text), text) for text in map(str, settings)]
     return [*found, *(Change.of(*pair) for pair in flattened(tables))]
 
 
@@ -140,6 +140,8 @@ def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
+    if not isinstance(vary, Mapping):
+        raise ScenarioError(f"vary: give a table of keys and their values, got {vary!r}")
     for key, values in vary.items():
         if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
             raise ScenarioError(f"vary {key}: give a list of values, as in [{values!r}]")

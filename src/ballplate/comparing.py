@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
@@ -39,46 +39,91 @@ class Case(NamedTuple):
 
 
 def compare(
-    *scenarios: str | Path | Result,
+    *sources: str | Path | Result,
     vary: Vary | None = None,
     settings: Settings = (),
-    out: str | Path | None = None,
+    out: str | Path | Callable[[Sequence[str]], Path] | None = None,
     processes: int | None = None,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
 ) -> Comparison:
-    """Run several scenarios, or variants of one, side by side.
+    """Run several scenarios, or variants of one, side by side, beside what was recorded before.
 
     ``compare("circle", vary={"controller.kind": ["afl", "lqr"]})``, or two laws with gains of
     their own: ``vary={"controller": [{"kind": "afl"}, {"kind": "lqr", "rho": 100}]}``. Finished
-    runs, results of ``run`` or ``load``, stand beside them as they are.
+    runs stand beside them as they are, logs over what the twin predicts for the first scenario.
 
     Args:
-        scenarios: Names, TOML files and results.
-        vary: What is varied, all combinations of it; of scenarios, not of results.
+        sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
+            ``load``.
+        vary: What is varied, all combinations of it; of scenarios, not of what is finished.
         settings: What is changed of all scenarios.
-        out: Folder to save in as the runs come; see ``Comparison.save`` for later.
+        out: Folder to save in as the runs come, or what gives one for the names of what is
+            compared; see ``Comparison.save`` for later.
         processes: Processes to use; all processors by default.
         reporter: Who is told progress and warnings.
         changes: What is changed of all scenarios, by tables.
 
     Raises:
-        TwinError: If there is no such scenario, or anything in it is unknown, out of range or
-            cannot be assembled.
+        TwinError: If there is no such scenario, run or log, or anything in it is unknown, out of
+            range or cannot be assembled.
     """
-    from ballplate.results import Result
+    from twin.run.sources import sorted_out
 
-    finished = _labelled([each for each in scenarios if isinstance(each, Result)])
-    names = [str(each) for each in scenarios if not isinstance(each, Result)]
+    if not sources:
+        raise ScenarioError("compare: name a scenario or give a result")
+    given = [str(each) for each in sources if isinstance(each, str | Path)]
+    names, kept, logs = sorted_out(given) if given else ((), (), ())
+    report = reporter or default()
+    if vary and not names:
+        what = report.name_of("vary")
+        raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
-    if not (finished or names):
-        raise ScenarioError("compare: name a scenario or give a result")
+    from ballplate.results import Result
+    from twin.run.replay import open_runs
+
     base, varied = changes_of(settings, changes), varied_of(vary or {})
-    cases = cases_of(names, base, varied, alone=not finished)
+    opened = [*map(Result.from_run, open_runs(kept, tell=report.warn))] if kept else []
+    for each in sources:
+        if isinstance(each, Result):
+            opened.append(each)
+        elif not isinstance(each, str | Path):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    measured, fitted = _measured(logs, names, opened, base)
+    finished = _labelled([*map(Result.from_run, measured), *opened])
+    cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     title = title_of(names, cases, finished, varied, [each.text for each in base])
-    folder = None if out is None else Path(out)
-    return side_by_side(cases, finished, title, folder, processes, reporter or default())
+    folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
+    return side_by_side(
+        cases, finished, title, folder, processes, report, tuple(each.name for each in measured)
+    )
+
+
+def _measured(
+    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[Change]
+) -> tuple[list[Run], list[Change]]:
+    """Logs as runs, and what their prediction is to be changed to."""
+    from twin.run.log_run import fitting, log_run, read_log
+
+    runs: list[Run] = []
+    fitted: list[Change] = []
+    for path in logs:
+        rows = read_log(path)
+        if names:
+            own = changes_of(fitting(rows, scenario_of(names[0], base, titled=False)), {})
+            fitted = fitted or own
+            scenario = scenario_of(names[0], [*own, *base], titled=False)
+        elif finished:
+            scenario = finished[0].scenario
+        else:
+            raise ScenarioError(
+                f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
+                f"ballplate compare {path} circle"
+            )
+        taken = sum(run.name.partition("~")[0] == path.stem for run in runs)
+        runs.append(log_run(rows, scenario, f"{path.stem}~{taken + 1}" if taken else path.stem))
+    return runs, fitted
 
 
 def cases_of(
@@ -151,6 +196,7 @@ def side_by_side(
     folder: Path | None,
     processes: int | None,
     reporter: Reporter,
+    logs: tuple[str, ...] = (),
 ) -> Comparison:
     """Run cases and put them beside runs that are finished.
 
@@ -161,6 +207,7 @@ def side_by_side(
         folder: Where each run is saved as it comes, and the picture; None for nowhere.
         processes: Processes to use; None for all processors if the runs are worth it.
         reporter: Who is told progress and warnings.
+        logs: Labels of those that are logs.
 
     Raises:
         TwinError: If a case cannot be assembled, or the folder cannot be written.
@@ -184,7 +231,7 @@ def side_by_side(
                 failed.append(done)
                 reporter.warn(f"{label}: {done}")
                 continue
-            each = Result.of(done, label, label)
+            each = Result.from_run(done, label)
             runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
     except KeyboardInterrupt:
         interrupted = True
@@ -200,7 +247,9 @@ def side_by_side(
         folders={label: cases[label].folder for label in ordered},
         interrupted=interrupted or bool(failed),
         replaced=replaced,
+        logs=logs,
     )
+    found.folder = folder
     if folder is not None:
         found.draw(folder)
     return found
@@ -224,7 +273,7 @@ def _each(
                 yield label, error
                 continue
             yield label, done
-            if done.outcome.interrupted:
+            if done.interrupted:
                 return
         return
     for label, case in cases.items():

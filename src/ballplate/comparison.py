@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,9 @@ class Comparison(Mapping[str, "Result"]):
         headings: What the table calls each run.
         folders: Where each run that was just made is kept within a folder of the comparison.
         interrupted: Whether Ctrl-C ended it before all had run.
+        folder: Where it was saved as the runs came; None for nowhere.
         replaced: What it replaced where it is saved, in words; empty for nothing.
+        logs: Which of them are logs, by label.
     """
 
     def __init__(
@@ -36,12 +38,15 @@ class Comparison(Mapping[str, "Result"]):
         folders: Mapping[str, str] | None = None,
         interrupted: bool = False,
         replaced: str = "",
+        logs: Sequence[str] = (),
     ) -> None:
         self._runs = dict(runs)
         self.title = title
         self.headings = {label: headings.get(label, label) for label in runs}
         self.folders = dict(folders or {})
         self.interrupted, self.replaced = interrupted, replaced
+        self.folder: Path | None = None
+        self.logs = tuple(logs)
 
     def __getitem__(self, label: str) -> Result:
         """One of the runs."""
@@ -122,7 +127,7 @@ class Comparison(Mapping[str, "Result"]):
         """For a notebook: indicators and picture."""
         from twin.report.numbers import rows
 
-        found = rows([each.replay for each in self._runs.values()])
+        found = rows(list(self._runs.values()))
         lines = [(row.label, *row.values, row.unit) for row in found]
         shown = table(("", *self.headings.values(), "unit"), lines)
         return page(self.title, shown, png_image(self.plot()))

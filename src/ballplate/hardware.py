@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from ballplate.running import Attach
     from twin.devices.rig import HardwareRig
+    from twin.run.record import Recorder
     from twin.scenario.schema import Scenario
 
 EMULATED = "emulated"
 """The word for the virtual rig in place of a rig file."""
+EVERY = 0.25
+"""Seconds from one writing of what has been recorded to the next."""
 SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 """Beginnings of the keys that describe a simulated rig and mean nothing to a real one."""
 
@@ -63,10 +68,10 @@ def connected(
         return
     from twin.emulator.changes import follow_changes
     from twin.emulator.process import emulated
-    from twin.run.plants import build_plant
+    from twin.run.plants import believed
 
     # what a virtual rig knows of its cams is part of its scenario
-    known = build_plant([scenario])[1]
+    known = believed(scenario)
     with emulated(scenario) as virtual:
         tables = check_rig(virtual.tables, EMULATED)
         host = connect(scenario, tables, reset=reset, transmission=known)
@@ -88,5 +93,59 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
         reporter.note(line, weighty=True)
     for line in (*rig.scheduling, *rig.clock.timing.text()):
         reporter.note(line)
-    for time, note in rig.journal:
-        reporter.note(f"{time:.3f} s {note.condition.severity}: {note.text}", weighty=True)
+    for at, note in rig.journal:
+        reporter.note(f"{at:.3f} s {note.condition.severity}: {note.text}", weighty=True)
+
+
+@contextmanager
+def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attach]:
+    """Have what a run records written by another process while it lasts.
+
+    Where the run is killed, or cannot be kept, that remains; else it is gone.
+
+    Args:
+        scenario: What is run.
+        folder: Holds no run.
+        attach: What else is given the recorder before the run.
+    """
+    from twin.run.execute import described
+    from twin.run.folders import STREAM
+    from twin.view.live_process import LiveProcess
+
+    file = folder / STREAM
+    with ExitStack() as end:
+
+        def both(recorder: Recorder) -> None:
+            attach(recorder)
+            live = LiveProcess(_stream, (file, recorder.units, described(scenario)))
+            end.callback(live.close)
+            end.callback(live.finish)
+            live.begun()
+            live.watch(recorder)
+
+        yield both
+    file.unlink(missing_ok=True)
+    with suppress(OSError):  # there is none, or it holds more
+        folder.rmdir()
+
+
+def _stream(
+    buffer: tuple[int, int, str], file: Path, units: Mapping[str, str], metadata: Mapping[str, Any]
+) -> None:
+    """Write what is recorded until the run has ended, or its process is gone."""
+    from twin.jobs import orphaned
+    from twin.run.record_file import stream
+    from twin.view.live_process import step_back
+    from twin.view.shared_ring_buffer import SharedRingBuffer
+
+    step_back()
+    with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
+        append = None
+        while True:
+            done = ring.done or orphaned()
+            if ring.columns and len(rows := ring.take()):
+                append = append or end.enter_context(stream(file, ring.columns, units, metadata))
+                append(rows)
+            if done:
+                return
+            time.sleep(EVERY)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from ballplate.notebook import page, paragraphs, table
 from ballplate.reporter import Reporter, default
-from ballplate.results import Result
 
 if TYPE_CHECKING:
+    from ballplate.results import Result
     from twin.identify.identify import Identification
     from twin.identify.log import Log
     from twin.identify.verdict import ParameterVerdict
@@ -107,14 +107,15 @@ def identify(
 
 
 def _recorded(log: str | Path | Result) -> Log:
+    from ballplate.results import Result
     from twin.identify.log import read
     from twin.run.record_file import write_run
 
     if not isinstance(log, Result):
         return read(Path(log))
-    if log.run is None or log.folder is not None:
+    if log.record is None or log.folder is not None:
         return read(log.folder or Path())
     with TemporaryDirectory() as folder:
         scenario = log.scenario.model_dump(mode="json")
-        write_run(Path(folder), log.run.record, {"scenario": scenario})
+        write_run(Path(folder), log.record, {"scenario": scenario})
         return read(Path(folder))

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, png_image, showable
-from ballplate.signals import Signals
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ballplate.comparison import Comparison
     from ballplate.results import Result
+    from controllers.arrays import Array
 
 
+@dataclass(eq=False, repr=False)
 class Log(Signals):
     """A log in SI units, as ``identify`` reads it; shows itself in a notebook.
 
     Attributes:
         name: Its file's name.
+        rows: Column name to values, shape (K,).
+        units: Column name to unit.
     """
 
-    name = ""
+    name: str
+    rows: Mapping[str, Array]
+    units: Mapping[str, str]
 
     def plot(self) -> Figure:
         """Ball and plate as they were measured, over time."""
@@ -72,7 +80,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     from ballplate.results import Result
     from twin.run.replay import open_runs
 
-    runs = {each.name: Result(each) for each in open_runs((file,), tell=default().warn)}
+    runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))
     return Comparison(runs, f"Comparison of {len(runs)} runs", {})
@@ -88,6 +96,4 @@ def _log(file: Path) -> Log:
     if log.command is not None:
         names = ("applied_phi_rate", "applied_theta_rate")
         columns |= dict(zip(names, log.command.T, strict=True))
-    found = Log(columns, {name: COLUMNS[name].unit for name in columns})
-    found.name = log.source
-    return found
+    return Log(log.source, columns, {name: COLUMNS[name].unit for name in columns})

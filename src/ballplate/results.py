@@ -2,68 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, png_image, showable, table
-from ballplate.signals import Signals
 from twin.errors import RecordError
+from twin.run.finished import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from controllers.arrays import Array
     from twin.jobs import SecondProcess
-    from twin.run.finished import Run
-    from twin.run.metrics import Motion
-    from twin.run.replay import Replay
-    from twin.scenario.schema import Scenario
 
 
-class Result(Signals):
-    """A run of one rig: a mapping from column to values, and what can be said of them.
+class Result(Run):
+    """A run of one rig as a program uses it: what ``Run`` is, and its picture, report and folder.
 
     Made by ``run``, ``compare``, ``load`` and ``Rig.result``; shows itself in a notebook.
 
     Attributes:
-        name: What it is called in tables and pictures.
         label: What it ran on, as ``honest twin``; of an opened run its name.
-        scenario: What was asked for.
-        metrics: Indicators by name, in SI units but for those that say percent or deg; None for
-            one that does not apply.
         baseline: The same controller on the clean model; None if that did not run.
         beside: Further runs of its table and picture, by name.
-        folder: Where it is saved; None if it is not.
-        run: The run with its whole record, as ``twin.run.execute`` made it; None for one that was
-            opened.
     """
 
-    def __init__(
-        self,
-        replay: Replay,
-        *,
-        label: str = "",
-        run: Run | None = None,
-        baseline: Result | None = None,
-    ) -> None:
-        super().__init__(replay.rows, replay.units)
-        self.name = replay.name
-        self.label = label or replay.name
-        self.scenario: Scenario = replay.scenario
-        self.metrics: dict[str, Any] = dict(replay.metrics)
-        self.baseline = baseline
-        self.beside: dict[str, Result] = {}
-        self.folder = replay.folder
-        self.replay = replay
-        self.run = run
+    label: str
+    baseline: Result | None
+    beside: dict[str, Result]
 
     @classmethod
-    def of(cls, run: Run, name: str, label: str, baseline: Result | None = None) -> Result:
-        """That of a run that was just made."""
-        from twin.run.replay import replay_of
-
-        return cls(replay_of(run, name), label=label, run=run, baseline=baseline)
+    def from_run(cls, run: Run, name: str = "", label: str = "") -> Result:
+        """That of a run which was just made or opened, under another name if one is given."""
+        found = cls.__new__(cls)
+        name = name or run.name
+        vars(found).update(vars(run), name=name, label=label or name, baseline=None, beside={})
+        return found
 
     @property
     def title(self) -> str:
@@ -71,19 +45,14 @@ class Result(Signals):
         return self.scenario.title
 
     @property
-    def outcome(self) -> str:
-        """How it ended: finished, fell, lost, fault, aborted, diverged, or unknown."""
-        return str(self.metrics.get("outcome") or "unknown")
-
-    @property
     def finished(self) -> bool:
         """Whether it ran to its end."""
         return self.outcome == "finished"
 
     @property
-    def motion(self) -> Motion:
-        """What ball and plate did: time, ball, plate, u, reference, error."""
-        return self.replay.motion if self.run is None else self.run.motion
+    def run(self) -> Result | None:
+        """Itself, with its whole ``record``, if it was just made; None if it was opened."""
+        return None if self.record is None else self
 
     @property
     def ball(self) -> Array:
@@ -100,14 +69,6 @@ class Result(Signals):
         """Reference minus ball in m, shape (K, 2)."""
         return self.motion.error
 
-    def summary(self) -> dict[str, Any]:
-        """The indicators as ``metrics.json`` has them: with title, and speed of a run just made."""
-        if self.run is not None:
-            return self.run.summary()
-        from twin.report.numbers import summary_of
-
-        return summary_of(self.replay)
-
     @property
     def shown(self) -> dict[str, Result]:
         """The runs of its picture by label: itself, the clean model, those beside it."""
@@ -120,7 +81,7 @@ class Result(Signals):
         from twin.report.summary import judged
 
         clean = None if self.baseline is None else self.baseline.metrics["tracking_error_percent"]
-        return judged(self.replay, clean)
+        return judged(self, clean)
 
     def plot(self) -> Figure:
         """The picture: path of the ball, error, plate angles and effort."""
@@ -134,7 +95,7 @@ class Result(Signals):
         from twin.report.html import html
         from twin.writing import write_whole
 
-        text = html([self.replay])
+        text = html([self])
         write_whole(Path(file), lambda target: target.write_text(text, encoding="utf-8"))
         return Path(file)
 
@@ -153,7 +114,7 @@ class Result(Signals):
         from twin.run.replay import of_other_class
 
         place = Path(folder) if folder is not None else Path("runs") / self.name
-        if self.run is not None and of_other_class(place, lambda: self.scenario):
+        if self.record is not None and of_other_class(place, lambda: self.scenario):
             if folder is None:
                 place = free(place)
             else:
@@ -165,7 +126,7 @@ class Result(Signals):
         from twin.report.numbers import rows
 
         shown = self.shown
-        found = rows([each.replay for each in shown.values()])
+        found = rows(list(shown.values()))
         headings = ("", *(label for label in shown), "unit")
         lines = [(row.label, *row.values, row.unit) for row in found]
         return page(self.title, table(headings, lines), png_image(self.plot()))
@@ -189,10 +150,8 @@ def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> R
     """
     from twin.run.execute import save
 
-    run = result.run
-    if run is None:
+    if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
-    save(run, folder, {label: each.motion for label, each in result.shown.items()}, beside)
+    save(result, folder, {label: each.motion for label, each in result.shown.items()}, beside)
     result.folder = folder
-    result.replay = replace(result.replay, folder=folder)
     return result

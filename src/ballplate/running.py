@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.hardware import connected, tell_timing
+from ballplate.hardware import connected, streamed, tell_timing
 from ballplate.reporter import Reporter, default
 from twin.errors import ScenarioError
 from twin.shipped import find
@@ -87,28 +87,32 @@ def run(
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
-    with alone, SecondProcess(wanted=compared and on is None and _parallel(chosen)) as second:
+    parallel = SecondProcess(wanted=compared and on is None and _parallel(chosen))
+    with alone, parallel as second, ExitStack() as written:
         baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
         keys = [each.key for each in changed]
         with connected(on, chosen, keys, report, reset=reset) as real, attached as attach:
-            done = one_run(chosen, label, report, attach, real, past)
+            observed = attach
+            if real is not None and folder is not None:
+                observed = written.enter_context(streamed(chosen, free(folder), attach))
+            done = one_run(chosen, label, report, observed, real, past)
         if real is not None:
             tell_timing(real, report)
         clean = None
-        if baseline is not None and not done.outcome.interrupted:
+        if baseline is not None and not done.interrupted:
             with suppress(KeyboardInterrupt):
                 clean = baseline()
         name = Path(scenario).stem
-        result = Result.of(done, name, label)
+        result = Result.from_run(done, name, label)
         if clean is not None:
-            result.baseline = Result.of(clean, name, CLEAN)
-        for other, its in {} if done.outcome.interrupted else further.items():
+            result.baseline = Result.from_run(clean, name, CLEAN)
+        for other, its in {} if done.interrupted else further.items():
             with suppress(KeyboardInterrupt):
-                result.beside[other] = Result.of(one_run(its, other, report), other, other)
+                result.beside[other] = Result.from_run(one_run(its, other, report), other)
         if folder is None:
             return result
-        if done.outcome.interrupted and past is None and holds_finished(folder):
+        if done.interrupted and past is None and holds_finished(folder):
             folder = free(folder)  # what is finished is worth more than a beginning
         return kept(result, folder, second)
 

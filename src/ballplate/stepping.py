@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, Unpack
 
@@ -56,7 +57,8 @@ class Rig:
         """Control period in s."""
         self._ticks = round(self.scenarios[0].duration / self.period)
         count = len(self.scenarios)
-        self._record = Recorder(self._ticks, count, self.period, self._rig.channels)
+        knows = self.controller.observer.knows
+        self._record = Recorder(self._ticks, count, self.period, self._rig.channels, knows)
         self._ended: list[Outcome] | None = None
         self._over = False
 
@@ -100,18 +102,25 @@ class Rig:
         """The true states, shape (N, 8), as no real rig knows them."""
         return self._rig.devices.state
 
-    def step(self, rate: ArrayLike, estimate: ArrayLike | None = None) -> Measurement:
+    def step(
+        self,
+        rate: ArrayLike,
+        estimate: ArrayLike | None = None,
+        further: ArrayLike | None = None,
+    ) -> Measurement:
         """Command plate rates for one control period.
 
         Args:
             rate: Plate rates (phi', theta') in rad/s, shape (2,) or (N, 2).
             estimate: State that the controller believes in, shape (8,) or (N, 8), for the record.
+            further: What the scenario's observer estimates beyond it, as ``controller.command``
+                gives it, shape (k,) or (N, k), for the record.
 
         Returns:
             What the sensors say then.
 
         Raises:
-            TwinError: If the rig is not entered, or the run is over.
+            TwinError: If the rig is not entered, the run is over, or a shape is another.
         """
         import numpy as np
 
@@ -120,19 +129,27 @@ class Rig:
         if self.done:
             raise TwinError(f"the run of {self.scenarios[0].duration:g} s is over; see rig.done")
         count, now = len(self.scenarios), self.measurement
-        wanted = np.broadcast_to(np.asarray(rate, float), (count, 2))
-        believed = np.nan if estimate is None else np.asarray(estimate, float)
+
+        def each(what: str, given: ArrayLike, width: int) -> Array:
+            return np.broadcast_to(shaped(what, given, (width,), (count, width)), (count, width))
+
+        wanted = each("rate", rate, 2)
+        believed = each("estimate", np.full(8, np.nan) if estimate is None else estimate, 8)
+        known = len(self._record.further)
+        more = each("further", np.full(known, np.nan) if further is None else further, known)
         requested = (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
         channels = {
             "measured": now.y,
             "age": now.age,
             "touched": now.touched,
-            "estimate": np.broadcast_to(believed, (count, 8)),
+            "estimate": believed,
             "requested": requested,
             "applied": (self.applied - before) / self.period,
             "supervisor": self._rig.supervisor.state,
         }
+        if known:
+            channels["further"] = more
         self._record.append(now.time, channels | self._rig.telemetry())
         self._rig.wait()
         self.measurement = self._rig.read()
@@ -148,26 +165,39 @@ class Rig:
             rig: Which, from 0.
 
         Raises:
-            TwinError: If the context is not left yet.
+            TwinError: If the context is not left yet, or there is no such rig.
         """
         if self._ended is None:
             raise TwinError("a rig has a result when its context is left")
+        if rig not in range(len(self.scenarios)):
+            raise TwinError(f"rig: must be 0 to {len(self.scenarios) - 1}, got {rig!r}")
         from ballplate.results import Result
-        from twin.run.control import build_reference
-        from twin.run.finished import Run
-        from twin.run.metrics import Motion, measure
         from twin.run.plants import PLANTS
-        from twin.scenario.changing import always_friction
 
-        scenario, outcome = self.scenarios[rig], self._ended[rig]
-        record = self._record.of_rig(rig)
-        desired = build_reference(scenario)(record.time)[0]
-        motion = Motion.of(record, desired, friction=always_friction(scenario))
-        judged = scenario.metrics
-        metrics = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
+        scenario, record = self.scenarios[rig], self._record.of_rig(rig)
         speed = record.length * self.period / self._spent
-        done = Run(scenario, record, outcome, metrics, motion, speed)
-        return Result.of(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
+        done = Result.of(scenario, record, self._ended[rig], real_time_factor=speed)
+        return Result.from_run(done, f"rig-{rig}", PLANTS[scenario.plant.kind].label)
+
+
+def shaped(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:
+    """Numbers of one of some shapes.
+
+    Raises:
+        TwinError: If they are no numbers, or of another shape, which it names.
+    """
+    import numpy as np
+
+    try:
+        found = np.asarray(given, float)
+    except (TypeError, ValueError):
+        found = np.empty(())
+    if found.shape not in shapes:
+        got = f"shape {found.shape}" if found.shape else f"{given!r:.60}"
+        raise TwinError(
+            f"{what}: must be numbers of shape {' or '.join(map(str, shapes))}, got {got}"
+        )
+    return found
 
 
 def rig(
@@ -198,12 +228,14 @@ def rig(
         TwinError: If there is no such scenario, or anything in it is unknown, out of range or
             cannot be assembled.
     """
-    names = [scenario] if isinstance(scenario, str | Path) else list(scenario)
+    names = [scenario] if isinstance(scenario, str | Path) else list(scenario or ())
+    if not names:
+        raise TwinError("scenario: name at least one")
     changed = changes_of(settings, changes)
     scenarios = [scenario_of(name, changed) for name in names]
     if count is not None:
-        if len(scenarios) != 1 or count < 1:
-            raise TwinError(f"count: must be at least 1, of one scenario, got {count}")
+        if not isinstance(count, Integral) or len(scenarios) != 1 or count < 1:
+            raise TwinError(f"count: must be at least 1, of one scenario, got {count!r}")
         (first,) = scenarios
         scenarios = [
             first.model_copy(update={"seed": first.seed + number}) for number in range(count)

@@ -48,11 +48,10 @@ class StudyResult:
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per run: variant, point, seed, parameters, outcome, indicators."""
-        import pandas as pd
+        from twin.study.experiments import labelled
 
-        from twin.study.report import data
-
-        return pd.DataFrame(data(self.work, self.rows).to_pydict())
+        found: pd.DataFrame = labelled(self.work.labels, self.rows).to_pandas()
+        return found
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""

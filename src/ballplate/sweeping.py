@@ -107,7 +107,7 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
         done = execute.run(scenario)
     except LawError as error:
         return _none("failed") | {"reason": str(error)}
-    if done.outcome.interrupted:
+    if done.interrupted:
         raise KeyboardInterrupt
     return done.summary()
 

@@ -52,10 +52,10 @@ def results(
             yield name, work(job)
         return
     try:
-        with _pool(processes) as pool:
-            for name, future in handed_out(pool, work, jobs, AHEAD * processes):
+        with pool(processes) as executor:
+            for name, future in handed_out(executor, work, jobs, AHEAD * processes):
                 yield name, future.result()
-            pool.shutdown()
+            executor.shutdown()
     except BrokenProcessPool as error:
         raise TwinError("a process of this command was killed; is there enough memory?") from error
 
@@ -79,7 +79,7 @@ class SecondProcess:
 
     def __enter__(self) -> SecondProcess:
         """Have the process; it starts with its first work."""
-        self._pool = self._ends.enter_context(_pool(1)) if self.there else None
+        self._pool = self._ends.enter_context(pool(1)) if self.there else None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -154,34 +154,50 @@ class _Pool(ProcessPoolExecutor):
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
-        program = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
-        try:
+        with program_left_out():
             return self._handed(work, *args, **kwargs)
-        finally:
-            sys.modules["__main__"] = program
 
     def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
-        if sys.platform == "win32":
+        with undisturbed(*_ENDING):
             return super().submit(work, *args, **kwargs)
-        # a process keeps the mask it is started with: it is safe even before it runs a line
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_ENDING})
-        try:
-            return super().submit(work, *args, **kwargs)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
-def _pool(processes: int) -> Iterator[_Pool]:
+def undisturbed(*more: signal.Signals) -> Iterator[None]:
+    """Ctrl-C and more signals leave alone what is begun within, even before it runs a line."""
+    if sys.platform == "win32":
+        yield
+        return
+    # a process keeps the mask it is started with
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *more})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def program_left_out() -> Iterator[None]:
+    """A process begun within does not run the program again that began this one."""
+    program = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = program
+
+
+@contextmanager
+def pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    pool = _Pool(processes, multiprocessing.get_context(_start_method()), run_path, (str(WORKER),))
+    context = multiprocessing.get_context(_start_method())
+    executor = _Pool(processes, context, run_path, (str(WORKER),))
     try:
-        yield pool
+        yield executor
     finally:
         # whatever ended this early, nobody wants the rest any more
-        pool.shutdown(wait=False, cancel_futures=True)
+        executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
 
@@ -218,12 +234,16 @@ def settle() -> None:
     Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def orphaned() -> bool:
+    """Whether the process that began this one is gone, also if that was before the first line."""
     parent = multiprocessing.parent_process()
-    assert parent is not None
-    if sys.platform == "win32":
-        parent.join()
     # a forked process itself holds open what would tell it of its parent's end
-    while os.getppid() == parent.pid:
+    return parent is not None and os.getppid() != parent.pid
+
+
+def _end_with_parent() -> None:
+    if sys.platform == "win32" and (parent := multiprocessing.parent_process()):
+        parent.join()
+    while not orphaned():
         time.sleep(LOOKED)
     os._exit(1)

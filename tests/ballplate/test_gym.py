@@ -12,6 +12,8 @@ from gymnasium.vector import SyncVectorEnv
 
 import ballplate
 import ballplate.gym
+from ballplate.gym import RigEnv, RigVectorEnv
+from twin.errors import TwinError
 
 EXACT = {"plant.kind": "lagrange", "duration": 1.4, "metrics.start": 0.0}
 """A plant whose rigs have the same bits alone and beside any others."""
@@ -135,3 +137,15 @@ def test_a_reset_that_cannot_be_is_refused():
         envs.reset(options={"reset_mask": np.array([True])})
     with pytest.raises(ballplate.TwinError, match="one for each of 2 rigs, got 3"):
         envs.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize("action", [np.zeros(3), np.zeros(4), 0.5, None, np.zeros((1, 2))])
+def test_an_action_of_another_shape_is_refused(action):
+    env = RigEnv("hold", EXACT)
+    env.reset(seed=1)
+    with pytest.raises(TwinError, match=r"action: must be numbers of shape \(2,\), got"):
+        env.step(action)
+    envs = RigVectorEnv("hold", EXACT, num_envs=2)
+    envs.reset(seed=1)
+    with pytest.raises(TwinError, match=r"actions: must be numbers of shape \(2, 2\), got"):
+        envs.step(np.zeros(2) if action is None else action)

@@ -1,14 +1,24 @@
-"""What is told of a rig after its run."""
+"""What is told of a rig after its run, and what stays of one that is killed."""
 
+import signal
+import subprocess
+import sys
+import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from ballplate.hardware import tell_timing
+import ballplate as bp
+from ballplate.hardware import streamed, tell_timing
 from ballplate.reporter import Reporter
 from twin.devices.timing import TimingLog
 from twin.hal.faults import Severity
 from twin.hal.rig import Entry
+from twin.identify.log import read
+from twin.run import plants
+from twin.run.execute import run
+from twin.scenario.load import load
 
 
 class Heard(Reporter):
@@ -36,3 +46,57 @@ def test_a_late_computer_is_told_first_where_a_condition_ended_the_run(severity,
     tell_timing(rig, heard)
     assert heard.lines[0].startswith("this computer was too late") is told
     assert heard.lines[-1] == f"0.370 s {severity}: PDOs unsteady"
+
+
+@pytest.mark.parametrize(
+    "keys", [(), ("rig.cam_error_percent=[2.0, 0.0]",), ("rig.cams=per_axis",)]
+)
+def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
+    scenario, angle = load("circle", keys), np.array([[0.03, -0.02]])
+    wanted = plants.build_plant([scenario])[1].motor(angle)
+    monkeypatch.setattr(plants, "build_plant", None)
+    assert np.array_equal(plants.believed(scenario).motor(angle), wanted)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from ballplate.hardware import streamed
+from twin.run.execute import run
+from twin.scenario.load import load
+
+def attach(recorder):
+    recorder.observers.append(lambda time, _: time < 0.999 or os.kill(os.getpid(), signal.SIGKILL))
+
+short = ("plant.kind=lagrange", "duration=2", "metrics.start=0")
+scenario = load("circle", short)
+with streamed(scenario, Path(sys.argv[1]), lambda _: None) as both:
+    run(scenario, watch=lambda recorder: (both(recorder), attach(recorder)))
+"""
+
+
+def test_what_a_killed_run_recorded_is_written_to_the_last_row(tmp_path):
+    folder = tmp_path / "runs" / "killed"
+    done = subprocess.run([sys.executable, "-c", KILLED, folder], check=False)
+    assert done.returncode == -signal.SIGKILL
+    end = time.monotonic() + 60
+    found = None
+    while time.monotonic() < end and (found is None or len(found.time) < 501):
+        time.sleep(0.1)
+        found = bp.load(folder) if (folder / "run.arrows").exists() else None
+    assert found.time[-1] == 1.0
+    assert found.outcome == "aborted"
+    assert found.scenario.title
+    assert len(read(folder).time) == 501
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails):
+    folder = tmp_path / "run"
+    try:
+        with streamed(scenario(), folder, lambda _: None) as attach:
+            run(scenario(), watch=attach)
+            assert not fails or 1 / 0
+    except ZeroDivisionError:
+        assert len(bp.load(folder).time) == 200
+    assert folder.exists() is fails

@@ -57,6 +57,8 @@ def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
     assert np.array_equal(done.error, done.reference - done.ball)
     with pytest.raises(ballplate.TwinError, match="did you mean 'true_x'"):
         done["tru_x"]
+    with pytest.raises(ballplate.TwinError, match="no column '0'"):
+        done[0]
 
 
 def test_a_table_for_pandas_has_the_columns_over_time_and_their_units(done):
@@ -187,9 +189,38 @@ def test_what_there_is_to_run_and_to_set():
     assert str(ballplate.describe("lqr")).startswith("State feedback that minimises")
 
 
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: ballplate.describe(None), "describe: give a key"),
+        (lambda: ballplate.sweep("circle", None), "vary: give a table"),
+        (lambda: ballplate.run("circle", 5), "settings: must be a table"),
+        (lambda: ballplate.run("circle", [5]), "5"),
+    ],
+)
+def test_an_argument_of_another_type_is_one_line(call, told):
+    with pytest.raises(ballplate.TwinError, match=told) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
 def test_the_model_is_that_of_the_ball_asked_for():
     A, B, C = ballplate.model().linear()
     assert (A.shape, B.shape, C.shape) == ((8, 8), (8, 2), (4, 8))
     assert A[1, 2] == pytest.approx(0.6 * 9.81)  # a thin hollow sphere
     steel = ballplate.model("circle", plant={"ball": {"kind": "steel"}})
     assert steel.linear().A[1, 2] == pytest.approx(5 / 7 * 9.81, rel=1e-3)
+
+
+def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_path):
+    done.save(tmp_path / "run")
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        done.export(tmp_path / place / "log.csv")
+    logs = [tmp_path / place / "log.csv" for place in ("a", "b")]
+    found = ballplate.compare(tmp_path / "run", *logs, "circle", baseline=False, **QUICK)
+    assert list(found) == ["log", "log~2", "run", "circle"]
+    assert found.logs == ("log", "log~2")
+    assert np.array_equal(found["circle"].ball, done.ball)
+    with pytest.raises(ballplate.TwinError, match="names, files and results, got <Comparison"):
+        ballplate.compare(found)

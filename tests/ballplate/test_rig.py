@@ -13,14 +13,15 @@ def driven(rig):
     with rig:
         while not rig.done:
             step = rig.controller.command(rig.measurement)
-            rig.step(step.rate, step.estimate)
+            rig.step(step.rate, step.estimate, step.further)
             rig.controller.applied(rig.applied)
     return rig
 
 
-def test_stepped_with_the_scenarios_own_controller_it_gives_the_record_of_the_run():
-    alone = ballplate.run("circle", **SHORT)
-    found = driven(ballplate.rig("circle", **SHORT)).result()
+@pytest.mark.parametrize("scenario", ["circle", "cure"])
+def test_stepped_with_the_scenarios_own_controller_it_gives_the_record_of_the_run(scenario):
+    alone = ballplate.run(scenario, **SHORT)
+    found = driven(ballplate.rig(scenario, **SHORT)).result()
     assert list(found) == list(alone)
     for name in found:
         # what was requested is told in rates
@@ -77,3 +78,39 @@ def test_a_rig_left_early_was_aborted():
         rig.step([0, 0])
     assert rig.result().outcome == "aborted"
     assert len(rig.result().time) == 1
+
+
+WRONG = {
+    "rate": [
+        (np.zeros((3, 2)), r"must be numbers of shape \(2,\) or \(1, 2\), got shape \(3, 2\)"),
+        (None, "got None"),
+        (5.0, "got 5.0"),
+        ("a", "got 'a'"),
+        ([[1, 2], [3]], "must be numbers"),
+        ([1j, 2], "must be numbers"),
+    ],
+    "estimate": [([1, 2, 3], r"of shape \(8,\) or \(1, 8\), got shape \(3,\)")],
+    "further": [([1.0], r"of shape \(0,\) or \(1, 0\), got shape \(1,\)")],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "told"), [(name, *each) for name, every in WRONG.items() for each in every]
+)
+def test_numbers_of_another_shape_are_named_and_nothing_moves(name, given, told):
+    with ballplate.rig("hold", plant={"kind": "lagrange"}, **SHORT) as rig:
+        with pytest.raises(ballplate.TwinError, match=f"{name}: .*{told}"):
+            rig.step(**({"rate": [0, 0]} | {name: given}))
+        assert rig.time == 0
+        rig.step([0, 0])
+    for number in (1, -1, "a", None):
+        with pytest.raises(ballplate.TwinError, match="rig: must be 0 to 0"):
+            rig.result(number)
+
+
+@pytest.mark.parametrize("count", ["3", 2.5, 0])
+def test_a_number_of_rigs_that_is_none_is_one_line(count):
+    with pytest.raises(ballplate.TwinError, match=f"count: must be .* got {count!r}"):
+        ballplate.rig("hold", plant={"kind": "lagrange"}, count=count, **SHORT)
+    with pytest.raises(ballplate.TwinError, match="name at least one"):
+        ballplate.rig([])

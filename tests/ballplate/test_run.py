@@ -115,7 +115,7 @@ def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place(o
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
 def test_a_law_that_only_this_process_knows_runs_in_it(own, monkeypatch):
-    monkeypatch.setattr("twin.jobs._pool", None)
+    monkeypatch.setattr("twin.jobs.pool", None)
     found = ballplate.compare("hold", vary={"controller": [own, "lqr"]}, processes=2, **QUICK)
     assert [each.outcome for each in found.values()] == ["finished", "finished"]
     with pytest.raises(ballplate.TwinError, match="taken by LQR"):
@@ -242,8 +242,8 @@ def test_a_function_is_a_law_with_its_keywords_as_settings():
     done = ballplate.run("hold", controller=law(kp=7.0), duration=0.2, plant={"kind": "lagrange"})
     assert done.finished
     assert done.scenario.controller.kind == "pd"
-    assert done.replay.classes["controller"]["settings"] == {"kp": 7.0, "kd": 5.0}
-    assert done.replay.classes["controller"]["file"] == "test_run.py"
+    assert done.classes["controller"]["settings"] == {"kp": 7.0, "kd": 5.0}
+    assert done.classes["controller"]["file"] == "test_run.py"
     x = np.array([[0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]])
     hold = ballplate.references.Hold()
     np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))

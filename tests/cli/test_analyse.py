@@ -25,19 +25,12 @@ def content():
 def quick(monkeypatch, content):
     """The same command with the slow, scenario-independent part remembered."""
     monkeypatch.setattr("controllers.analysis.plain.design_rows", lambda *_: content["designs"])
-    monkeypatch.setattr("twin.thesis.claims.check_claims", lambda _: [])
 
 
 @pytest.mark.long
 def test_json_is_one_object_with_every_part(content):
-    parts = {"scenario", "structure", "designs", "neglected", "loop"}
+    parts = {"scenario", "designs", "neglected", "loop"}
     assert set(content) == parts
-
-
-@pytest.mark.long
-def test_every_equation_of_the_chapters_is_judged(content):
-    equations = {row["equation"] for row in content["structure"]}
-    assert {"5.21", "5.29", "5.33", "5.35", "6.16", "6.19", "6.25", "6.39"} <= equations
 
 
 @pytest.mark.long
@@ -69,7 +62,7 @@ def test_the_neglected_terms_are_small_beside_the_main_ones(content):
 def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, content):
     monkeypatch.setattr("controllers.analysis.plain.design_rows", lambda *_: content["designs"])
     text = call("sine", *SHORT)
-    for words in ("(5.29)", "B[6,", "(6.39)", "thesis", "(6.42a)", "delay ms", "8.1", "no"):
+    for words in ("thesis", "flat (6.44)", "(6.42a)", "delay ms", "8.1"):
         assert words in text
 
 

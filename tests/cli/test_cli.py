@@ -40,7 +40,6 @@ def test_list_shows_every_scenario_with_its_title(ballplate):
         (("run", "circle", "--set", "reference.omega=1e-300"), "no finite number"),
         (("run", "circle", "--set", "reference.amplitude=0.2"), "rig.limits.area allows 0.25"),
         (("safety", "--doc", "."), "File '.' is a directory"),
-        (("reproduce", "8.1", "--doc", "/proc/no/x.md"), "--doc /proc/no: cannot be written"),
     ],
 )
 def test_a_wrong_request_is_one_line_and_exit_code_two(ballplate, tmp_path, arguments, words):

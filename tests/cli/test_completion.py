@@ -1,12 +1,8 @@
 """What the Tab key offers, and that it comes fast."""
 
-import os
-import re
-import select
 import shutil
 import subprocess
 import sys
-import time
 
 import pytest
 from click.shell_completion import BashComplete
@@ -74,110 +70,3 @@ def test_the_script_for_bash_completes_in_bash(tmp_path):
     )
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "circle"
-
-
-TYPED = [
-    ("ballplate compl", "ballplate completion "),
-    ("ballplate run ci", "ballplate run circle "),
-    ("ballplate compare circle thesis/9_2_05", "ballplate compare circle thesis/9_2_050 "),
-    ("ballplate run circle --set plant.friction.rol", "plant.friction.rolling_mm="),
-    ("ballplate run circle --set controller.kind=afl_", "controller.kind=afl_integral "),
-    ("ballplate run circle --set controller.kind=back", "controller.kind=backstepping "),
-    ("ballplate report runs/ci", "ballplate report runs/circle-a=1,b=2 "),
-    ("ballplate report runs/circle-a=1,", "ballplate report runs/circle-a=1,b=2 "),
-    ("ballplate report oth", "ballplate report other/"),
-]
-"""What is typed before the Tab key, and how the line ends after it."""
-START = {
-    "bash": (("--norc", "-i"), 'eval "$(ballplate completion bash)"; PS1=', "echo"),
-    "zsh": (
-        ("-f", "-i"),
-        'autoload -Uz compinit; compinit -u -D; eval "$(ballplate completion zsh)"; PS1=',
-        "print -r --",
-    ),
-}
-
-
-class Shell:
-    """An interactive shell at a terminal."""
-
-    def __init__(self, shell, folder):
-        import pty
-
-        arguments, setup, self.echo = START[shell]
-        self.process, self.terminal = pty.fork()
-        if self.process == 0:
-            os.chdir(folder)
-            path = f"{folder}:{os.environ['PATH']}"
-            os.environ.update(PATH=path, TERM="dumb", HOME=str(folder), PS1="")
-            os.execvp(shell, [shell, *arguments])
-        self.seen = b""
-        self.write(f"{setup}; stty -echo cols 400; {self.echo} rea''dy\n")
-        self.until(b"ready\r\n")
-
-    def write(self, text):
-        os.write(self.terminal, text.encode())
-
-    def until(self, mark, within=120.0):
-        end = time.monotonic() + within
-        while mark not in self.seen:
-            assert time.monotonic() < end, f"no {mark!r} in {self.seen[-500:]!r}"
-            if select.select([self.terminal], [], [], 0.2)[0]:
-                self.seen += os.read(self.terminal, 65536)
-        found, _, self.seen = self.seen.partition(mark)
-        return found.decode()
-
-    def completed(self, line):
-        """The line after the Tab key, which the shell then prints instead of running it."""
-        self.write(f"{line}\tEND\x01{self.echo} '\x05'\n")
-        return self.until(b"END\r\n").splitlines()[-1]
-
-    def close(self):
-        os.close(self.terminal)
-        os.kill(self.process, 9)
-        os.waitpid(self.process, 0)
-
-
-@pytest.fixture
-def place(tmp_path):
-    """A working folder with the program, a run and another folder."""
-    program = tmp_path / "ballplate"
-    program.write_text(f"#!{sys.executable}\nfrom twin.cli import main\nmain()\n")
-    program.chmod(0o755)
-    (tmp_path / "runs" / "circle-a=1,b=2").mkdir(parents=True)
-    (tmp_path / "runs" / "circle-a=1,b=2" / "run.parquet").touch()
-    (tmp_path / "other").mkdir()
-    return tmp_path
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_the_tab_key_completes_at_a_terminal(shell, place):
-    if not shutil.which(shell):
-        pytest.skip(f"there is no {shell} here")
-    terminal = Shell(shell, place)
-    try:
-        for line, end in TYPED:
-            assert terminal.completed(line).endswith(end), line
-    finally:
-        terminal.close()
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not shutil.which("fish"), reason="there is no fish here")
-def test_the_tab_key_completes_in_fish(place):
-    environment = {**os.environ, "PATH": f"{place}:{os.environ['PATH']}", "HOME": str(place)}
-    for line, end in TYPED:
-        script = f"ballplate completion fish | source; complete -C '{line}'"
-        done = subprocess.run(
-            ["fish", "--no-config", "-c", script],
-            capture_output=True, text=True, check=True, cwd=place, env=environment,
-        )  # fmt: skip
-        (offer,) = done.stdout.splitlines()
-        assert end.split()[-1] == offer.partition("\t")[0], line
-
-
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_the_other_scripts_call_the_program_back(shell, capsys):
-    ballplate.main(["completion", shell], standalone_mode=False)
-    assert re.search(rf"{VARIABLE}={shell}_complete", capsys.readouterr().out)

@@ -64,7 +64,7 @@ def test_what_it_writes_is_found_by_its_name_and_runs(kind, folder, capsys):
     catalog_module.forget()
     cls = catalog(BASES[kind])["my_own"]
     assert cls.__name__ == "MyOwn"
-    assert run(load("hold", (key, *SHORT))).outcome.ending == "finished"
+    assert run(load("hold", (key, *SHORT))).outcome == "finished"
 
 
 @pytest.mark.parametrize("like", LIKE)
@@ -74,7 +74,7 @@ def test_a_law_may_begin_like_another(like, folder, capsys):
     law = catalog(Law)["mine"]
     assert law.__name__ == "Mine"
     assert law.memory == (4 if like == "pid" else 0)
-    assert run(load("hold", ("controller.kind=mine", *SHORT))).outcome.ending == "finished"
+    assert run(load("hold", ("controller.kind=mine", *SHORT))).outcome == "finished"
 
 
 def test_a_law_written_like_a_pid_moves_the_ball_as_the_shipped_one(folder):

@@ -1,16 +1,22 @@
 """What is finished stays, and what cannot be is told in one line."""
 
 import json
+import signal
 import subprocess
 import sys
+import warnings
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
 
 import ballplate as bp
-from twin.errors import ScenarioError
+from twin.emulator import process
+from twin.errors import ScenarioError, TwinError
+from twin.play.process import Simulation
 from twin.run import loop
 from twin.run.loop import INTERRUPTED
+from twin.view.live_process import LiveProcess
 from twin.writing import written_alone
 
 SHORT = ("--set", "duration=0.2", "--set", "plant.kind=lagrange", "--out", "kept")
@@ -124,3 +130,29 @@ def test_a_full_or_closed_standard_output_is_no_traceback(tmp_path):
         ["/bin/sh", "-c", f"{' '.join(program)} >&-"], capture_output=True, text=True, check=False
     )
     assert (closed.returncode, closed.stderr) == (0, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no masks of signals")
+def test_a_process_is_left_alone_by_ctrl_c_before_it_runs_a_line(monkeypatch, scenario):
+    begun = []
+
+    def mask():
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    monkeypatch.setattr(SpawnProcess, "start", lambda _: begun.append(mask()))
+    LiveProcess(print, ()).close()
+    with pytest.raises(TwinError):
+        Simulation(scenario())
+    with pytest.raises(AssertionError, match="started process"), process.emulated(scenario()):
+        pass
+    assert begun == [True] * 3
+    assert not mask()
+
+
+def test_a_warning_of_a_library_is_one_line(ballplate):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("warnings.showwarning", warnings.showwarning)
+        patch.setattr("warnings.filters", [("always", None, Warning, None, 0)])
+        patch.setattr("ballplate.catalogue.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
+        patch.setattr("twin.cli.scenarios.print_titles", lambda *_, **__: None)
+        assert ballplate("list")[2] == "ballplate: warning: a b\n"

@@ -118,7 +118,7 @@ def test_from_python_a_record_opens_without_its_law(gone):
     with pytest.warns(UserWarning, match="controller 'mine'"):
         found = bp.load(gone)
     assert found.finished
-    assert found.replay.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
+    assert found.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
 
 
 def test_a_run_that_cannot_be_opened_does_not_stop_a_comparison(ballplate, gone):
@@ -188,8 +188,8 @@ def test_where_a_reference_of_ones_own_led_is_in_the_record(ballplate):
     with pytest.warns(UserWarning, match="reference 'slope'"):
         found = bp.load("x")
     np.testing.assert_allclose(found.reference[:, 0], 0.1 * found.motion.time, atol=1e-12)
-    np.testing.assert_allclose(found.replay.reference(0.05)[1], [0.1, 0.0], atol=1e-9)
-    assert found.replay.reference(found.motion.time).shape == (5, len(found.motion.time), 2)
+    np.testing.assert_allclose(found.followed(0.05)[1], [0.1, 0.0], atol=1e-9)
+    assert found.followed(found.motion.time).shape == (5, len(found.motion.time), 2)
     assert ballplate("view", "x", "--rrd", "x.rrd")[0] == 0
 
 
@@ -258,6 +258,76 @@ def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, wron
         assert "lqr" in file.read_text() if file.suffix == ".csv" else file.stat().st_size
 
 
+TUNE = """
+title = "t"
+family = "placed"
+set = ["controller.kind=mine", "baseline=false"]
+draw = 1
+certificate_draw = 2
+rigs = [1]
+candidates = 2
+certificate = 1
+search = ["plant.kind=lagrange"]
+verdict = ["plant.kind=lagrange"]
+[fields."controller.ball.0"]
+loguniform = [1.0, 3.0]
+[limits]
+effort = 30.0
+[[tasks]]
+name = "hold"
+scenario = "hold"
+set = ["duration=0.1", "metrics.start=0.05"]
+scale = 0.001
+"""
+FIT = """
+title = "f"
+set = ["plant.kind=lagrange", "duration=0.1", "metrics.start=0.05", "baseline=false"]
+population = 4
+generations = 1
+restarts = 1
+[parameters.friction]
+key = "plant.friction.rolling_mm"
+low = 0.1
+high = 0.3
+unit = "mm"
+[[experiments]]
+name = "own"
+scenario = "circle"
+set = ["controller.kind=mine"]
+measured.rms_error = { value = 0.01, uncertainty = 0.001 }
+"""
+OTHER = """
+[[experiments]]
+name = "other"
+scenario = "circle"
+set = ["controller.kind=lqr"]
+measured.rms_error = { value = 0.01, uncertainty = 0.001 }
+"""
+
+
+@pytest.mark.parametrize("text", ["raise NameError('kp')", "return np.zeros((3, 2))"])
+@pytest.mark.parametrize("always", [True, False])
+@pytest.mark.parametrize("command", ["tune", "fit"])
+def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, mine, text, always, command):
+    first = "        position, velocity"
+    bad = f"        if t >= {0 if always else 0.05}: {text}\n{first}"
+    mine.write_text(mine.read_text().replace(first, bad, 1))
+    forget()
+    Path("t.toml").write_text({"tune": TUNE, "fit": FIT}[command])
+    code, out, err = ballplate(command, "t.toml", "--processes", "1")
+    said = " ".join((out + err).split())
+    # what does not answer at all is no law, which is told before anything runs
+    probed = always and command == "tune" and "zeros" in text
+    assert (code, said.count(WRONG[text]), said.count("mine.py")) == (1 + probed, 1, 1)
+    if command == "fit":
+        Path("t.toml").write_text(FIT + OTHER)
+        code, out, err = ballplate(
+            command, "t.toml", "--processes", "1", "--no-leave-out", "--json"
+        )
+        assert (code, err.count(WRONG[text])) == (1, 1)
+        assert list(Path("runs/fit-t").rglob("*.parquet"))
+
+
 def test_from_python_a_law_that_goes_wrong_is_the_same_line(wrong):
     short = {"duration": 0.1, "plant": {"kind": "lagrange"}}
     with pytest.raises(LawError, match=re.escape(wrong)):
@@ -304,7 +374,7 @@ BRIEF = {"duration": 0.1, "plant": {"kind": "lagrange"}}
 def test_a_law_imported_from_its_folder_runs_as_an_object(laws):
     done = bp.run("circle", controller=laws.Mine(plate=(50.0, 12.0)), **BRIEF)
     assert done.scenario.controller.settings == {"plate": [50.0, 12.0]}
-    assert done.replay.classes["controller"]["file"] == "mine.py"
+    assert done.classes["controller"]["file"] == "mine.py"
 
 
 def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
@@ -314,7 +384,7 @@ def test_a_law_changed_and_imported_again_is_the_changed_one(laws, mine):
     mine.write_text(text.replace(field, f"    more: float = 1.0\n{field}"), encoding="utf-8")
     done = bp.run("circle", controller=importlib.reload(laws).Mine(more=2.0), **BRIEF)
     assert done.scenario.controller.settings["more"] == 2.0
-    marks = {run.replay.classes["controller"]["sha256"] for run in (before, done)}
+    marks = {run.classes["controller"]["sha256"] for run in (before, done)}
     assert len(marks) == 2
 
 

@@ -5,10 +5,9 @@ import os
 import subprocess
 import sys
 
-import click
 import pytest
 
-from twin.cli import COMMANDS, HELP, ballplate, main
+from twin.cli import main
 
 UNUSED = {
     "control", "pandas", "sympy", "SALib", "rerun", "matplotlib.pyplot", "scipy.signal",
@@ -107,17 +106,6 @@ def test_a_run_imports_only_what_it_uses(tmp_path, run, unused):
 @pytest.mark.parametrize("module", ["twin.run.execute", "twin.run.batch", "controllers.analysis"])
 def test_what_runs_a_scenario_can_be_imported_without_what_it_uses_later(tmp_path, module):
     assert not modules(tmp_path, f"import {module}")[1] & (UNUSED | LATE)
-
-
-def test_the_short_helps_shown_together_are_those_of_the_commands():
-    assert list(HELP) == list(COMMANDS)
-    context = click.Context(ballplate)
-    for columns in (40, 60, 78, 100, 200):
-        formatter = click.HelpFormatter(width=columns)
-        ballplate.format_commands(context, formatter)
-        imported = click.HelpFormatter(width=columns)
-        click.Group.format_commands(ballplate, context, imported)
-        assert formatter.getvalue() == imported.getvalue()
 
 
 @pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("2", "2")])

@@ -36,7 +36,7 @@ def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
     assert done.return_value == 0, done.exception
     found = json.loads(done.stdout)
     alone = run(load("step", [*SHORT, "seed=2", "controller.rho=300"]))
-    assert found["runs"]["2"][1]["rms_error"] == alone.metrics.rms_error
+    assert found["runs"]["2"][1]["rms_error"] == alone.metrics["rms_error"]
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name.startswith("sweep-step-controller.rho=100..300..2-seed=1,2")
     assert (folder / "sweep.png").is_file()
@@ -44,7 +44,7 @@ def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):
     assert [(row["controller.rho"], row["seed"]) for row in rows] == [
         ("100", "1"), ("100", "2"), ("300", "1"), ("300", "2"),
     ]  # fmt: skip
-    assert float(rows[3]["rms_error [m]"]) == alone.metrics.rms_error
+    assert float(rows[3]["rms_error [m]"]) == alone.metrics["rms_error"]
 
 
 def test_a_value_at_which_the_ball_is_lost_is_told_in_the_table(tmp_path, monkeypatch):

@@ -121,7 +121,7 @@ def test_of_a_law_that_acts_by_command_alone_nothing_is_said():
 def test_a_law_may_act_by_command_alone(scenario):
     register(ByCommand)
     record = run(scenario("controller.kind=by_command"))
-    assert record.outcome.ending is Ending.FINISHED
+    assert record.outcome == Ending.FINISHED
 
 
 def test_of_several_runs_the_warning_names_the_one(tmp_path):

@@ -189,7 +189,7 @@ def test_where_the_system_has_no_such_scheduling_the_loop_runs_all_the_same(monk
 
 WITHOUT = """
 import importlib, os, pkgutil, sys
-import can.interfaces.slcan, canopen, numpy, serial.tools.list_ports  # they know the platform
+import can.interfaces.slcan, numpy, serial.tools.list_ports  # they know the platform
 for name in ("fcntl", "termios", "tty", "pty", "resource"):
     sys.modules[name] = None
 for name in [each for each in dir(os) if each.startswith(("sched_", "SCHED_"))] + ["openpty"]:

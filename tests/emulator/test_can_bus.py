@@ -65,7 +65,8 @@ def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
             servos.start()
             servos.enable()
             for _ in range(200):
-                servos.exchange()
+                servos.receive()
+                servos.send()
                 servos.settle(0.002)
                 if servos.enabled:
                     break

@@ -14,13 +14,17 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from click.testing import CliRunner
 
 from twin.cli.emulate import toml
+from twin.cli.export import export
+from twin.cli.report import report
 from twin.emulator.drive_power import MASTER_SILENT
 from twin.emulator.process import emulated
 from twin.emulator.serve import VirtualRig
 from twin.emulator.virtual import TICK
 from twin.run.record_file import read_run
+from twin.run.replay import open_run
 from twin.scenario.rig import check_rig, read_rig
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time]
@@ -86,6 +90,7 @@ def host(folder, *more):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     ) as process:
         try:
             yield process
@@ -127,6 +132,32 @@ def test_a_killed_host_leaves_drives_that_stop_by_themselves_in_the_time_they_we
         assert times.rest[node] - times.fault[node] <= 8.0 / 1000 + TICKS  # fastest, at stop_ramp
 
 
+@pytest.mark.parametrize("moment", range(10))
+def test_a_run_killed_at_any_moment_leaves_what_was_recorded_until_then(virtual, tmp_path, moment):
+    file = tmp_path / "out" / "run.arrows"
+    with host(tmp_path) as process:
+        running(virtual)
+        begun = virtual.bus.time
+        assert wait_until(file.exists, 60)
+        time.sleep(0.37 * moment)
+        lasted = virtual.bus.time - begun
+        if moment % 2:  # with all its processes, as a computer that is switched off
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+        process.wait()
+    size = -1
+    while size != (size := file.stat().st_size):
+        time.sleep(1.0)
+    (found,) = open_run(tmp_path / "out")
+    assert found.metrics["outcome"] == "aborted"
+    assert len(found.rows["lateness"]) > 10
+    assert moment % 2 or found.rows["time"][-1] > lasted
+    for command, more in ((report, ()), (export, (str(tmp_path / "out.csv"),))):
+        shown = CliRunner().invoke(command, [str(tmp_path / "out"), *more])
+        assert shown.exit_code == 0, shown.output
+
+
 def test_ctrl_c_levels_the_plate_and_keeps_the_record(virtual, tmp_path):
     with host(tmp_path, "--json") as process:
         running(virtual)
@@ -140,6 +171,7 @@ def test_ctrl_c_levels_the_plate_and_keeps_the_record(virtual, tmp_path):
     # the period in which Ctrl-C came is in the record, but never ended
     assert metadata["ledger"]["ticks"] >= len(rows["time"]) - 1
     assert "true_x" not in rows
+    assert not (tmp_path / "out" / "run.arrows").exists()
 
 
 def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):

@@ -39,7 +39,7 @@ def port(bus):
 @pytest.fixture(autouse=True)
 def brief_farewell(monkeypatch):
     """Drives that do not hear any more are not waited for as long as on a rig."""
-    monkeypatch.setattr("twin.devices.akd.exchange.SHUTDOWN", 0.1)
+    monkeypatch.setattr("twin.devices.akd.servos.SHUTDOWN", 0.1)
 
 
 def config(port, **changes):
@@ -66,7 +66,8 @@ def run(servos, seconds, found=None, until=lambda: False):
     seen = []
     end = time.monotonic() + seconds
     while time.monotonic() < end and not until():
-        servos.exchange()
+        servos.receive()
+        servos.send()
         servos.settle(0.002)
         seen += servos.faults()
         if found in [fault.condition for fault in seen]:
@@ -173,8 +174,8 @@ def test_the_servos_run_over_a_real_pty(bus, port):
         assert servos.enabled
         servos.command([[1.0, -1.0]])
         goal = pytest.approx(1.0, rel=1e-3)
-        run(servos, 5.0, until=lambda: servos.rate()[0, 0] == goal)
-        assert servos.rate()[0, 0] == goal
+        run(servos, 5.0, until=lambda: servos.axes[0].rate == goal)
+        assert servos.axes[0].rate == goal
         servos.stop()
         with server.lock:
             assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
@@ -216,7 +217,8 @@ def test_after_replugging_a_new_start_goes_on(bus, port):
             port.replug()
         servos.start()
         for _ in range(50):
-            servos.exchange()
+            servos.receive()
+            servos.send()
             servos.settle(0.002)
         servos.reset_faults()
         run(servos, 0.1)

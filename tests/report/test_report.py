@@ -1,5 +1,6 @@
 import csv
 import io
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -14,7 +15,8 @@ from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
 from twin.report.summary import summary, verdict
 from twin.run.execute import run, save
-from twin.run.replay import Replay, open_run
+from twin.run.finished import Run
+from twin.run.replay import open_run
 from twin.scenario.load import check
 from twin.view.signals import signals
 
@@ -44,7 +46,7 @@ def made(ball, tables=TABLES, **columns):
     for kind in ("true", "estimated"):
         rows[f"{kind}_x"], rows[f"{kind}_y"] = ball(time).T
     metrics = {"outcome": "finished", "outcome_time": 20.0, "tracking_error_percent": 12.5}
-    return Replay("run_1", scenario, rows | columns, metrics=metrics, versions={"python": "3"})
+    return Run("run_1", scenario, rows | columns, metrics=metrics, versions={"python": "3"})
 
 
 def rest(time):
@@ -52,7 +54,7 @@ def rest(time):
 
 
 def reference(time):
-    return made(rest).reference(time)[0]
+    return made(rest).followed(time)[0]
 
 
 def on_x(values):
@@ -155,7 +157,7 @@ def test_the_verdict_is_one_sentence_led_by_the_error():
         "30 mm RMS over x and y from 6 s on: at the end the ball lay stuck by friction 30 mm away"
     )
     metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
-    fell = Replay(**{**vars(made(reference)), "metrics": metrics})
+    fell = replace(made(reference), metrics=metrics)
     assert verdict(fell, Diagnosis.of(fell)) == (
         "The ball fell off the plate after 3.25 s: ball left the plate."
     )
@@ -168,7 +170,7 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
         log = TimingLog(0.002)
         for _ in range(50):
             log.tick(lateness)
-        run = Replay(**{**vars(made(reference)), "metrics": metrics, "ledger": log.as_dict()})
+        run = replace(made(reference), metrics=metrics, ledger=log.as_dict())
         return verdict(run, Diagnosis.of(run))
 
     assert told(0.003, metrics) == (
@@ -184,7 +186,7 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
 def test_a_fall_is_told_first_and_with_its_reason():
     some = made(reference)
     metrics = {"outcome": "fell", "outcome_time": 3.25, "reason": "ball left the plate"}
-    fell = Replay(**{**vars(some), "metrics": metrics})
+    fell = replace(some, metrics=metrics)
     assert summary(fell, Diagnosis.of(fell))[0] == (
         "The ball fell off the plate after 3.25 s: ball left the plate."
     )

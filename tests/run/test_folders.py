@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import LogError, RecordError, ScenarioError
-from twin.run.folders import former, free, last, run_folder, run_name
+from twin.run.folders import former, free, last, record_of, run_folder, run_name
 from twin.run.sources import log_file
 from twin.shipped import find
 
@@ -56,6 +56,17 @@ def test_what_a_run_replaces_is_said_and_a_rig_replaces_nothing(tmp_path):
     kept(folder, 100)
     assert "replaced the run of" in former(folder)
     assert free(folder) == tmp_path / "circle~2"
+
+
+def test_a_run_that_was_killed_is_found_and_not_written_over(tmp_path):
+    folder = kept(tmp_path / "hold", 100)
+    (folder / "run.parquet").rename(folder / "run.arrows")
+    assert last(tmp_path) == folder
+    assert record_of(folder) == folder / "run.arrows"
+    assert run_name(folder) == "hold"
+    assert free(folder) == tmp_path / "hold~2"
+    (folder / "run.parquet").touch()
+    assert record_of(folder) == folder / "run.parquet"
 
 
 def test_a_run_keeps_its_whole_name_however_it_is_reached(tmp_path, monkeypatch):

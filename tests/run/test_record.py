@@ -6,9 +6,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import RecordError
-from twin.run.execute import run, save
+from twin.run.execute import described, run, save
+from twin.run.folders import STREAM
 from twin.run.record import Recorder
-from twin.run.record_file import write_run
+from twin.run.record_file import read_run, stream, write_run
 from twin.run.replay import open_run
 from twin.writing import write_json, write_whole
 
@@ -82,3 +83,50 @@ def test_a_thinned_record_keeps_the_largest_effort_since_the_instant_before():
         record.append(0.002 * tick, {"applied": np.full((1, 2), effort)})
     assert record.time == pytest.approx([0.0, 0.006])
     assert record["applied"][:, 0, 0].tolist() == [1.0, -5.0]
+
+
+@pytest.fixture
+def streamed(tmp_path, scenario):
+    """A run, its folder, and where in its stream each of four pieces ends."""
+    done = run(scenario())
+    columns = {"time": done.record.time}
+    columns |= {name: values for name, _, values in done.record.columns()}
+    rows = np.stack(list(columns.values()), axis=1)
+    ends = []
+    units = done.record.units
+    with stream(tmp_path / STREAM, list(columns), units, described(done.scenario)) as append:
+        for piece in np.array_split(rows, 4):
+            append(piece)
+            ends.append((tmp_path / STREAM).stat().st_size)
+    return done, tmp_path, ends
+
+
+def test_a_stream_that_breaks_off_anywhere_is_read_up_to_there(streamed):
+    done, folder, ends = streamed
+    whole = (folder / STREAM).read_bytes()
+    pieces = np.cumsum([len(piece) for piece in np.array_split(done.record.time, 4)])
+    for length in [*range(ends[1], ends[2], 997), ends[1], ends[2] - 1, ends[2], ends[3]]:
+        (folder / STREAM).write_bytes(whole[:length])
+        rows, units, _ = read_run(folder / STREAM)
+        known = pieces[sum(end <= length for end in ends) - 1]
+        assert np.array_equal(rows["true_x"], done.record["state"][:known, 0, 0])
+        assert units["true_phi_rate"] == "rad/s"
+
+
+def test_a_stream_opens_as_a_run_that_was_killed_and_goes_when_the_run_is_kept(streamed):
+    done, folder, _ = streamed
+    (found,) = open_run(folder)
+    assert found.scenario == done.scenario
+    assert found.metrics["outcome"] == "aborted"
+    assert found.metrics["reason"].startswith("killed")
+    assert found.metrics["outcome_time"] == pytest.approx(done.record.end)
+    assert found.metrics["rms_error"] == pytest.approx(done.metrics.rms_error)
+    save(done, folder, {"run": done.motion})
+    assert not (folder / STREAM).exists()
+    assert open_run(folder)[0].metrics["outcome"] == "finished"
+
+
+def test_a_stream_of_nothing_is_one_line(tmp_path):
+    (tmp_path / STREAM).write_bytes(b"")
+    with pytest.raises(RecordError, match=r"run\.arrows: not a readable"):
+        open_run(tmp_path)

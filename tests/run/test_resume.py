@@ -37,7 +37,7 @@ def whole():
 @pytest.fixture
 def folder(tmp_path):
     done = execute.run(scenario(), stopped_at(5.5))
-    assert done.outcome.interrupted
+    assert done.interrupted
     execute.save(done, tmp_path, {"run": done.motion})
     return tmp_path
 
@@ -77,6 +77,6 @@ def test_the_command_goes_on_with_the_run_in_its_folder(whole, tmp_path):
     keys = [word for key in KEYS for word in ("--set", key)]
     command = ["run", "circle", *keys, "--out", str(tmp_path), "--resume", "--json"]
     result = CliRunner().invoke(ballplate, command, catch_exceptions=False)
-    assert json.loads(result.stdout)["rms_error"] == whole.metrics.rms_error
+    assert json.loads(result.stdout)["rms_error"] == whole.metrics["rms_error"]
     columns, _, _ = read_run(tmp_path / "run.parquet")
     assert np.array_equal(columns["true_x"], whole.record["state"][:, 0, 0])

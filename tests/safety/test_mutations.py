@@ -16,7 +16,7 @@ import pytest
 from controllers.arrays import Array
 from twin.devices.akd import bringup
 from twin.devices.akd.axis import Axis, AxisRequest
-from twin.devices.akd.exchange import CyclicExchange
+from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.limits import Clamp
 from twin.hal.supervisor import Supervisor
@@ -57,17 +57,19 @@ def _relies(*stoppers: Stopper) -> Callable[[FaultCase], bool]:
 
 
 def _no_quick_stop() -> AbstractContextManager[Any]:
-    return patch.object(CyclicExchange, "quick_stop", lambda _: None)
+    return patch.object(AkdServos, "quick_stop", lambda _: None)
 
 
-def _close(exchange: CyclicExchange, _: Callable[[float], None]) -> None:
-    exchange._transport.close()
+def _close(servos: AkdServos) -> None:
+    if servos._transport is not None:
+        servos._transport.close()
+        servos._transport = None
 
 
 def _no_stop() -> AbstractContextManager[Any]:
     with ExitStack() as stack:
         stack.enter_context(_no_quick_stop())
-        stack.enter_context(patch.object(CyclicExchange, "shut_down", _close))
+        stack.enter_context(patch.object(AkdServos, "stop", _close))
         return stack.pop_all()
 
 

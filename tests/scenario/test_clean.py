@@ -72,4 +72,4 @@ def test_a_clean_model_is_a_scenario_that_can_be_written_and_read():
 @pytest.mark.long
 def test_on_the_clean_model_nothing_but_discretisation_keeps_the_ball_from_the_circle():
     changes = ("duration=12", "metrics.start=8.0", "plant.level_deg=[1.0, 1.0]")
-    assert run(clean(load("circle", changes))).metrics.tracking_error_percent < 0.3
+    assert run(clean(load("circle", changes))).metrics["tracking_error_percent"] < 0.3

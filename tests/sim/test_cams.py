@@ -126,7 +126,6 @@ def test_any_plate_angle_gives_the_motor_angle_of_its_clamped_self(phi, theta):
     plate = np.array([phi, theta])
     inside = np.clip(plate, -edge, edge)
     assert np.array_equal(table.motor(plate), table.motor(inside))
-    assert bool(table.covers(plate)) == bool(np.array_equal(plate, inside))
 
 
 def test_the_table_takes_any_leading_axes(table):

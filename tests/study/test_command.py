@@ -6,6 +6,7 @@ import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from runpy import run_path
 
 import pyarrow.parquet as pq
 import pytest
@@ -123,8 +124,12 @@ def test_json_is_one_object_with_the_chance_to_fail_and_no_made_up_number(study)
 
 
 @pytest.mark.long
-def test_a_summary_for_the_documentation_has_its_pictures_beside_it(study, tmp_path) -> None:
-    assert study("short.toml", "--processes", "1", "--doc", "pages")[0] == 0
+def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
+    study, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write = run_path(str(Path(__file__).parents[2] / "docs" / "study_page.py"))["write"]
+    write("short.toml", tmp_path / "pages")
     text = (tmp_path / "pages" / "short.md").read_text(encoding="utf-8")
     assert text.startswith("# Short study")
     assert "(short-curves.svg)" in text

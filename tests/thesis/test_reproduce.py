@@ -1,6 +1,8 @@
 import json
+import runpy
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,10 +137,10 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
 
 
 @pytest.mark.long
-def test_the_document_has_its_tables_notes_and_figures(steps, monkeypatch, tmp_path):
-    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: steps[1].values())
+def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path):
+    page = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "chapter8.py"))
     path = tmp_path / "docs" / "reproduction.md"
-    assert call("8.1", "--doc", str(path)).return_value == 0
+    page["write_doc"](path, steps[0], compare(*steps), steps[1])
     text = path.read_text(encoding="utf-8")
     assert text.count("| phi_max [deg] |") == 3
     assert (path.parent / "figures" / "table-8-1.png").read_bytes().startswith(b"\x89PNG")

@@ -32,12 +32,12 @@ def test_the_least_margin_of_all_cuts_counts_and_the_loop_bears_that_much():
 @pytest.mark.long
 def test_an_unstable_loop_has_no_margin():
     found = loop_margins(AFL(gains=HAND), Luenberger(), dead_time=0.5)
-    assert (found.disk, found.delay, found.stable) == (0.0, 0.0, False)
+    assert (found.disk, found.delay) == (0.0, 0.0)
 
 
 def test_a_law_that_switches_has_none_that_could_be_told():
     found = loop_margins(SlidingMode(), Luenberger(), dead_time=0.042)
-    assert (found.disk, found.stable) == (None, None)
+    assert (found.disk, found.delay) == (None, None)
 
 
 def test_behind_an_observer_without_linearisation_the_law_is_judged_with_the_full_state():

@@ -41,9 +41,7 @@ class Formula:
         self.asked = []
 
     def loops(self, candidates):
-        return [
-            NominalLoop(0.5 if point["b"] < 4 else 0.1, 0.1, stable=True) for point in candidates
-        ]
+        return [NominalLoop(0.5 if point["b"] < 4 else 0.1, 0.1) for point in candidates]
 
     def indicators(self, wanted, draw, on):
         self.asked += [(draw, count) for _, count in wanted]
@@ -149,7 +147,7 @@ def test_a_loop_without_margin_is_never_run(free):
 
 def test_a_lost_rig_is_worse_than_any_cost(free):
     formula, _ = free
-    loop = NominalLoop(0.5, 0.1, stable=True)
+    loop = NominalLoop(0.5, 0.1)
     costly, losing = (
         score(formula.tune, loop, each)
         for each in formula.indicators(

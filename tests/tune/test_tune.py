@@ -93,7 +93,8 @@ def test_a_tune_ends_with_a_certificate_and_a_page(made):
         "controller.gains.0": 180.0, "controller.gains.1": 162.0,
     }  # fmt: skip
     page = (out / "report.html").read_text()
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 2
+    assert page.count("cost over that of the result") == 1
     assert "controller.gains.1" in page
     assert json.loads((out / "tune.json").read_text()).items() >= found.items()
 
@@ -198,11 +199,16 @@ def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
     tune = Tune.model_validate(tomllib.loads(TUNE))
     values = np.array([[0.01, 0.02], [np.nan, np.nan], [0.03, np.nan], [0.02, 0.04]])
     found = certified(tune, Indicators(values, values, ("circle: fell: why",)))
-    assert (found.rigs, found.failures, found.cost) == (4, 2, None)
-    assert found.finished == {"circle": 3, "push": 2}
-    assert found.quantiles["circle"] == pytest.approx((0.02, 0.028, 0.03))
-    assert found.quantiles["push"] == pytest.approx((0.03, 0.038, 0.04))
-    assert found.values["push"] == [0.02, None, None, 0.04]
+    assert (found["rigs"], found["failures"], found["cost"]) == (4, 2, None)
+    circle, push = (found["tasks"][name] for name in ("circle", "push"))
+    assert (circle["finished"], push["finished"]) == (3, 2)
+    numbers = ("median", "quantile_90", "largest")
+    assert [circle[each] for each in numbers] == pytest.approx([0.02, 0.028, 0.03])
+    assert [push[each] for each in numbers] == pytest.approx([0.03, 0.038, 0.04])
+    assert push["values"] == [0.02, None, None, 0.04]
+    assert push["effort"] == pytest.approx(0.03)
+    none = certified(tune, Indicators(np.full((2, 2), np.nan), np.full((2, 2), np.nan), ()))
+    assert [none["tasks"]["push"][each] for each in (*numbers, "effort")] == [None] * 4
 
 
 @pytest.mark.long

@@ -114,6 +114,23 @@ def test_a_change_at_the_moment_is_the_run_that_changes_then(run, tmp_path):
     assert found.max_difference > 1e-4
 
 
+def test_a_moment_between_two_periods_is_told(run, log):
+    for moment in (moment_of(run, 1.2007), moment_of(log, 2.2007, "circle")):
+        (note,) = moment.notes
+        assert "goes on from" in note
+        assert f"{moment.at:g} s" in note
+    assert moment_of(run, AT).notes == ()
+
+
+def test_a_future_has_what_the_observer_knows_beyond_the_state(tmp_path):
+    tables = load("cure", ["plant.kind=lagrange", "duration=1.0", "metrics.start=0.5"])
+    done = execute.run(tables)
+    execute.record_run(done, tmp_path / "run")
+    found = one(moment_of(tmp_path / "run", 0.6), lasting=0.4).run.record
+    assert len(found.further) > 0
+    assert np.array_equal(found["further"], done.record["further"][300:])
+
+
 def test_another_controller_begins_where_the_old_one_is(run):
     moment = moment_of(run, AT)
     old = moment.controller()

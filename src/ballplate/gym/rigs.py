@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballplate.gym.task import REWARD_SCALE, Task
+from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask
 from twin.errors import TwinError
 from twin.run.episodes import Episodes
@@ -75,10 +76,15 @@ class Rigs:
         self._followed = distinct[0] if len(distinct) == 1 else None
 
     def step(self, actions: ArrayLike) -> Transition:
-        """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more."""
+        """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
+
+        Raises:
+            TwinError: If they are of another shape.
+        """
         hold, episodes = self.task.hold, self.episodes
         before = episodes.ticks
-        rate = self.task.rate * np.clip(np.asarray(actions, float), -1.0, 1.0)
+        given = shaped("actions", actions, (self.count, 2))
+        rate = self.task.rate * np.clip(given, -1.0, 1.0)
         ball = episodes.advance(rate, hold)
         error = ball - self._goal(before + np.arange(1, hold + 1)[:, None])
         each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / REWARD_SCALE**2)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ballplate.gym.rigs import Rigs
 from ballplate.gym.task import HOLD, PREVIEW, Task
+from ballplate.stepping import shaped
 from controllers.arrays import Array
 
 
@@ -54,7 +55,8 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Hold an action, shape (2,), for a step."""
-        reward, terminated, truncated = self.rigs.step(np.asarray(action)[None])
+        given = shaped("action", action, (2,))
+        reward, terminated, truncated = self.rigs.step(given[None])
         info = self._info()
         if terminated[0]:
             (info["reason"],) = self.rigs.episodes.reasons(np.arange(1))

@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import sys
+import warnings
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -43,53 +44,6 @@ COMMANDS = {
 }
 """Command name to where it is defined; imported only when called, to start fast."""
 
-HELP = {
-    "list": "List the scenarios that can be run by name.",
-    "describe": (
-        "Describe what a scenario may set: a key, a table, or a law, observer or reference."
-    ),
-    "new": (
-        "Write a commented start: a law, observer or reference into laws/, or a scenario or study."
-    ),
-    "run": "Run a scenario: a name shown by `ballplate list`, or a TOML file.",
-    "compare": "Run several scenarios, or variants of one, side by side: one table, one picture.",
-    "sweep": "Run a scenario over the values of a key: a table and a curve.",
-    "play": "Drive the rig yourself, in real time, in a browser window.",
-    "view": "Open run folders in the Rerun viewer, several side by side on one time line.",
-    "report": "Report on one run folder, or compare several: a page, pictures, a table.",
-    "export": "Export the signals of a run to a .csv, .mat or .parquet file.",
-    "whatif": "Simulate other futures from a moment of a run: what would have happened.",
-    "reproduce": "Recompute the thesis's tables and compare.",
-    "explain": (
-        "Attribute the tracking error to effects: run with all, without each, and with each alone."
-    ),
-    "identify": "Fit friction, dead time, drives and level to a recorded run.",
-    "shadow": (
-        "Let the twin run beside a recorded run: is it still right, since when not, and why."
-    ),
-    "fit": ("Fit parameters to measured indicators of many experiments, where no logs were kept."),
-    "study": "Run a study: a shipped one by name, or a TOML file; without a name, list them.",
-    "tune": (
-        "Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file."
-    ),
-    "doctor": "Check everything that a rig needs before it is brought up, and say what to do.",
-    "emulate": (
-        "Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys."
-    ),
-    "safety": (
-        "Inject every fault into a rig on emulated devices, and judge detection and reaction."
-    ),
-    "analyse": (
-        "Analyse the system and its control loops and compare with the thesis, chapters "
-        "5 and 6.2.1."
-    ),
-    "calibrate": "Calibrate cam table, level and touch screen of a rig; measure its lost motion.",
-    "completion": (
-        "Print the script that completes commands, scenarios, runs and keys in a shell."
-    ),
-}
-"""Command name to the first sentence of its help: `ballplate --help` imports no command."""
-
 LONGEST_LINE = 1000
 """Characters of a message: what it quotes may be of any length."""
 
@@ -111,17 +65,6 @@ class Commands(click.Group):
         command: click.Command = getattr(import_module(module), name)
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the names of the commands and, of each, as much of its sentence as fits."""
-        del ctx
-        space = formatter.width - 6 - max(map(len, HELP))
-        rows = [
-            (name, click.Command(name, help=text).get_short_help_str(space))
-            for name, text in HELP.items()
-        ]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="ballplate", prog_name="ballplate")
@@ -138,6 +81,7 @@ def main(arguments: list[str] | None = None) -> None:
     # matrices here are small: further threads only wait for one, on cores that have other work
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _have_streams()
+    warnings.showwarning = _told
     wrong = problem()
     if wrong:
         sys.exit(_fail(wrong))
@@ -189,6 +133,11 @@ def _end_in_order() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
+
+
+def _told(message: Warning | str, *_: object, **__: object) -> None:
+    """Tell a warning of some library in one line, without the line of ours that led to it."""
+    click.echo(f"ballplate: warning: {' '.join(str(message).split())}", err=True)
 
 
 def _warn_of_broken_files() -> None:

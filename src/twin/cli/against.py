@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from twin.errors import RecordError
 from twin.run.sources import check_no_scenario
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 AGAINST = click.option(
     "--against",
@@ -27,7 +28,7 @@ AGAINST = click.option(
 )
 
 
-def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Replay]:
+def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
     """The runs that paths lead to; of logs the prediction of each as well.
 
     Args:
@@ -40,7 +41,7 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
     """
     from twin.run.folders import LAST
     from twin.run.log_run import fitting, log_run, read_log
-    from twin.run.replay import open_runs, replay_of
+    from twin.run.replay import open_runs
 
     paths = paths or [Path(LAST)]
     logs = [path for path in paths if path.suffix == ".csv"]
@@ -63,6 +64,6 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
         label = f"{Path(against).stem} predicted"
         runs += [
             log_run(rows, scenario, path.stem),
-            replay_of(one_run(scenario, label, Terminal()), label),
+            replace(one_run(scenario, label, Terminal()), name=label),
         ]
     return runs + (open_runs(others, warn) if others else [])

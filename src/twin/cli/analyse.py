@@ -1,4 +1,4 @@
-"""The command analyse: the thesis's claims on the system and its loops, checked."""
+"""The command analyse: poles and margins of the thesis's designs and of a scenario's own loop."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.markup import escape
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, SETTING
@@ -37,7 +36,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @SETTING
 @JSON
 def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
-    """Analyse the system and its control loops and compare with the thesis, chapters 5 and 6.2.1.
+    """Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.
 
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
     analyse.
@@ -48,20 +47,17 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     from controllers.ballplate import BallPlate
     from twin.scenario import load
     from twin.scenario.title import titled
-    from twin.thesis.claims import check_claims
 
     chosen = titled(load(scenario, overrides), overrides)
     model = BallPlate()
     with progress("analysis", len(designs(model)) + 1) as advance:
-        structure = [claim._asdict() for claim in check_claims(model)]
         rows = design_rows(model, advance)
         neglected = _neglected(chosen, model)
         loop = _loop(chosen)
     if as_json:
-        content = {"structure": structure, "designs": rows, "neglected": neglected, "loop": loop}
+        content = {"designs": rows, "neglected": neglected, "loop": loop}
         print_json({"scenario": chosen.title, **content})
         return
-    _print_structure(structure)
     _print_poles(rows)
     for cut, title in CUTS.items():
         _print_margins(rows, cut, title)
@@ -76,6 +72,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     from twin.thesis.claims import neglected_rows
 
     record = run_scenario(clean(scenario)).record
+    assert record is not None
     x, u = record["state"][:, 0], record["applied"][:, 0]
     steady = record.time >= scenario.metrics.start - 1e-9
     return {
@@ -99,15 +96,6 @@ def _loop(scenario: Scenario) -> Numbers:
         "dead_time": dead_time,
         **loop_row(controller.law, controller.observer, dead_time),
     }
-
-
-def _print_structure(rows: Sequence[Numbers]) -> None:
-    table = _table("Structure, chapters 5 and 6.2.1", "eq.", "", "thesis", "here", "agrees", "note")
-    words = {True: "yes", False: "[bold red]no[/bold red]", None: ""}
-    for row in rows:
-        texts = (f"({row['equation']})", row["quantity"], row["thesis"] or "", row["found"])
-        table.add_row(*map(escape, texts), words[row["agrees"]], escape(row["note"]))
-    console.print(table)
 
 
 def _print_poles(rows: Sequence[Numbers]) -> None:

@@ -12,7 +12,7 @@ from twin.cli.calibrate_lost_motion import lost_motion
 from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
-from twin.cli.output import console, print_json, progress
+from twin.cli.output import console, print_json, print_table, progress
 from twin.paths import model_path
 from twin.writing import check_writable, write_whole
 
@@ -190,11 +190,8 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
 
 
 def _show(found: dict[str, StaticError]) -> None:
-    from rich.table import Table
-
-    table = Table(
-        "static plate-angle error", r"max \[deg]", r"RMS \[deg]", "poses", header_style="bold"
+    rows = (
+        (name, f"{left.max_deg:.4f}", f"{left.rms_deg:.4f}", str(left.poses))
+        for name, left in found.items()
     )
-    for name, left in found.items():
-        table.add_row(name, f"{left.max_deg:.4f}", f"{left.rms_deg:.4f}", str(left.poses))
-    console.print(table)
+    print_table(("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows)

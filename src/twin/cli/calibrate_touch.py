@@ -10,7 +10,7 @@ import click
 
 from twin.cli.doctor import rig_file
 from twin.cli.options import JSON
-from twin.cli.output import console, print_json, progress
+from twin.cli.output import console, print_json, print_table, progress, say
 from twin.cli.rigs import EMPTY_RIG, EMULATED
 from twin.errors import ScenarioError
 from twin.writing import write_whole
@@ -80,18 +80,17 @@ def _point(text: str) -> tuple[float, float]:
 
 def _print(found: MeasuredTouch) -> None:
     import numpy as np
-    from rich.table import Table
 
     from twin.doctor.touch_calibration import place
 
-    table = Table("point", "off x / mm", "off y / mm", header_style="bold")
-    for point, off in zip(found.points, found.fit.left, strict=True):
-        table.add_row(place(point), *(f"{1e3 * each:+.2f}" for each in off))
-    console.print(table)
+    rows = (
+        (place(point), *(f"{1e3 * each:+.2f}" for each in off))
+        for point, off in zip(found.points, found.fit.left, strict=True)
+    )
+    print_table(("point", "off x / mm", "off y / mm"), rows)
     worst = int(np.argmax(found.fit.distances))
     console.print(
         f"residuals: {1e3 * found.fit.rms:.2f} mm RMS, largest "
         f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}"
     )
-    for line in found.mounting.lines:
-        console.print(line, markup=False)
+    say(*found.mounting.lines)

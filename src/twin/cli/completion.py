@@ -11,51 +11,6 @@ from click.shell_completion import CompletionItem, get_completion_class
 from twin.shipped import folder, shipped
 
 VARIABLE = "_BALLPLATE_COMPLETE"
-BASH = """\
-%(complete_func)s() {
-    local IFS=$'\\n' type value word before="" typed current prefix offers
-    local -a words=()
-    # bash breaks words at = and :, too, which keys and the names of runs have within
-    for word in "${COMP_WORDS[@]:0:COMP_CWORD+1}"; do
-        if [[ ${#words[@]} -gt 0 && ( $word == [=:]* || $before == *[=:] ) ]]; then
-            words[-1]+=$word
-        else
-            words+=("$word")
-        fi
-        before=$word
-    done
-    typed=${words[-1]} current=${COMP_WORDS[COMP_CWORD]}
-    [[ $current == [=:] ]] && current=""
-    prefix=${typed%%"$current"}
-    offers=$(env COMP_WORDS="${words[*]}" COMP_CWORD=$((${#words[@]} - 1)) \\
-        %(complete_var)s=bash_complete $1)
-    for word in $offers; do
-        IFS=, read -r type value <<< "$word"
-        if [[ $type == dir ]]; then
-            compopt -o dirnames
-        elif [[ $type == file ]]; then
-            compopt -o default
-        elif [[ $type == plain ]]; then
-            COMPREPLY+=("${value#"$prefix"}")
-            [[ $value == *= ]] && compopt -o nospace  # a key goes on with its value
-        fi
-    done
-}
-complete -o nosort -F %(complete_func)s %(prog_name)s
-"""
-"""In place of click's, which offers nothing after a sign of equality."""
-MENDED = {
-    "bash": (),
-    "zsh": (
-        (
-            'completions+=("$key")',
-            'if [[ "$key" == *= ]]; then compadd -U -S "" -- "$key"; '
-            'else completions+=("$key"); fi',
-        ),
-    ),
-    "fish": (('string split "," $completion', 'string split --max 1 "," $completion'),),
-}
-"""Of click's scripts what is mended: a key goes on with its value; names of runs have commas."""
 
 
 @click.command()
@@ -69,13 +24,7 @@ def completion(context: click.Context, shell: str) -> int:
     """
     kind = get_completion_class(shell)
     assert kind is not None
-    source = kind(context.find_root().command, {}, "ballplate", VARIABLE)
-    script = BASH if shell == "bash" else source.source_template
-    for theirs, ours in MENDED[shell]:
-        assert theirs in script
-        script = script.replace(theirs, ours)
-    script %= source.source_vars()
-    click.echo(script)
+    click.echo(kind(context.find_root().command, {}, "ballplate", VARIABLE).source())
     return 0
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -12,21 +10,9 @@ import click
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW
 from twin.cli.output import console, print_json
-from twin.markdown import table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from twin.scenario.describe import Key
-
-INTRODUCTION = """\
-# Every setting
-
-Written by `ballplate describe --doc docs/settings.md`. `--set KEY=VALUE` sets one on the command
-line, the tables of a scenario file do so for good; `ballplate describe NAME` shows what stands here
-of a key, a table, or a law, observer or reference.
-"""
-
 
 WORDS = {"laws": "controller", "observers": "observer", "references": "reference"}
 """What lists all of a kind, and the table of a scenario that names one."""
@@ -36,10 +22,9 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
 )
-@click.option("--doc", type=click.Path(path_type=Path), help="Write the page of all settings.")
 @LAW
 @JSON
-def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
+def describe(name: str, *, as_json: bool) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
     A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
@@ -47,13 +32,6 @@ def describe(name: str, doc: Path | None, *, as_json: bool) -> int:
     """
     from twin.scenario.describe import about, described
 
-    if doc is not None:
-        from twin.writing import write_whole
-
-        text = _page()
-        write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
-        console.print(f"written to {doc}")
-        return 0
     if name in WORDS:
         return _kinds(WORDS[name], as_json=as_json)
     found = described(name)
@@ -96,38 +74,3 @@ def _print(key: Key) -> None:
     for text in (key.meaning, f"[{facts}]"):
         for line in textwrap.wrap(text, max(console.width - 4, 40)):
             console.print(f"    {line}", markup=False, soft_wrap=True)
-
-
-def _page() -> str:
-    """Every setting, as Markdown."""
-    from twin.scenario.describe import about, described, every_kind
-
-    parts = [INTRODUCTION]
-    for name, keys in groupby(described(), lambda key: key.key.rpartition(".")[0]):
-        parts += [f"## {name or 'The scenario'}\n", _table(keys)]
-    for kind, settings in every_kind().items():
-        sentence = _cell(about(kind))
-        shown = _table(settings) if settings else "It has no settings.\n"
-        parts += [f"## {kind}\n", f"{sentence}\n", shown]
-    return "\n".join(parts)
-
-
-def _table(keys: Iterable[Key]) -> str:
-    headings = ("key", "default", "unit", "type", "allowed", "meaning")
-    rows = [
-        (
-            f"`{key.key}`",
-            f"`{key.value}`",
-            key.unit,
-            key.type,
-            _cell(key.allowed),
-            _cell(key.meaning + (" Mechanism only." if key.plants else "")),
-        )
-        for key in keys
-    ]
-    return table(headings, rows, range(len(headings)))
-
-
-def _cell(text: str) -> str:
-    """A text that no table and no formatting takes apart."""
-    return text.replace("|", r"\|").replace("*", r"\*")

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SETTING
-from twin.cli.output import console, print_json, progress
+from twin.cli.output import console, print_json, print_table, progress
 from twin.shipped import find
 from twin.writing import check_writable, write_json
 
@@ -68,18 +68,11 @@ def explain(
 
 
 def _show(found: Explanation) -> None:
-    from rich.table import Table
-
     from twin.explain.effects import EFFECTS, present
 
     percent = found.whole.percent is not None
     what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
     console.print(f"[bold]{escape(found.scenario.title)}[/bold]: {what}")
-    table = Table(
-        "effect", "all but this", "change", "this alone", "change", "share", header_style="bold"
-    )
-    for column in table.columns[1:]:
-        column.justify = "right"
 
     def size(case: EffectCase | None) -> float | None:
         if case is None:
@@ -92,15 +85,23 @@ def _show(found: Explanation) -> None:
             return case.outcome.split(" at ", maxsplit=1)[0], "-"
         return f"{value:.2f}", "-" if start is None else f"{value - start:+.2f}"
 
-    for part in found.contributions:
-        share = "-" if part.share is None else f"{100 * part.share:z.1f} %"
-        less, alone = shown(part.without, found.whole), shown(part.alone, found.none)
-        table.add_row(part.effect.label, *less, *alone, share)
-    if found.rest is not None:
-        table.add_row("effects on one another", "", "", "", "", f"{100 * found.rest:z.1f} %")
-    if found.base is not None:
-        table.add_row("left with none", "", "", "", "", f"{100 * found.base:z.1f} %")
-    console.print(table)
+    def percentage(share: float | None) -> str:
+        return "-" if share is None else f"{100 * share:z.1f} %"
+
+    rows = [
+        (
+            part.effect.label,
+            *shown(part.without, found.whole),
+            *shown(part.alone, found.none),
+            percentage(part.share),
+        )
+        for part in found.contributions
+    ]
+    for label, share in (("effects on one another", found.rest), ("left with none", found.base)):
+        if share is not None:
+            rows.append((label, "", "", "", "", percentage(share)))
+    heads = ("effect", "all but this", "change", "this alone", "change", "share")
+    print_table(heads, rows, right=slice(1, None))
     for label, case in (
         ("all effects", found.whole),
         ("none of them", found.none),

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli.options import JSON, PROCESSES, SCHEDULER
-from twin.cli.output import console, print_json, print_titles, progress
+from twin.cli.output import console, print_json, print_table, print_titles, progress, say
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
@@ -40,8 +40,6 @@ def fit(
         print_titles(titles(known), as_json=as_json)
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
-    from rich.table import Table
-
     from twin.fit.fit import fit as fit_table
     from twin.fit.report import row, sentences, write
     from twin.fit.runs import Runs
@@ -61,11 +59,8 @@ def fit(
     if as_json:
         print_json(found.as_dict())
     else:
-        shown = Table("parameter", "value", "95 %", "without one group", "unit", "verdict")
-        for each in found.estimates:
-            shown.add_row(*row(each))
-        console.print(shown)
-        for line in (sentences(found)[0], *sentences(found)[len(found.estimates) + 1 :]):
-            console.print(line, markup=False)
+        heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
+        print_table(heads, map(row, found.estimates))
+        say(sentences(found)[0], *sentences(found)[len(found.estimates) + 1 :])
         console.print(f"written to {folder}/: report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))

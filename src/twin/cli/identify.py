@@ -9,7 +9,7 @@ import click
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON
-from twin.cli.output import console, print_json, progress
+from twin.cli.output import console, print_json, print_table, progress, say
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE, chosen
 from twin.writing import check_writable
 
@@ -66,21 +66,12 @@ def identify(
 
 
 def _show(found: Identification) -> None:
-    from rich.table import Table
-
     from twin.identify.report import digits, interval, sentences
 
-    table = Table("parameter", "value", "95 % interval", "unit", "verdict", header_style="bold")
-    for column in table.columns[1:3]:
-        column.justify = "right"
+    rows = []
     for each in found.verdicts:
         name = each.name if each.name in {"level_phi", "level_theta"} else each.about.name
-        table.add_row(name, digits(each.value), interval(each), each.about.unit, each.word)
-    console.print(table)
-    for each in found.verdicts:
-        if each.why:
-            console.print(f"{each.about.name}: {each.why}", markup=False)
-    for sentence in sentences(found)[-2:]:
-        console.print(sentence, markup=False)
-    for note in found.notes:
-        console.print(f"note: {note}", markup=False)
+        rows.append((name, digits(each.value), interval(each), each.about.unit, each.word))
+    print_table(("parameter", "value", "95 % interval", "unit", "verdict"), rows, right=slice(1, 3))
+    say(*(f"{each.about.name}: {each.why}" for each in found.verdicts if each.why))
+    say(*sentences(found)[-2:], *(f"note: {note}" for note in found.notes))

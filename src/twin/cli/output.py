@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
+from ballplate.reporter import Advance
 from twin.report.numbers import IndicatorRow, all_rows, first_rows
 
 LINE_EVERY = 10.0
@@ -68,13 +69,9 @@ def print_metrics(runs: Mapping[str, Mapping[str, Any]], *, everything: bool = F
 
 def print_reasons(runs: Mapping[str, Mapping[str, Any]]) -> None:
     """Why runs ended early, one line each; heading to summary."""
-    for heading, summary in runs.items():
-        if summary.get("reason"):
-            console.print(
-                f"{heading}: {summary['outcome']} at {summary['outcome_time']:.3f} s: "
-                f"{summary['reason']}",
-                markup=False,
-            )
+    for heading, its in runs.items():
+        if its.get("reason"):
+            say(f"{heading}: {its['outcome']} at {its['outcome_time']:.3f} s: {its['reason']}")
 
 
 def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
@@ -88,35 +85,46 @@ def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
 
 
 def _print_columns(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
-    from rich.table import Table
-
-    table = Table(header_style="bold")
-    table.add_column("", overflow="fold")
-    for heading in headings:
-        table.add_column(escape(heading), justify="right", overflow="fold")
-    table.add_column("unit")
-    for row in rows:
-        table.add_row(row.label, *map(escape, row.values), row.unit)
-    console.print(table)
+    lines = ((row.label, *row.values, row.unit) for row in rows)
+    print_table(("", *headings, "unit"), lines, right=slice(1, -1))
 
 
 def _print_lines(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
+    columns = zip(headings, *(row.values for row in rows), strict=True)
+    print_table(("", *(f"{row.label} [{row.unit}]" for row in rows)), columns, right=slice(1, None))
+
+
+def print_table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    right: slice = slice(0),
+    title: str | None = None,
+) -> None:
+    """A table of texts.
+
+    Args:
+        headings: Of the columns.
+        rows: A text a column.
+        right: Columns whose texts are aligned right.
+        title: Above the table.
+    """
     from rich.table import Table
 
-    table = Table(header_style="bold")
-    table.add_column("", overflow="fold")
+    table = Table(title=title, title_justify="left", header_style="bold")
+    for heading in headings:
+        table.add_column(escape(heading), overflow="fold")
+    for column in table.columns[right]:
+        column.justify = "right"
     for row in rows:
-        table.add_column(escape(f"{row.label} [{row.unit}]"), justify="right")
-    for heading, *values in zip(headings, *(row.values for row in rows), strict=True):
-        table.add_row(escape(heading), *map(escape, values))
+        table.add_row(*map(escape, row))
     console.print(table)
 
 
-class Advance(Protocol):
-    """Shows how much of the total is done, and perhaps a note."""
-
-    def __call__(self, done: float, note: str = "", /) -> None:
-        """Show it."""
+def say(*lines: str, style: str | None = None, whole: bool = False) -> None:
+    """Lines as they are; ``whole`` ones are not wrapped."""
+    for line in lines:
+        console.print(line, style=style, markup=False, soft_wrap=whole)
 
 
 @contextmanager

@@ -16,13 +16,13 @@ from twin.errors import RecordError
 from twin.run.folders import run_folder
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
 """Format to the ending of its file."""
 
 
-def _contents(kind: str, runs: list[Replay]) -> dict[str, bytes]:
+def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
     """What is added to the stem of each file of a format, and the file's content."""
     from twin.report.numbers import as_csv, as_latex
 

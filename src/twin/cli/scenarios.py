@@ -13,12 +13,12 @@ from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
 from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, load_scenario, with_plant
 from twin.cli.output import (
-    console,
     print_json,
     print_metrics,
     print_reasons,
     print_titles,
     progress,
+    say,
     warn,
 )
 from twin.cli.rigs import RESET, RIG
@@ -106,27 +106,22 @@ def run(
         told = {} if examined is None else {"shadow": examined.numbers}
         print_json({**done.summary(), "verdict": done.verdict, "baseline": compared_with, **told})
     else:
-        console.print(done.title, style="bold", markup=False)
+        say(done.title, style="bold")
         shown = {label: each.summary() for label, each in done.shown.items()}
         print_metrics(shown, everything=everything)
         if model is not None:
             print_reasons({CLEAN: model.summary()})
-            console.print(
+            say(
                 f"{CLEAN}: the same controller on the frictionless exact equations it was "
                 "designed on, without dead time, noise or mechanism"
             )
-        console.print(done.verdict, style="bold", markup=False)
-        for sentence in [] if examined is None else examined.sentences:
-            console.print(sentence, markup=False)
+        say(done.verdict, style="bold")
+        say(*([] if examined is None else examined.sentences))
         files = "picture.png, metrics.json, run.parquet"
         files += "" if examined is None else ", shadow.html, shadow.json, shadow.parquet"
-        console.print(f"written to {folder}/{replaced}: {files}", markup=False, soft_wrap=True)
-        console.print(
-            f"more: --all for every indicator; ballplate report, view, explain {scenario}",
-            style="dim",
-            markup=False,
-            soft_wrap=True,
-        )
+        say(f"written to {folder}/{replaced}: {files}", whole=True)
+        more = f"more: --all for every indicator; ballplate report, view, explain {scenario}"
+        say(more, style="dim", whole=True)
     viewing.keep(folder)
     return int(not done.finished)
 

@@ -66,12 +66,12 @@ def shadow(
         return _matrix(each, hours, doc, processes)
     if log is None:
         raise click.UsageError("give a run folder, a run.parquet or a CSV file, or --matrix")
-    from twin.run.folders import ROOT, run_name
+    from twin.run.folders import ROOT, is_record, run_name
     from twin.run.sources import log_file
 
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    own = log.name == "run.parquet"
+    own = is_record(log)
     folder = out or (log.parent if own else ROOT / f"shadow-{name}")
     from twin.shadow.examine import FILES, examine
 

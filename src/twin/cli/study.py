@@ -13,7 +13,7 @@ from rich.markup import escape
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
-from twin.cli.output import console, duration, errors, print_json, print_titles
+from twin.cli.output import console, duration, errors, print_json, print_table, print_titles, say
 from twin.cli.terminal import Terminal
 from twin.jobs import cores
 from twin.shipped import chosen, shipped_in, titles
@@ -37,7 +37,6 @@ BYTES = 800
 @PROCESSES
 @SCHEDULER
 @click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
-@click.option("--doc", type=click.Path(path_type=Path), help="Folder for a summary in Markdown.")
 @LAW
 @JSON
 def study(
@@ -47,7 +46,6 @@ def study(
     processes: int | None,
     scheduler: str | None,
     out: Path | None,
-    doc: Path | None,
     *,
     plan: bool,
     as_json: bool,
@@ -65,8 +63,6 @@ def study(
     with errors.status(f"{study}: checking every run ..."):
         work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
-    if doc is not None:
-        check_writable(doc, "--doc")
     if plan:
         check_writable(folder)
         return _plan(work, folder, processes, scheduler, as_json=as_json)
@@ -76,16 +72,11 @@ def study(
     from twin.study.report import endings
 
     about, found = work.study, done.answers
-    if doc is not None:
-        from twin.study.report import document
-
-        document(work, found, doc / f"{Path(study).stem}.md")
     if as_json:
         print_json(_numbers(about, found))
     else:
         _show(about, found)
-        for line in endings(work, done.rows):
-            console.print(line, markup=False)
+        say(*endings(work, done.rows))
         console.print(f"written to {folder}/: report.html, figures/, rows.parquet, rows.csv")
     return 0
 
@@ -159,21 +150,15 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 
 
 def _show(about: Study, found: list[Answer]) -> None:
-    from rich.table import Table
-
     from twin.study.report import compared, grids
     from twin.study.summary import sentences
 
-    console.print(f"[bold]{about.title}[/bold]: {about.metrics[0]}")
+    console.print(f"[bold]{escape(about.title)}[/bold]: {about.metrics[0]}")
     for grid in grids(about, found):
-        console.print(grid.title, markup=False)
-        values = Table(*map(escape, grid.headings), header_style="bold")
-        for row in grid.rows:
-            values.add_row(*map(escape, row))
-        console.print(values)
-    table = Table("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail")
-    for answer in found:
-        table.add_row(*compared(answer))
-    console.print(table)
-    for sentence in sentences(about, found):
-        console.print(sentence, markup=False)
+        say(grid.title)
+        print_table(grid.headings, grid.rows)
+    print_table(
+        ("variant", "median", "5 %", "95 %", "runs", "failed", "chance to fail"),
+        map(compared, found),
+    )
+    say(*sentences(about, found))

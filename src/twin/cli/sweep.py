@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, VARY, with_plant
-from twin.cli.output import console, print_json, warn
+from twin.cli.output import print_json, print_table, say, warn
 from twin.cli.terminal import Terminal
 from twin.shipped import find
 
@@ -66,7 +67,7 @@ def sweep(
     else:
         _show(done)
         _tell(done)
-        console.print(f"written to {folder}/: sweep.png, sweep.csv", markup=False, soft_wrap=True)
+        say(f"written to {folder}/: sweep.png, sweep.csv", whole=True)
     return int(not done.finished)
 
 
@@ -79,34 +80,27 @@ def _tell(done: Sweep) -> None:
 
 
 def _show(done: Sweep) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
     from ballplate.swept import named
     from twin.report.numbers import FIRST, LABELS, shown
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
-    console.print(done.title, style="bold", markup=False)
     curves = done.curves
     several = len(curves) > 1
-    table = Table(header_style="bold")
-    table.add_column(escape(done.keys[0]), justify="right", overflow="fold")
-    for curve in curves:
-        for key in keys[:1] if several else keys:
-            label, unit = LABELS[key]
-            heading = curve if several else f"{label} [{unit}]"
-            table.add_column(escape(heading), justify="right", overflow="fold")
-    for at, value in enumerate(done.values):
-        cells = []
-        for runs in curves.values():
-            for key in keys[:1] if several else keys:
-                each = runs[at]
-                early = each["outcome"] != "finished"
-                when = f" at {each['outcome_time']:.3g} s" if each["outcome_time"] else ""
-                words = f"{each['outcome']}{when}"
-                cells.append(words if early else shown(each.get(key), LABELS[key][1]))
-        table.add_row(escape(named(value)), *cells)
-    console.print(table)
+
+    def cell(run: Mapping[str, Any], key: str) -> str:
+        if run["outcome"] == "finished":
+            return shown(run.get(key), LABELS[key][1])
+        when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
+        return f"{run['outcome']}{when}"
+
+    chosen = keys[:1] if several else keys
+    heads = curves if several else [f"{LABELS[key][0]} [{LABELS[key][1]}]" for key in keys]
+    rows = (
+        [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
+        for at, value in enumerate(done.values)
+    )
+    say(done.title, style="bold")
+    print_table((done.keys[0], *(heads if keys else ())), rows, right=slice(0, None))
     if several and keys:
         label, unit = LABELS[keys[0]]
-        console.print(f"{label} in {unit}", style="dim", markup=False)
+        say(f"{label} in {unit}", style="dim")

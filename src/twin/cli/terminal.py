@@ -11,7 +11,8 @@ from ballplate.reporter import Advance, Reporter
 from twin.cli import output
 
 if TYPE_CHECKING:
-    from twin.cli.viewing import Attach, Viewing
+    from ballplate.running import Attach
+    from twin.cli.viewing import Viewing
     from twin.scenario import Scenario
 
 OPTIONS = {"on": "--rig"}

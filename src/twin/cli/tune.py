@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import console, duration, print_json, print_titles, progress
+from twin.cli.output import (
+    console,
+    duration,
+    print_json,
+    print_table,
+    print_titles,
+    progress,
+    say,
+)
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
@@ -79,8 +87,7 @@ def tune(
         print_json(found.as_dict())
         return int(not found.good)
     _show(found)
-    for line in sentences(found):
-        console.print(line, markup=False)
+    say(*sentences(found))
     console.print(f"written to {folder}/: report.html, tune.json, tuned.toml")
     console.print(f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}")
     return int(not found.good)
@@ -105,16 +112,8 @@ def _plan(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None
 
 
 def _show(found: TuneResult) -> None:
-    from rich.table import Table
-
     from twin.tune.report import fields_table, task_table
 
-    shown = Table("field", "searched", "before", "after", "unit")
-    for row in fields_table(found):
-        shown.add_row(*row)
-    console.print(shown)
+    print_table(("field", "searched", "before", "after", "unit"), fields_table(found))
     head = ("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished", "effort")
-    shown = Table(*head)
-    for row in task_table(found):
-        shown.add_row(*row)
-    console.print(shown)
+    print_table(head, task_table(found))

@@ -13,13 +13,13 @@ from twin.cli.against import AGAINST
 from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
+from twin.cli.viewing import SERVE
 from twin.errors import TwinError, ViewError
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
     from twin.view.layout import Layout
 
-WEB_PORT = 9090
 LAYOUTS = ("showing", "tuning")
 
 
@@ -37,14 +37,7 @@ LAYOUTS = ("showing", "tuning")
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
 @click.option("--at", type=float, help="Simulated time of the picture in s [the middle].")
-@click.option(
-    "--serve",
-    type=click.IntRange(1, 65535),
-    is_flag=False,
-    flag_value=WEB_PORT,
-    metavar="[PORT]",
-    help=f"Show in a browser of this machine [{WEB_PORT}].",
-)
+@SERVE
 @click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
 def view(
     runs: tuple[Path, ...],
@@ -103,7 +96,7 @@ def _show(recording: Path, serve: int | None) -> int:
     return 0
 
 
-def _instant(opened: list[Replay], at: float | None) -> float:
+def _instant(opened: list[Run], at: float | None) -> float:
     """The instant to show, within the run."""
     end = max(float(run.rows["time"][-1]) for run in opened)
     if at is not None and not 0 <= at <= end:

@@ -15,6 +15,7 @@ from twin.cli.output import warn
 from twin.errors import ScenarioError, TwinError, ViewError
 
 if TYPE_CHECKING:
+    from ballplate.running import Attach
     from twin.run.record import Recorder
     from twin.scenario import Scenario
     from twin.view.live_process import LiveProcess
@@ -25,21 +26,20 @@ SUMMARY = 30.0
 """Most seconds that the live summary is given for its last lines: it has the lowest priority."""
 TWIN = 60.0
 """The same for what the twin says last, which takes it longer."""
-Attach = Callable[["Recorder"], None]
-"""Is given the recorder before the run, to observe it."""
 
+SERVE = click.option(
+    "--serve",
+    type=click.IntRange(1, 65535),
+    is_flag=False,
+    flag_value=WEB_PORT,
+    metavar="[PORT]",
+    help=f"Watch in a browser of this machine [{WEB_PORT}].",
+)
 OPTIONS = (
     click.option("--watch", is_flag=True, help="Print a live summary."),
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
-    click.option(
-        "--serve",
-        type=click.IntRange(1, 65535),
-        is_flag=False,
-        flag_value=WEB_PORT,
-        metavar="[PORT]",
-        help=f"Watch in a browser of this machine [{WEB_PORT}].",
-    ),
+    SERVE,
     click.option("--rrd", type=click.Path(path_type=Path), help="Keep a recording for the viewer."),
 )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli.options import JSON
-from twin.cli.output import console, print_json, print_metrics, warn
+from twin.cli.output import console, print_json, print_metrics, say, warn
 from twin.writing import check_writable
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
@@ -59,7 +59,7 @@ def whatif(
         beside.begin(load_drawing)
         moment = moment_of(run, at, scenario)
         found = futures(moment, lasting, branches_of(settings, branches))
-        if any(each.run.outcome.interrupted for each in found):
+        if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
         check_writable(folder)
         write(moment, found, folder, beside)
@@ -68,12 +68,12 @@ def whatif(
     if as_json:
         print_json(summary(moment, found))
         return 0
-    console.print(agreement(moment), markup=False)
-    print_metrics({each.label: each.run.metrics.as_dict() for each in found})
+    say(agreement(moment))
+    print_metrics({each.label: each.run.metrics for each in found})
     for each in found:
         if each.max_difference is not None:
             apart = f"{1000 * each.max_difference:.3g} mm from the record at most"
-            console.print(f"{each.label}: {apart}", markup=False)
+            say(f"{each.label}: {apart}")
     console.print(
         f"written to {folder}/: picture.png, report.html and a run folder per branch for "
         f"`ballplate view {folder}` and `ballplate report {folder}`"

@@ -12,24 +12,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from controllers.arrays import Array
-from twin.hal.faults import Fault, FaultSource
+from twin.hal.faults import FaultSource
 from twin.hal.interface import Servos, TouchScreen
-
-
-class PlateEncoders(Protocol):
-    """The plate's own encoders, wherever they are wired; ordered (phi, theta)."""
-
-    def plate(self) -> Array:
-        """Newest plate angles in rad, shape (1, 2); never waits."""
-
-    def age(self) -> Array:
-        """Seconds since they were sampled, shape (1, 2)."""
-
-    def home(self, plate: Array) -> None:
-        """Declare the plate's present angles in rad, shape (1, 2)."""
-
-    def faults(self) -> tuple[Fault, ...]:
-        """Faults detected since the last call."""
 
 
 class PoweredServos(Servos, FaultSource, Protocol):

@@ -40,8 +40,6 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
     trip = servos.round_trip
     if trip is not None:
         yield passed("bus round trip", f"{1e3 * trip:.2f} ms from SYNC to the last answer")
-    dictionary = "the vendor's EDS file" if config.eds else "the built-in one"
-    yield passed("object dictionary", dictionary)
     for axis, found in zip(servos.axes, servos.found, strict=True):
         yield passed(f"{axis.config.where} units", found.units)
         yield passed(f"{axis.config.where} limits", found.limits)

@@ -39,7 +39,7 @@ def examine(
         yield from touch(screen, ask, rig.patience)
     finally:
         screen.stop()
-    yield calibrated(rig, screen.extent)
+    yield calibrated(rig, screen.stream.extent)
     servos = AkdServos(rig.servos(scenario.rig.period))
     try:
         with real_time():

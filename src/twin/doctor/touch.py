@@ -30,24 +30,24 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     yield passed(what, f"{config.transport}, opened")
     ask("put")
     if not wait_until(
-        lambda: screen.state is TouchState.TOUCHING and screen.report_rate > 0, patience
+        lambda: screen.state is TouchState.TOUCHING and screen.stream.rate > 0, patience
     ):
-        heard = screen.counters.bytes
+        heard = screen.stream.stats.bytes
         advice = screen.hint or "put the ball on the plate"
         yield failed("touch", f"no ball within {patience:g} s, {heard} bytes heard", advice)
         return
     time.sleep(0.5)
-    if screen.looks_like:
+    if screen.stream.looks_like:
         yield failed("touch protocol", f"set to {config.protocol}", screen.hint)
         return
     yield passed("touch protocol", screen.protocol)
-    rate = screen.report_rate
+    rate = screen.stream.rate
     seen = f"{rate:.1f} reports per second"
     slow = "check the baud rate; other programs may read the port"
     yield passed("report rate", seen) if rate >= SLOWEST else warned("report rate", seen, slow)
     x, y = screen.read().position[0].tolist()
     yield passed("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
-    stats = screen.counters
+    stats = screen.stream.stats
     if stats.skipped or stats.checksum or stats.outside:
         seen = f"{stats.skipped} bytes skipped, {stats.checksum} checksums, {stats.outside} outside"
         yield warned("touch bytes", seen, "check the cable and the baud rate")

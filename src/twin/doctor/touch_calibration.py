@@ -159,11 +159,11 @@ def place(point: Array) -> str:
 
 def _read(screen: LumioScreen, words: str, patience: float) -> tuple[float, float]:
     """The mean position of a steady touch, screen units."""
-    before = screen.sample
+    before = screen.stream.sample
     kept: list[Sample] = []
 
     def steady() -> bool:
-        sample, last = screen.sample, kept[-1] if kept else before
+        sample, last = screen.stream.sample, kept[-1] if kept else before
         if any(fault.condition is TWO_CONTACTS for fault in screen.faults()):
             kept.clear()
         elif sample is not None and (last is None or sample.time > last.time):

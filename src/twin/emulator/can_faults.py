@@ -7,9 +7,10 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Flag, auto
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict, Unpack
 
 Bytes = Callable[[bytes, random.Random], bytes]
+Ids = int | Iterable[int] | None
 
 
 class Frame(NamedTuple):
@@ -32,6 +33,15 @@ class Towards(Flag):
     HOST = auto()
     DRIVES = auto()
     BOTH = HOST | DRIVES
+
+
+class When(TypedDict, total=False):
+    """Which of the frames are hit, see ``BusFaults``."""
+
+    after: float
+    lasting: float
+    share: float
+    towards: Towards
 
 
 @dataclass(frozen=True)
@@ -103,35 +113,23 @@ class BusFaults:
         self._rules.clear()
         self._off_until = self._passive_until = -math.inf
 
-    def drop(self, cob_id: int | Iterable[int] | None = None, **when: float | Towards) -> None:
+    def drop(self, cob_id: Ids = None, **when: Unpack[When]) -> None:
         """Lose frames."""
-        self._add(None, (0.0,), cob_id, when)
+        self._add(None, (0.0,), cob_id, **when)
 
-    def delay(
-        self, cob_id: int | Iterable[int] | None = None, *, by: float, **when: float | Towards
-    ) -> None:
+    def delay(self, cob_id: Ids = None, *, by: float, **when: Unpack[When]) -> None:
         """Deliver frames later by a time in s."""
-        self._add(_same, (by,), cob_id, when)
+        self._add(_same, (by,), cob_id, **when)
 
-    def duplicate(
-        self,
-        cob_id: int | Iterable[int] | None = None,
-        *,
-        apart: float = 0.0,
-        **when: float | Towards,
-    ) -> None:
+    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Unpack[When]) -> None:
         """Deliver frames twice, a time in s apart."""
-        self._add(_same, (0.0, apart), cob_id, when)
+        self._add(_same, (0.0, apart), cob_id, **when)
 
-    def truncate(
-        self, cob_id: int | Iterable[int] | None = None, *, to: int, **when: float | Towards
-    ) -> None:
+    def truncate(self, cob_id: Ids = None, *, to: int, **when: Unpack[When]) -> None:
         """Cut frames to some bytes."""
-        self._add(lambda data, _: data[:to], (0.0,), cob_id, when)
+        self._add(lambda data, _: data[:to], (0.0,), cob_id, **when)
 
-    def corrupt(
-        self, cob_id: int | Iterable[int] | None = None, *, bits: int = 1, **when: float | Towards
-    ) -> None:
+    def corrupt(self, cob_id: Ids = None, *, bits: int = 1, **when: Unpack[When]) -> None:
         """Flip random bits."""
 
         def flip(data: bytes, chance: random.Random) -> bytes:
@@ -140,25 +138,18 @@ class BusFaults:
                 number ^= 1 << at
             return number.to_bytes(len(data), "little")
 
-        self._add(flip, (0.0,), cob_id, when)
+        self._add(flip, (0.0,), cob_id, **when)
 
-    def replace(
-        self, cob_id: int | Iterable[int] | None = None, *, data: bytes, **when: float | Towards
-    ) -> None:
-        """Put other bytes into frames."""
-        self._add(lambda _, __: data, (0.0,), cob_id, when)
-
-    def overwrite(
-        self, cob_id: int | Iterable[int], *, at: int, data: bytes, **when: float | Towards
-    ) -> None:
+    def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
-        self._add(lambda old, _: old[:at] + data + old[end:], (0.0,), cob_id, when)
+        self._add(lambda old, _: old[:at] + data + old[end:], (0.0,), cob_id, **when)
 
-    def silence(self, node: int, **when: float | Towards) -> None:
+    def silence(self, node: int, **when: Unpack[When]) -> None:
         """Lose everything a node says."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
-        self.drop([service + node for service in services], **{"towards": Towards.HOST, **when})
+        when.setdefault("towards", Towards.HOST)
+        self.drop([service + node for service in services], **when)
 
     def deliver(self, frame: Frame, towards: Towards) -> list[tuple[float, Frame]]:
         """What becomes of a frame: delays in s, and the frames that come then."""
@@ -181,20 +172,17 @@ class BusFaults:
         self,
         change: Bytes | None,
         delays: tuple[float, ...],
-        cob_id: int | Iterable[int] | None,
-        when: dict[str, float | Towards],
+        cob_id: Ids,
+        *,
+        after: float = 0.0,
+        lasting: float = math.inf,
+        share: float = 1.0,
+        towards: Towards = Towards.BOTH,
     ) -> None:
-        unknown = when.keys() - {"after", "lasting", "share", "towards"}
-        if unknown:
-            raise TypeError(f"unknown keyword {', '.join(sorted(unknown))}")
-        ids = cob_id if cob_id is None or not isinstance(cob_id, int) else [cob_id]
-        begins = self.time + float(when.get("after", 0.0))  # type: ignore[arg-type]
-        ends = begins + float(when.get("lasting", math.inf))  # type: ignore[arg-type]
-        share = float(when.get("share", 1.0))  # type: ignore[arg-type]
-        towards = when.get("towards", Towards.BOTH)
-        assert isinstance(towards, Towards)
+        ids = [cob_id] if isinstance(cob_id, int) else cob_id
         chosen = None if ids is None else frozenset(ids)
-        self._rules.append(Rule(change, chosen, towards, begins, ends, share, delays))
+        begins = self.time + after
+        self._rules.append(Rule(change, chosen, towards, begins, begins + lasting, share, delays))
 
 
 def _same(data: bytes, _: random.Random) -> bytes:

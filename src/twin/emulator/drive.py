@@ -3,8 +3,7 @@
 Defaults are the documented ones: no heartbeat, nobody watched, so that it keeps turning when the
 master goes silent unless 1016h says otherwise; event-driven PDOs; nothing exchanged before NMT
 start. Not emulated: storing parameters, node guarding, homing and every mode but profile velocity
-(in which the drive turns), the PLL, and the bus's own timing. ``canopen.LocalNode`` would need a
-network's thread and wall time, and reacts neither to SYNC nor to a silent master.
+(in which the drive turns), the PLL, and the bus's own timing.
 """
 
 from __future__ import annotations

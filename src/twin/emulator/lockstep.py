@@ -18,7 +18,7 @@ from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.transports import ScreenError
+from twin.devices.lumio.transports import ScreenError, Transport
 from twin.devices.realtime import RealTimeClock
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import Scheduling
@@ -132,7 +132,7 @@ class LockstepDrives:
         return self.seen[before:]
 
 
-class LockstepScreenPort:
+class LockstepScreenPort(Transport):
     """The port of a screen in bus time.
 
     Args:
@@ -151,10 +151,11 @@ class LockstepScreenPort:
         Raises:
             ScreenError: It is unplugged.
         """
-        self.read(0.0)
+        self._open()
 
-    def decoder(self) -> None:
-        """It says nothing of itself."""
+    def _open(self) -> int:
+        self.read(0.0)
+        return -1
 
     def read(self, timeout: float) -> bytes:
         """What has arrived; never waits.

@@ -15,6 +15,7 @@ from twin.emulator.pseudo_terminal import check_pseudo_terminals
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError
+from twin.jobs import program_left_out, undisturbed
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
@@ -135,7 +136,8 @@ def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> It
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
-    process.start()
+    with undisturbed(), program_left_out():
+        process.start()
     theirs.close()
     try:
         with _apart(process.pid or 0):

@@ -144,14 +144,14 @@ def attempt(scenario: Scenario) -> EffectCase:
     done = run(scenario)
     steady = done.motion.time >= scenario.metrics.start - 1e-9
     error = done.motion.error
-    whole = done.outcome.ending is Ending.FINISHED
-    reason = f": {done.outcome.reason}" if done.outcome.reason else ""
-    when = "" if whole else f" at {done.outcome.time:.1f} s{reason}"
+    whole = done.outcome == Ending.FINISHED
+    reason = f": {done.metrics['reason']}" if done.metrics["reason"] else ""
+    when = "" if whole else f" at {done.metrics['outcome_time']:.1f} s{reason}"
     return EffectCase(
-        outcome=f"{done.outcome.ending}{when}",
+        outcome=f"{done.outcome}{when}",
         error=error[steady],
         distance=np.hypot(*error.T),
-        percent=done.metrics.tracking_error_percent if whole else None,
+        percent=done.metrics["tracking_error_percent"] if whole else None,
         rms=float(np.sqrt((error[steady] ** 2).sum(axis=1).mean())) if whole else None,
     )
 

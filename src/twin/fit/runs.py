@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
-from functools import partial
 
 import numpy as np
 
 from controllers.arrays import Array
+from twin.errors import LawError
 from twin.fit.schema import Experiment, FitTable
 from twin.scenario import Scenario
 from twin.study.build import Builder
 from twin.study.carry import carry
 from twin.study.store import Store
-from twin.study.work import ScenarioRuns, carry_out
+from twin.study.work import ScenarioRuns
 
 Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""
@@ -89,6 +89,7 @@ class Runs:
 
         Raises:
             TwinError: If a process is killed, or a chunk of runs is lost too often.
+            LawError: If none of an experiment can be run, as where its law raises an error.
         """
         asked = list(dict.fromkeys(wanted))
         missing = [each for each in asked if each not in self._known]
@@ -103,11 +104,14 @@ class Runs:
                 self._store,
                 executor=self._executor,
                 processes=self._processes,
-                do=partial(carry_out, seen=True),
                 whole=True,
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
             ).to_pylist()
             self._failed += sum(row["outcome"] != "finished" for row in rows)
+            for place, one in enumerate(experiments):
+                its = [row for (_, at), row in zip(missing, rows, strict=True) if at == place]
+                if its and all(row["outcome"] == "refused" for row in its):
+                    raise LawError(f"{one.label}: {its[0]['reason']}")
             for each, row in zip(missing, rows, strict=True):
                 self._known[each] = {
                     name: float("nan") if row[name] is None else row[name]

@@ -13,6 +13,9 @@ from twin.fit.indicators import factor
 from twin.shipped import chosen, shipped_in
 from twin.validation import LENIENT, read_model
 
+POPULATION = 8
+"""Samples of a generation where a table names none."""
+
 
 class FittedParameter(BaseModel):
     """A number to be found.
@@ -46,7 +49,7 @@ class FittedParameter(BaseModel):
 class Measured(BaseModel):
     """A measured indicator and its standard uncertainty, absolute or as a share of the value.
 
-    One with ``relative`` is judged by the logarithm of the ratio.
+    One with ``relative`` is judged by the logarithm of the ratio; ``note`` is for the reader.
     """
 
     model_config = LENIENT
@@ -55,6 +58,7 @@ class Measured(BaseModel):
     uncertainty: Annotated[float, Field(gt=0)] | None = None
     relative: Annotated[float, Field(gt=0, le=10)] | None = None
     unit: str | None = None
+    note: str = ""
 
     @model_validator(mode="after")
     def _one(self) -> Measured:
@@ -103,9 +107,9 @@ class FitTable(BaseModel):
         set: Overrides ``key=value`` of all experiments.
         parameters: By name; those that are ``relative`` after what they are relative to.
         experiments: At least one.
-        population: Samples of a generation; 0 for what the method recommends.
-        generations: Most of a search.
-        restarts: Searches of all experiments that begin with different random numbers.
+        population: Samples drawn per generation; 0 for 8.
+        generations: So many times that are drawn over the whole ranges before least squares begins.
+        restarts: Searches that begin with different random numbers.
     """
 
     model_config = LENIENT
@@ -139,6 +143,11 @@ class FitTable(BaseModel):
                         f"parameters.{name}.groups: no '{group}'{nearest(group, self.groups)}"
                     )
         return self
+
+    @property
+    def draws(self) -> int:
+        """Samples that a search draws over the whole ranges."""
+        return (self.population or POPULATION) * self.generations
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.data_file import parse_json
@@ -95,10 +94,6 @@ class CamTable:
         from_corner = np.moveaxis(inside - self.grid[cell], -1, 0)
         patches = self._pieces[..., cell[..., 0], cell[..., 1]]
         return np.stack(_bicubic(patches, *from_corner), axis=-1)
-
-    def covers(self, plate: Array) -> NDArray[np.bool_]:
-        """Whether plate angles (..., 2) lie on the grid, so that they are not clamped, (...)."""
-        return np.asarray(np.all((plate >= self.grid[0]) & (plate <= self.grid[-1]), axis=-1))
 
     def per_axis(self) -> CamTable:
         """One table per axis: what each motor needs while the other axis is level."""

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.run.csv_columns import read_csv, scale
+from twin.run.folders import is_record
+from twin.run.record_file import stored
 from twin.run.sources import log_file
 
 
@@ -119,16 +120,17 @@ def read(path: Path) -> Log:
     """
     path = log_file(path)
     try:
-        columns, metadata = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+        table = path.suffix == ".parquet" or is_record(path)
+        columns, metadata = _parquet(path) if table else _csv(path)
     except (OSError, pa.ArrowException, UnicodeDecodeError, csv.Error) as error:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     run = path.resolve().parent.name
-    source = f"{run}/{path.name}" if path.name == "run.parquet" else path.name
+    source = f"{run}/{path.name}" if is_record(path) else path.name
     return of_columns(columns, metadata, source)
 
 
 def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    table = pq.read_table(path)
+    table = stored(path)
     schema = table.schema
     names = [name for name in schema.names if name in COLUMNS]
     _require(schema.names, path.name)

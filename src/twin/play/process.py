@@ -13,7 +13,7 @@ from time import monotonic
 from controllers import catalog
 from controllers.arrays import Array
 from twin.errors import TwinError
-from twin.jobs import SecondProcess, let_go, settle
+from twin.jobs import SecondProcess, let_go, settle, undisturbed
 from twin.play.events import End, Event, Told
 from twin.play.saving import Part, save_driven
 from twin.play.session import Session
@@ -53,7 +53,8 @@ class Simulation:
         self._process = context.Process(target=_work, args=(self._ring.address, scenario, its))
         self.failure: Failure | None = None
         """Why it ended by itself."""
-        self._process.start()
+        with undisturbed():
+            self._process.start()
         its.close()
         self._first: list[Status] = []
         begun = monotonic()

@@ -10,11 +10,9 @@ from controllers.arrays import Array
 from twin.hal.rig import Entry
 from twin.play.driven import Driven
 from twin.play.kept import LATER, Kept
-from twin.run.control import build_reference
 from twin.run.execute import save
 from twin.run.finished import Run
 from twin.run.loop import Outcome
-from twin.run.metrics import Motion, measure
 from twin.run.record import Recorder
 from twin.run.snapshot import MOST, Snapshot
 
@@ -75,22 +73,13 @@ def save_driven(part: Part, folder: Path) -> None:
     scenario = driven.recorded(period * round(float(time[-1]) / period + 1))
     record = Recorder(len(time), 1, period, part.plant)
     record.begin_with(part.rows)
-    motion = Motion.of(record, build_reference(scenario)(record.time)[0])
-    metrics = measure(
-        motion,
-        part.outcome,
-        start=scenario.metrics.start,
-        band_percent=scenario.metrics.band_percent,
-    )
-    done = Run(
+    done = Run.of(
         scenario,
         record,
         part.outcome,
-        metrics,
-        motion,
-        part.factor,
-        part.journal,
+        real_time_factor=part.factor,
+        journal=part.journal,
         snapshots=part.snapshots,
         driven=driven.as_dict(),
     )
-    save(done, folder, {"driven by hand": motion})
+    save(done, folder, {"driven by hand": done.motion})

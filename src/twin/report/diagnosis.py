@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.arrays import Array
+from twin.run.finished import Run, columns
 from twin.run.metrics import Motion
-from twin.run.replay import Replay, columns
 
 LONGEST_LAG = 1.5
 """Seconds up to which a lag behind the reference is looked for."""
@@ -60,7 +60,7 @@ class Diagnosis:
     held: float | None
 
     @classmethod
-    def of(cls, run: Replay) -> Diagnosis:
+    def of(cls, run: Run) -> Diagnosis:
         """Look through a run's record."""
         motion, rows = run.motion, run.rows
         late = motion.time >= min(run.scenario.metrics.start, motion.time[-1]) - 1e-9
@@ -99,14 +99,12 @@ def _stuck(motion: Motion) -> float | None:
     return away if moved < STILL and away > AWAY and motion.time[-1] >= REST else None
 
 
-def _timing(
-    run: Replay, time: Array, ball: Array
-) -> tuple[float | None, float | None, float | None]:
+def _timing(run: Run, time: Array, ball: Array) -> tuple[float | None, float | None, float | None]:
     """Delay and scale of the reference that fit the ball best, and the error that is left.
 
     Nothing if the best delay is the longest of those tried, up to half the time that is judged.
     """
-    reference = run.reference
+    reference = run.followed
     if len(time) < 10 or np.ptp(reference(time)[0], axis=0).max() < 1e-3:
         return None, None, None
     some = slice(None, None, max(1, len(time) // 2000))
@@ -131,7 +129,7 @@ def _timing(
     return lag, *fit(lag)
 
 
-def spectrum(run: Replay) -> tuple[Array, Array]:
+def spectrum(run: Run) -> tuple[Array, Array]:
     """Amplitude of the tracking error over frequency: Hz (F,), m (F, 2) for x and y.
 
     A Hann window from ``metrics.start`` on, scaled so that a sine of amplitude a reads a.

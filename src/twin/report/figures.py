@@ -12,19 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.report.diagnosis import spectrum
+from twin.run.finished import Run, columns
 from twin.run.overview_plot import COLOURS, LOOK, picture
-from twin.run.replay import Replay, columns
 
 Format = Literal["svg", "png", "pdf"]
 
 
-def overview(runs: Sequence[Replay]) -> Figure:
+def overview(runs: Sequence[Run]) -> Figure:
     """Path on the plate, positions, error, angles and effort."""
     area = runs[0].scenario.rig.limits.area
     return picture({run.name: run.motion for run in runs}, "", area)
 
 
-def details(runs: Sequence[Replay]) -> Figure:
+def details(runs: Sequence[Run]) -> Figure:
     """Error spectrum, estimation error, distribution of the error, lateness of the loop."""
     with mpl.rc_context(LOOK):
         figure = Figure(figsize=(12, 5.6), layout="constrained")
@@ -42,7 +42,7 @@ def details(runs: Sequence[Replay]) -> Figure:
     return figure
 
 
-def _spectrum(panel: Axes, run: Replay, colour: str) -> None:
+def _spectrum(panel: Axes, run: Run, colour: str) -> None:
     frequency, amplitude = spectrum(run)
     level = 1000 * np.sqrt((amplitude**2).mean(axis=1))
     panel.loglog(frequency[1:], np.maximum(level[1:], 1e-6), color=colour, lw=1, label=run.name)
@@ -54,7 +54,7 @@ def _spectrum(panel: Axes, run: Replay, colour: str) -> None:
     )
 
 
-def _estimates(panel: Axes, runs: Sequence[Replay]) -> None:
+def _estimates(panel: Axes, runs: Sequence[Run]) -> None:
     panel.set(xlabel="time [s]", ylabel="distance [mm]", title="Error of the estimated position")
     known = [(i, run) for i, run in enumerate(runs) if "true_x" in run.rows]
     if not known:
@@ -67,7 +67,7 @@ def _estimates(panel: Axes, runs: Sequence[Replay]) -> None:
     panel.set_ylim(0, None)
 
 
-def _share(panel: Axes, run: Replay, colour: str) -> None:
+def _share(panel: Axes, run: Run, colour: str) -> None:
     distance = np.sort(1000 * np.hypot(*run.motion.error.T))
     share = 100 * np.arange(1, len(distance) + 1) / len(distance)
     panel.plot(distance, share, color=colour, lw=1.2)
@@ -79,7 +79,7 @@ def _share(panel: Axes, run: Replay, colour: str) -> None:
     )
 
 
-def _late(panel: Axes, runs: Sequence[Replay]) -> None:
+def _late(panel: Axes, runs: Sequence[Run]) -> None:
     panel.set(xlabel="lateness [us]", ylabel="periods", title="How late the periods began")
     timed = [(run, lateness(run)) for run in runs]
     found = [(run, late) for run, late in timed if late is not None]
@@ -99,7 +99,7 @@ def _instead(panel: Axes, words: str) -> None:
     panel.set(xticks=[], yticks=[])
 
 
-def lateness(run: Replay) -> np.ndarray | None:
+def lateness(run: Run) -> np.ndarray | None:
     """How late each period of a real-time run began, us, shape (K,); None in simulated time."""
     names = [name for name in run.rows if name.startswith("late")]
     return 1e6 * run.rows[names[0]] if names else None

@@ -10,13 +10,13 @@ from twin.report.diagnosis import Diagnosis
 from twin.report.figures import details, overview
 from twin.report.numbers import differing, flat, rows
 from twin.report.summary import summary
-from twin.run.replay import Replay
+from twin.run.finished import Run
 
 MOST = 40
 """Events that are listed."""
 
 
-def html(runs: Sequence[Replay]) -> str:
+def html(runs: Sequence[Run]) -> str:
     """The report on one run, or on several side by side."""
     return render(
         "report/report.html.j2",
@@ -41,7 +41,7 @@ def html(runs: Sequence[Replay]) -> str:
     )
 
 
-def _sources(runs: Sequence[Replay]) -> list[tuple[str, str, str]]:
+def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
     """Names of the runs, file and text of every class of theirs that is not this program's."""
     found: dict[tuple[str, str], list[str]] = {}
     for run in runs:
@@ -51,7 +51,7 @@ def _sources(runs: Sequence[Replay]) -> list[tuple[str, str, str]]:
     return [(", ".join(dict.fromkeys(names)), *each) for each, names in found.items()]
 
 
-def _title(runs: Sequence[Replay]) -> str:
+def _title(runs: Sequence[Run]) -> str:
     """One run's own, that of a what-if, or how many are compared."""
     if len(runs) == 1:
         return runs[0].scenario.title

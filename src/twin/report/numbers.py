@@ -8,10 +8,10 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from twin.run.indicators import LEFT, UNITS
+from twin.run.indicators import LEFT
 
 if TYPE_CHECKING:
-    from twin.run.replay import Replay
+    from twin.run.finished import Run
 
 LABELS = {
     "outcome": ("outcome", ""),
@@ -51,7 +51,7 @@ class IndicatorRow(NamedTuple):
     values: tuple[str, ...]
 
 
-def rows(runs: Sequence[Replay]) -> list[IndicatorRow]:
+def rows(runs: Sequence[Run]) -> list[IndicatorRow]:
     """The indicators that apply to at least one run."""
     return _rows([run.metrics for run in runs], LABELS)
 
@@ -66,12 +66,7 @@ def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
     return _rows(summaries, {key: LABELS[key] for key in FIRST} | LABELS | TIMES)
 
 
-def summary_of(run: Replay) -> dict[str, Any]:
-    """What ``--json`` prints of a finished run."""
-    return {"scenario": run.scenario.title, **run.metrics, "units": UNITS}
-
-
-def differing(runs: Sequence[Replay]) -> list[tuple[str, list[str]]]:
+def differing(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     """The settings that are not the same in all runs: dotted key, a value in JSON per run."""
     settings = [dict(flat(run.settings)) for run in runs]
     keys = dict.fromkeys(key for each in settings for key in each)
@@ -90,7 +85,7 @@ def flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
     return found
 
 
-def own_settings(runs: Mapping[str, Replay]) -> list[str]:
+def own_settings(runs: Mapping[str, Run]) -> list[str]:
     """What differs between the laws, observers and references of runs, a line per key."""
     if len(runs) < 2:
         return []
@@ -152,7 +147,7 @@ def shown(value: Any, unit: str) -> str:
     return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.4g}"
 
 
-def as_csv(runs: Sequence[Replay]) -> str:
+def as_csv(runs: Sequence[Run]) -> str:
     """The table as comma-separated values with a header line."""
     store = io.StringIO()
     writer = csv.writer(store, lineterminator="\n")
@@ -161,7 +156,7 @@ def as_csv(runs: Sequence[Replay]) -> str:
     return store.getvalue()
 
 
-def as_latex(runs: Sequence[Replay]) -> str:
+def as_latex(runs: Sequence[Run]) -> str:
     """The table for a paper; needs nothing but LaTeX itself."""
     head = " & ".join(["", *(_escaped(run.name) for run in runs), "unit"])
     body = [

@@ -7,7 +7,7 @@ import math
 from twin.devices.timing import blamed
 from twin.report.diagnosis import Diagnosis
 from twin.run.control import build_law
-from twin.run.replay import Replay
+from twin.run.finished import Run
 
 ENDINGS = {
     "finished": "The run went to its end",
@@ -29,7 +29,7 @@ STEEP = 0.95
 """Share of the angle limit from which on the plate is said to have reached it."""
 
 
-def summary(run: Replay, found: Diagnosis) -> list[str]:
+def summary(run: Run, found: Diagnosis) -> list[str]:
     """How it ended, how large the error was, and what limited it: one sentence each."""
     told = [
         _ending(run),
@@ -43,14 +43,14 @@ def summary(run: Replay, found: Diagnosis) -> list[str]:
     return [*told, *_known(run), *remarks]
 
 
-def judged(run: Replay, clean: float | None = None) -> str:
+def judged(run: Run, clean: float | None = None) -> str:
     """The verdict on a run; arguments as for ``verdict``."""
     if not len(run.rows["time"]):
         return f"{ENDINGS[run.metrics['outcome']]}: {run.metrics['reason']}."
     return verdict(run, Diagnosis.of(run), clean)
 
 
-def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:
+def verdict(run: Run, found: Diagnosis, clean: float | None = None) -> str:
     """A run in one sentence: its tracking error, and what limited it most.
 
     Args:
@@ -69,7 +69,7 @@ def verdict(run: Replay, found: Diagnosis, clean: float | None = None) -> str:
     return f"{share}{rms}{since}: {'; '.join(_limits(run, found))}."
 
 
-def _limits(run: Replay, found: Diagnosis) -> list[str]:
+def _limits(run: Run, found: Diagnosis) -> list[str]:
     """What limited a run, the weightiest first, in half sentences."""
     limits = []
     if found.stuck is not None:
@@ -97,7 +97,7 @@ def _limits(run: Replay, found: Diagnosis) -> list[str]:
     return limits or ["no limit was in the way"]
 
 
-def _ending(run: Replay) -> str:
+def _ending(run: Run) -> str:
     outcome = str(run.metrics.get("outcome", ""))
     end = float(run.metrics.get("outcome_time", run.rows["time"][-1]))
     reason = run.metrics.get("reason")
@@ -107,7 +107,7 @@ def _ending(run: Replay) -> str:
     return f"{late[0].upper()}{late[1:]}. {told}" if late else told
 
 
-def _by_hand(run: Replay) -> list[str]:
+def _by_hand(run: Run) -> list[str]:
     """Of a run that a person drove: what they did."""
     if not run.driven:
         return []
@@ -138,7 +138,7 @@ def _mm(distance: float) -> str:
     return f"{1000 * distance:.3g} mm" if distance >= LEAST else f"below {1000 * LEAST:g} mm"
 
 
-def _error(run: Replay, found: Diagnosis) -> str:
+def _error(run: Run, found: Diagnosis) -> str:
     start = run.scenario.metrics.start
     since = f"From {start:.4g} s on the" if start else "The"
     percent = run.metrics.get("tracking_error_percent")
@@ -153,7 +153,7 @@ def _rested(found: Diagnosis) -> list[str]:
     return [f"Friction held the ball at rest {found.held:.1%} of the whole run's time (shaded)."]
 
 
-def _held(run: Replay, found: Diagnosis) -> list[str]:
+def _held(run: Run, found: Diagnosis) -> list[str]:
     """Of a ball that lies still away from its reference: by what, and what would free it."""
     if found.stuck is None:
         return []
@@ -170,7 +170,7 @@ def _held(run: Replay, found: Diagnosis) -> list[str]:
     ]
 
 
-def _causes(run: Replay, found: Diagnosis) -> list[str]:
+def _causes(run: Run, found: Diagnosis) -> list[str]:
     sentences = []
     if found.cut is not None and found.cut > CUT:
         sentences.append(
@@ -201,7 +201,7 @@ def _causes(run: Replay, found: Diagnosis) -> list[str]:
     return sentences
 
 
-def _known(run: Replay) -> list[str]:
+def _known(run: Run) -> list[str]:
     """What the observer made of friction and tilt gain, where it estimates them."""
     rows = run.rows
     if "estimated_friction_spread" not in rows:

@@ -10,8 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from controllers.catalog import origin
-from controllers.interfaces import Reference
 from twin.hal.rig import Rig
 from twin.jobs import SecondProcess
 from twin.run.assemble import assemble
@@ -19,13 +17,12 @@ from twin.run.control import build_controller, own_errors
 from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metadata import classes_of
-from twin.run.metrics import Motion, measure
+from twin.run.metrics import Motion
 from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder
 from twin.run.record_file import write_run
 from twin.run.snapshot import Keeper, packed
-from twin.scenario.changing import always_friction
-from twin.scenario.schema import Scenario, choices
+from twin.scenario.schema import Scenario
 from twin.writing import write_json, write_whole
 
 
@@ -74,27 +71,15 @@ def run(
         keep=keeper,
     )
     spent = time.perf_counter() - begin
-    reference: Reference = controller.reference
-    desired = reference(record.time)[0]
-    if origin(choices("reference")[scenario.reference.kind]) is not None:
-        record.add("reference", desired[:, None])  # who draws the record may lack the class
-    motion = Motion.of(record, desired, friction=always_friction(scenario))
-    metrics = measure(
-        motion,
-        outcome,
-        start=scenario.metrics.start,
-        band_percent=scenario.metrics.band_percent,
-    )
-    return Run(
+    return Run.of(
         scenario,
         record,
         outcome,
-        metrics,
-        motion,
-        (record.length - before) * period / spent,
-        tuple(rig.journal),
-        rig.account(),
-        tuple(keeper.snapshots) if keeper else (),
+        controller.reference,
+        journal=rig.journal,
+        account=rig.account(),
+        real_time_factor=(record.length - before) * period / spent,
+        snapshots=tuple(keeper.snapshots) if keeper else (),
     )
 
 
@@ -131,20 +116,23 @@ def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) ->
         RecordError: If the folder cannot be written.
     """
     metadata = {
-        "scenario": run.scenario.model_dump(mode="json"),
-        "classes": classes_of(run.scenario),
-        "metrics": run.metrics.as_dict(),
-        "versions": versions(),
-        "events": [
-            {"time": time, "severity": str(note.condition.severity), "text": note.text}
-            for time, note in run.journal
-        ],
+        **described(run.scenario),
+        "classes": run.classes,
+        "metrics": run.metrics,
+        "events": list(run.events),
         **run.account,
         **({"driven": run.driven} if run.driven else {}),
         **(more or {}),
     }
+    assert run.record is not None
     kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
     write_run(folder, run.record, metadata, kept)
+
+
+def described(scenario: Scenario) -> dict[str, Any]:
+    """What of a record's metadata is known before its run."""
+    tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
+    return {"scenario": tables, "classes": classes, "versions": versions()}
 
 
 def drawn(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:

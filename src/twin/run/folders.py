@@ -16,7 +16,9 @@ ROOT = Path("runs")
 """Folder of the working folder in which every run has its own, unless it is told another."""
 LAST = "last"
 """The word that stands for the newest run wherever a run folder is asked for."""
-FILES = ("run.parquet", "metrics.json", "picture.png")
+STREAM = "run.arrows"
+"""The record of a run on a rig while it lasts; it stays where the run was killed."""
+FILES = ("run.parquet", "metrics.json", "picture.png", STREAM)
 """What a run folder holds."""
 MANIFEST = "compare.json"
 """File of a comparison that lists the folders of its runs, and their indicators."""
@@ -54,7 +56,7 @@ def slug(text: str) -> str:
 def free(folder: Path) -> Path:
     """The folder, or, if a run is in it, the next of its name that is free."""
     number, found = 1, folder
-    while (found / "run.parquet").exists():
+    while record_in(found).exists():
         number += 1
         found = folder.with_name(f"{folder.name}~{number}")
     return found
@@ -62,7 +64,7 @@ def free(folder: Path) -> Path:
 
 def former(folder: Path) -> str:
     """What a new run in a folder replaces, in words; empty if there is none."""
-    file = folder / "run.parquet"
+    file = record_in(folder)
     if not file.exists():
         return ""
     return f" (replaced the run of {datetime.fromtimestamp(file.stat().st_mtime):%H:%M:%S, %d %b})"
@@ -133,16 +135,27 @@ def record_of(path: Path) -> Path:
         return path
     inner = run_folders(path)
     if len(inner) == 1:
-        return inner[0] / "run.parquet"
+        return record_in(inner[0])
     if inner:
         raise RecordError(f"{path}: holds {len(inner)} runs; give one of them, as in {inner[0]}")
-    return path / "run.parquet"
+    return record_in(path)
+
+
+def record_in(folder: Path) -> Path:
+    """The record of a run folder, or, of a run that was killed, its stream."""
+    whole, streamed = folder / "run.parquet", folder / STREAM
+    return streamed if streamed.exists() and not whole.exists() else whole
+
+
+def is_record(file: Path) -> bool:
+    """Whether a file is the record of its folder."""
+    return file.name in ("run.parquet", STREAM)
 
 
 def run_name(path: Path) -> str:
     """What a run or log is called: a record by its folder, any other file by its own name."""
     file = record_of(path)
-    return file.resolve().parent.name if file.name == "run.parquet" else file.stem
+    return file.resolve().parent.name if is_record(file) else file.stem
 
 
 def run_folders(folder: Path) -> list[Path]:
@@ -151,8 +164,8 @@ def run_folders(folder: Path) -> list[Path]:
 
 
 def _records(folder: Path) -> Iterator[Path]:
-    own = folder / "run.parquet"
+    own = record_in(folder)
     if own.exists():
         yield own
     else:
-        yield from folder.glob("*/run.parquet")
+        yield from filter(Path.exists, map(record_in, folder.glob("*/")))

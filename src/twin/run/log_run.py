@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +14,10 @@ from twin.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.hal.states import State
 from twin.run.csv_columns import read_csv
+from twin.run.finished import Run
 from twin.run.loop import Ending, Outcome
 from twin.run.metrics import Motion, measure
 from twin.run.record import CHANNELS
-from twin.run.replay import Replay
 from twin.scenario.schema import Scenario
 
 UNITS = {"time": "s"} | {
@@ -69,7 +69,7 @@ def read_log(path: Path) -> dict[str, Array]:
     return rows
 
 
-def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Replay:
+def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
     """A log as a run.
 
     Without columns of an estimate the ball's position is the measured one, at the time it was
@@ -102,9 +102,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Replay:
     known = {key: values for key, values in rows.items() if not key.startswith("true_")}
     if all(column in rows for column in CHANNELS["state"].columns):
         known = rows
-    run = Replay(
-        name, scenario, {**seen, **applied, **requested, **others, **known}, UNITS, metrics={}
-    )
+    run = Run(name, scenario, {**seen, **applied, **requested, **others, **known}, UNITS)
     ended = Outcome(Ending.FINISHED, float(time[-1]))
     judged = scenario.metrics
     metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
@@ -129,7 +127,7 @@ def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:
     return changes
 
 
-def apart(log: Replay, twin: Motion) -> float:
+def apart(log: Run, twin: Motion) -> float:
     """Root mean square distance in m of the ball in a log and in a prediction of it."""
     time = log.motion.time
     both = time <= twin.time[-1] + 1e-9
@@ -138,19 +136,18 @@ def apart(log: Replay, twin: Motion) -> float:
     return float(np.sqrt((distance**2).sum(axis=1).mean()))
 
 
-def distances(logs: Iterable[Replay], motions: Mapping[str, Motion]) -> list[str]:
+def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[str]:
     """How far logs and other runs are apart, in a sentence each.
 
     Args:
-        logs: Whose positions were measured.
+        logs: Name to those whose positions were measured.
         motions: Name to motion of all runs; those of the logs are among them.
     """
-    names = {log.name: log for log in logs}
     return [
         f"{name} and {other} are {1000 * apart(log, motion):.3g} mm (RMS) apart over x and y."
-        for name, log in names.items()
+        for name, log in logs.items()
         for other, motion in motions.items()
-        if other not in names
+        if other not in logs
     ]
 
 

@@ -31,6 +31,8 @@ Begin = Callable[[Measurement], Measurement]
 Keep = Callable[[int, Measurement], None]
 INTERRUPTED = "interrupted"
 """The reason of a run that Ctrl-C ended."""
+KILLED = "killed before its end; the record goes as far as it was written"
+"""The reason of a run whose process or computer ended without a word."""
 RAN_AWAY = "the simulation's numbers ran away"
 """The reason of a run that diverged."""
 

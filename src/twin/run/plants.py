@@ -34,6 +34,17 @@ def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Pla
     return plant, mistaken(known, scenarios)
 
 
+def believed(scenario: Scenario) -> Transmission:
+    """What the rig of a scenario believes of its cams; the mechanism is built only for its ratio.
+
+    Raises:
+        ModelError: If the mechanism or its cam table cannot be used.
+    """
+    if scenario.plant.kind == "mujoco" and scenario.rig.cams != "ratio":
+        return mistaken(_cams(scenario.rig.cams, 1.0), [scenario])
+    return build_plant([scenario])[1]
+
+
 def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission:
     """A transmission with the errors that the scenarios have of it."""
     error = filled(TransmissionError, scenarios)

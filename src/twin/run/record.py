@@ -136,6 +136,12 @@ class Recorder:
         units = tuple(column.rpartition("_")[2] for column in self.plant)
         return CHANNELS.get(name) or Channel(self.plant, units)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Name to unit of all columns it may have."""
+        known = map(self.channel, (*CHANNELS, "plant", "further"))
+        return {k: v for each in known for k, v in zip(each.columns, each.units, strict=True)}
+
     def of_rig(self, rig: int) -> Recorder:
         """The record of one rig alone, a copy."""
         alone = replace(self, rigs=1, data={}, observers=[])

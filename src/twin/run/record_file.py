@@ -1,9 +1,15 @@
-"""The file of a record, run.parquet: columns with units, and what the run was as metadata."""
+"""The file of a record, run.parquet: columns with units, and what the run was as metadata.
+
+A run on a rig is streamed while it lasts: run.arrows has the same columns and metadata as an Arrow
+stream, which can be read however it ends.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +19,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
+from twin.run.folders import STREAM
 from twin.run.record import Recorder
 from twin.writing import write_whole
 
@@ -47,6 +54,38 @@ def write_run(
 
     found = table(recorder, metadata, beside)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
+    (folder / STREAM).unlink(missing_ok=True)
+
+
+@contextmanager
+def stream(
+    file: Path, columns: Sequence[str], units: Mapping[str, str], metadata: Mapping[str, Any]
+) -> Iterator[Callable[[Array], None]]:
+    """Write a record while its run lasts; what is given rows, shape (K, columns), keeps them.
+
+    When it returns they are on the disk, whatever becomes of this process or of the computer.
+
+    Args:
+        file: A new file; its folder is made if missing.
+        columns: Their names in the order of the rows, ``time`` first.
+        units: Name to unit.
+        metadata: Of the run; JSON.
+    """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    fields = [
+        pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in columns
+    ]
+    schema = pa.schema(fields, metadata={"ballplate": json.dumps(metadata, sort_keys=True)})
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
+
+        def append(rows: Array) -> None:
+            arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.T]
+            writer.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema))
+            os.fsync(sink.fileno())
+
+        yield append
 
 
 def table(
@@ -87,18 +126,15 @@ def _arrow(values: NDArray[Any]) -> pa.Array:
 
 
 def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, Any]]:
-    """Columns, their units and the metadata of a ``run.parquet``.
+    """Columns, their units and the metadata of a ``run.parquet`` or ``run.arrows``.
 
     Raises:
         RecordError: If it cannot be read or was not written by this program.
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-    import pyarrow.parquet as pq  # noqa: PLC0415
 
     try:
-        # not pq.read_table, which imports pandas wherever that is installed
-        with pq.ParquetFile(file) as parquet:
-            table = parquet.read()
+        table = stored(file)
     except FileNotFoundError as error:
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
     except (OSError, pa.ArrowException) as error:
@@ -130,6 +166,28 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     return columns, units, metadata
 
 
+def stored(file: Path) -> pa.Table:
+    """The table of a Parquet file, or of a stream as far as it was written.
+
+    Raises:
+        OSError: If it cannot be read.
+        pyarrow.ArrowException: If it is no such file.
+    """
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    if file.suffix != Path(STREAM).suffix:
+        # not pq.read_table, which imports pandas wherever that is installed
+        with pq.ParquetFile(file) as parquet:
+            return parquet.read()
+    with file.open("rb") as source, pa.ipc.open_stream(source) as reader:
+        batches = []
+        with suppress(StopIteration, OSError, pa.ArrowException):  # its last rows may be torn
+            while True:
+                batches.append(reader.read_next_batch())
+        return pa.Table.from_batches(batches, reader.schema)
+
+
 def read_beside(file: Path, name: str) -> bytes | None:
     """Further metadata of a record by name; None if it has none.
 
@@ -139,11 +197,13 @@ def read_beside(file: Path, name: str) -> bytes | None:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415
 
+    streamed = file.suffix == Path(STREAM).suffix
     try:
-        metadata: dict[bytes, bytes] = pq.read_schema(file).metadata or {}
+        schema = stored(file).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
-    return metadata.get(name.encode())
+    found: bytes | None = (schema.metadata or {}).get(name.encode())
+    return found
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

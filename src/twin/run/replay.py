@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES
-from controllers.interfaces import Reference
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
-from twin.hal.limits import Limits
 from twin.hal.states import State
-from twin.run.assemble import build_limits
-from twin.run.control import build_reference
 from twin.run.finished import Run
-from twin.run.folders import is_last, last, record_of, run_folders
-from twin.run.loop import INTERRUPTED
+from twin.run.folders import STREAM, is_last, is_record, last, record_in, record_of, run_folders
+from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome
 from twin.run.metadata import classes_of
-from twin.run.metrics import Motion, held
+from twin.run.metrics import measure
 from twin.run.record import CHANNELS
 from twin.run.record_file import read_beside, read_run
-from twin.scenario.changing import always_friction
-from twin.scenario.load import check, recorded
-from twin.scenario.schema import Scenario, choices
+from twin.scenario.load import recorded
+from twin.scenario.schema import Scenario
 
 _OPTIONAL = {"state", "age", "touched", "timing", "reference"}
 NEEDED = (
@@ -44,173 +37,7 @@ TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
 """Columns of which a record has all or none."""
 
 
-class RecordedReference(Reference):
-    """Where a reference led, as recorded; its derivatives are differences of that.
-
-    Args:
-        time: In s, shape (K,).
-        path: Desired ball position in m, shape (K, 2).
-    """
-
-    def __init__(self, time: Array, path: Array) -> None:
-        self._time = time
-        self._motion = [path]
-        for _ in range(4):
-            known = len(time) > 1
-            self._motion.append(np.gradient(self._motion[-1], time, axis=0) if known else 0 * path)
-
-    def __call__(self, t: float | Array) -> Array:
-        """Position and four derivatives, shape (5, *shape(t), 2), between what was recorded."""
-        each = [[np.interp(t, self._time, axis) for axis in of.T] for of in self._motion]
-        return np.moveaxis(np.array(each), 1, -1)
-
-
-@dataclass(frozen=True)
-class Replay:
-    """One rig's recorded run.
-
-    Attributes:
-        name: What it is called in plots and tables.
-        scenario: What was asked for.
-        rows: Column name to values, shape (K,).
-        units: Column name to unit.
-        metrics: Its indicators, as ``metrics.json`` has them.
-        versions: What produced it.
-        folder: Where it lies; None for a run that is not on disk.
-        events: Conditions that were detected: time in s, severity, text.
-        ledger: Of a run in real time, ``TimingLog.as_dict``; else empty.
-        branch: Of another future of a run, which run, when and what was changed; else empty.
-        driven: Of a run that a person drove, what they did beyond what the scenario says, see
-            ``controlled``; else empty.
-        classes: What law, observer and reference were, see ``metadata.classes_of``; of records of
-            earlier versions empty.
-        absent: Of those of controller, observer and reference that are not here, why.
-    """
-
-    name: str
-    scenario: Scenario
-    rows: Mapping[str, Array]
-    units: Mapping[str, str] = field(default_factory=dict)
-    metrics: Mapping[str, Any] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=dict)
-    folder: Path | None = None
-    events: tuple[Mapping[str, Any], ...] = ()
-    ledger: Mapping[str, Any] = field(default_factory=dict)
-    branch: Mapping[str, Any] = field(default_factory=dict)
-    driven: Mapping[str, Any] = field(default_factory=dict)
-    classes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    absent: Mapping[str, str] = field(default_factory=dict)
-
-    @cached_property
-    def reference(self) -> Reference:
-        """The reference the run was to follow."""
-        if CHANNELS["reference"].columns[0] in self.rows:
-            path = np.stack([self.rows[name] for name in CHANNELS["reference"].columns], axis=1)
-            return RecordedReference(self.rows["time"], path)
-        return build_reference(self.scenario)
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The tables of the scenario, with all settings of law, observer and reference."""
-        tables = self.scenario.model_dump(mode="json")
-        for table, its in self.classes.items():
-            tables[table] |= its["settings"]
-            tables[table] |= {key: its[key] for key in ("file", "sha256") if its.get(key)}
-        return tables
-
-    @property
-    def lacking(self) -> str:
-        """What the record can be drawn without, but not gone on from; empty if all is here."""
-        for table, line in self.absent.items():
-            kind = getattr(self.scenario, table).kind
-            file = self.classes.get(table, {}).get("file", "")
-            was = f" (it was in {file})" if file else ""
-            wrong = f"does not take its settings: {line}" if kind in choices(table) else "not here"
-            return (
-                f"{self.name}: {table} '{kind}'{was}: {wrong}; the record is shown, but replay "
-                "and what-if need it: --law FILE"
-            )
-        return ""
-
-    def require(self) -> None:
-        """Make sure that the run can be gone on with.
-
-        Raises:
-            RecordError: If its law, observer or reference is not here, or is another than it was.
-        """
-        if self.lacking:
-            raise RecordError(self.lacking)
-        now = classes_of(self.scenario)
-        for table, was in self.classes.items():
-            if was.get("sha256", "") != now[table].get("sha256", ""):
-                kind = getattr(self.scenario, table).kind
-                raise RecordError(
-                    f"{self.name}: {table} '{kind}' is another than in the run: "
-                    f"{was.get('file')} has changed since"
-                )
-
-    def controlled(self, at: float) -> Scenario:
-        """The scenario with the controller that a person had chosen by a time in s."""
-        found = self.scenario
-        for each in self.driven.get("controllers", ()):
-            if each["since"] < at + 1e-9:
-                tables = self.scenario.model_dump(mode="json")
-                tables |= {name: table for name, table in each.items() if name != "since"}
-                found = check(tables, self.name)
-        return found
-
-    @property
-    def limits(self) -> Limits:
-        """Limits of what might be commanded of the rig."""
-        return build_limits(self.scenario.rig.limits)
-
-    @cached_property
-    def motion(self) -> Motion:
-        """What ball and plate did."""
-        state = states_of(self.rows)
-        applied = np.stack([self.rows[f"applied_{axis}_acc"] for axis in ("phi", "theta")], axis=1)
-        time = self.rows["time"]
-        known = "true_x" in self.rows and always_friction(self.scenario)
-        return Motion(
-            time=time,
-            ball=state[:, 0::4],
-            plate=state[:, 2::4],
-            u=applied,
-            reference=self.reference(time)[0],
-            held=held(time, state[:, 1::4]) if known else None,
-        )
-
-
-def columns(rows: Mapping[str, Array], kind: str) -> Array:
-    """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
-    return np.stack([rows[f"{kind}_{name}"] for name in STATES], axis=1)
-
-
-def states_of(rows: Mapping[str, Array]) -> Array:
-    """The true states (K, 8); of a real rig, where nobody knows them, the estimated ones."""
-    return columns(rows, "true" if "true_x" in rows else "estimated")
-
-
-def replay_of(run: Run, name: str) -> Replay:
-    """A run that was just made, as if it had been kept and opened again.
-
-    Args:
-        run: The run of one rig.
-        name: What it is called in plots and tables.
-    """
-    columns = list(run.record.columns())
-    return Replay(
-        name,
-        run.scenario,
-        {"time": run.record.time, **{column: values for column, _, values in columns}},
-        {"time": "s", **{column: unit for column, unit, _ in columns}},
-        run.metrics.as_dict(),
-        ledger=run.account.get("ledger", {}),
-        classes=classes_of(run.scenario),
-    )
-
-
-def open_run(path: Path) -> list[Replay]:
+def open_run(path: Path) -> list[Run]:
     """The run of a folder, or of the folder its ``run.parquet`` lies in.
 
     Args:
@@ -242,23 +69,30 @@ def open_run(path: Path) -> list[Replay]:
     if "reference" in absent and "reference_x" not in values:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
     _check_rows(values, str(file))
-    return [
-        Replay(
-            file.resolve().parent.name if file.name == "run.parquet" else file.stem,
-            scenario,
-            values,
-            units,
-            metadata.get("metrics", {}),
-            metadata.get("versions", {}),
-            file.parent,
-            tuple(metadata.get("events") or ()),
-            metadata.get("ledger", {}),
-            metadata.get("branch", {}),
-            metadata.get("driven", {}),
-            metadata.get("classes", {}),
-            absent,
-        )
-    ]
+    run = Run(
+        file.resolve().parent.name if is_record(file) else file.stem,
+        scenario,
+        values,
+        units,
+        metadata.get("metrics", {}),
+        metadata.get("versions", {}),
+        file.parent,
+        tuple(metadata.get("events") or ()),
+        metadata.get("ledger", {}),
+        metadata.get("branch", {}),
+        metadata.get("driven", {}),
+        metadata.get("classes", {}),
+        absent,
+    )
+    return [_killed(run) if file.name == STREAM else run]
+
+
+def _killed(run: Run) -> Run:
+    """A run that nobody could judge when it ended."""
+    ended = Outcome(Ending.ABORTED, run.rows["time"][-1] + run.scenario.rig.period, KILLED)
+    judged = run.scenario.metrics
+    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
+    return replace(run, metrics=metrics.as_dict())
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:
@@ -282,7 +116,7 @@ def _check_rows(values: Mapping[str, Array], source: str) -> None:
 def open_runs(
     paths: tuple[Path, ...],
     tell: Callable[[str], None] = lambda _: None,
-) -> list[Replay]:
+) -> list[Run]:
     """Several runs with names of their own.
 
     Args:
@@ -294,7 +128,7 @@ def open_runs(
     Raises:
         RecordError: If none can be opened.
     """
-    runs: list[Replay] = []
+    runs: list[Run] = []
     failed: list[RecordError] = []
     for path in _records(paths):
         try:
@@ -343,7 +177,7 @@ def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
 def _metadata(folder: Path) -> Mapping[str, Any]:
     """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
     try:
-        found = parse_json(read_beside(folder / "run.parquet", "ballplate") or b"{}")
+        found = parse_json(read_beside(record_in(folder), "ballplate") or b"{}")
     except (RecordError, DataError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -357,7 +191,7 @@ def _records(paths: tuple[Path, ...]) -> list[Path]:
         inner = run_folders(folder)
         if inner:
             found += inner
-        elif path.suffix == ".parquet" or len(paths) == 1 or not path.exists():
+        elif path.suffix == ".parquet" or is_record(path) or len(paths) == 1 or not path.exists():
             found.append(path)
     if not found:
         raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")

@@ -42,7 +42,7 @@ def sorted_out(arguments: Sequence[str]) -> Sources:
             scenarios.append(text)
         elif path.suffix == ".csv":
             logs.append(path)
-        elif is_last(path) or path.suffix == ".parquet" or (path.is_dir() and run_folders(path)):
+        elif is_last(path) or path.suffix in OURS or (path.is_dir() and run_folders(path)):
             runs.append(path)
         elif not path.is_dir() and path.suffix not in IGNORED:
             scenarios.append(text)
@@ -77,5 +77,5 @@ def check_no_scenario(path: Path) -> None:
         )
 
 
-OURS = {".csv", ".parquet"}
+OURS = {".csv", ".parquet", ".arrows"}
 """Endings that no scenario has."""

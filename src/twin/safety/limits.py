@@ -17,7 +17,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.exchange import SHUTDOWN
+from twin.devices.akd.servos import SHUTDOWN
 from twin.emulator.drive_settings import DriveSettings
 from twin.hal.interface import SCREEN
 from twin.hal.limits import Limits

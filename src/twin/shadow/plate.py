@@ -7,16 +7,21 @@ parameter would add to the angle is whitened by the same filter: then least squa
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import solve_discrete_are
-from scipy.signal import lfilter
+from scipy.signal import lfilter, ss2tf
 
 from controllers.arrays import Array
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
+from twin.settings import changed
 from twin.shadow.belief import DRIVES, Belief
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import undisturbed
+from twin.sim.plant.linear import STATES, linear_mechanism
+from twin.sim.plant.parts import Parts
 
 WINDOW = 2.0
 """Length of a window in s."""
@@ -54,15 +59,15 @@ def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
         return None
-    command = segment.command
-    shaft = _shaft(command, period, belief, belief.lag)
-    angle = _with_play(shaft, belief.play)
-    late = _with_play(_shaft(command, period, belief, belief.lag + LAG_DIFFERENCE), belief.play)
-    slopes = (
-        (late - angle) / LAG_DIFFERENCE,
-        *(_with_play(shaft, belief.play + gap) - angle for gap in GAPS),
-        angle,
+    angle, late, *wider = plate_angles(
+        segment.command,
+        period,
+        belief,
+        (belief.lag, belief.play),
+        (belief.lag + LAG_DIFFERENCE, belief.play),
+        *((belief.lag, belief.play + gap) for gap in GAPS),
     )
+    slopes = ((late - angle) / LAG_DIFFERENCE, *(each - angle for each in wider), angle)
     information, score = np.zeros((count, 4, 4)), np.zeros((count, 4))
     for axis in (0, 1):
         both = np.stack((segment.plate - angle, *slopes))[..., axis]
@@ -100,9 +105,51 @@ def whitened(signals: Array, period: float, disturbance: float, encoder: float) 
     return np.asarray(out / np.sqrt(variance))
 
 
-def _shaft(command: Array, period: float, belief: Belief, lag: float) -> Array:
-    """The plate's angle without a gap, from zero, rad, shape (K, 2)."""
-    return belief.turned * servo_response(command, period, lag, belief.own_lag)[0]
+def plate_angles(
+    command: Array, period: float, belief: Belief, *drives: tuple[float, float]
+) -> list[Array]:
+    """The plate's angles as drives make them of commands, from rest at zero, rad, (K, 2) each.
+
+    Args:
+        command: Plate rates in rad/s from each row on, shape (K, 2).
+        period: Seconds between rows.
+        belief: The twin.
+        drives: Time constants in s and widths of the gap in rad.
+    """
+    shafts = [belief.turned * servo_response(command, period, lag)[0] for lag, _ in drives]
+    behind = [_with_play(shaft, play) for shaft, (_, play) in zip(shafts, drives, strict=True)]
+    if belief.scenario.plant.kind != "mujoco":
+        whole, part = divmod(belief.own_lag / period, 1.0)
+        delay = np.concatenate((np.zeros(int(whole)), [1 - part, part]))
+        return [lfilter(delay, [1.0], angle, axis=0) for angle in behind]
+    filters = _mechanism(belief, period)
+    rates = [np.diff(angle, axis=0, append=angle[-1:]) / period for angle in behind]
+    return [
+        np.stack([lfilter(*filters[axis], rate[:, axis]) for axis in (0, 1)], axis=-1)
+        for rate in rates
+    ]
+
+
+def _mechanism(belief: Belief, period: float) -> list[tuple[Array, Array]]:
+    """Numerators and denominators from rates of the shafts to angles of the plate, phi and theta.
+
+    The mechanism about its level rest: servos that turn motors, a plate that swings on its wheels.
+    A law that moves the plate a few times a second makes it swing farther than its shafts turn.
+    """
+    plant = belief.scenario.plant
+    # what a ball off its middle or oval does to the plate is left out
+    parts = replace(changed(Parts, belief.scenario), offset=None, oval=None)
+    steps = max(1, round(period / plant.step))
+    A, B, _, ratio = linear_mechanism(parts, period / steps)  # noqa: N806
+    found = []
+    for axis, name in enumerate(("phi", "theta")):
+        own = (name, f"{name}_rate", f"motor_{name}", f"motor_{name}_rate", f"servo_{name}")
+        keep = [STATES.index(each) for each in own]
+        once, pushed = A[np.ix_(keep, keep)], ratio * B[keep, axis, None]
+        powers = [np.linalg.matrix_power(once, k) for k in range(steps + 1)]
+        top, bottom = ss2tf(powers[-1], sum(powers[:-1]) @ pushed, np.eye(1, len(keep)), [[0.0]])
+        found.append((top[0], bottom))
+    return found
 
 
 def _with_play(angle: Array, width: float) -> Array:

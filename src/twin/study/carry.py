@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor
-from typing import Protocol
+from functools import partial
 
 import pyarrow as pa
 
 from twin.errors import TwinError
 from twin.jobs import AHEAD, cores, handed_out, results
 from twin.study.store import Store
-from twin.study.work import Job, Row, Task, carry_out
+from twin.study.work import Job, Row, ScenarioRuns, Task, carry_out
 
 LARGE = 256
 """Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
@@ -30,19 +30,6 @@ RETRIES = 3
 """So often a chunk is tried whose worker was lost."""
 
 Do = Callable[[Sequence[Job]], list[Row]]
-
-
-class HandedOut(Protocol):
-    """Runs to be carried out.
-
-    Attributes:
-        tasks: Which they are.
-    """
-
-    tasks: list[Task]
-
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
-        """Some of them as they are handed out."""
 
 
 def missing(
@@ -71,12 +58,12 @@ def missing(
 
 
 def carry(
-    work: HandedOut,
+    work: ScenarioRuns,
     store: Store,
     *,
     executor: Executor | None = None,
     processes: int | None = None,
-    do: Do = carry_out,
+    do: Do | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
     whole: bool = False,
 ) -> pa.Table:
@@ -87,14 +74,15 @@ def carry(
         store: Where finished ones are, and are put.
         executor: Anything with the interface of ``concurrent.futures``; None for processes here.
         processes: So many of them, or of its workers; None for one a processor.
-        do: What carries out a chunk; a function of a module, because it goes to other processes.
+        do: What carries out a chunk in place of ``carry_out``; a function of a module, because it
+            goes to other processes.
         progress: Told how many runs are finished, and how many of those did not end well.
         whole: Whether chunks are as large as can be, see ``missing``.
 
     Raises:
         TwinError: If a process is killed, or a chunk is lost too often.
     """
-    count = processes or cores()
+    count, do = processes or cores(), do or partial(carry_out, seen=work.seen)
     known, chunks = remaining(work.tasks, store, count, whole=whole)
     finished = known.num_rows
     failed = finished - known["outcome"].to_pylist().count("finished")
@@ -122,7 +110,7 @@ def remaining(
 
 
 def _elsewhere(
-    work: HandedOut, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+    work: ScenarioRuns, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
 ) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
     for _ in range(RETRIES):

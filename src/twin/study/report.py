@@ -15,6 +15,7 @@ from markupsafe import Markup
 from twin.html import inline, render
 from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
+from twin.study.experiments import labelled
 from twin.study.figures import figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.summary import NEGLIGIBLE, needed, sentences
@@ -26,7 +27,6 @@ HEADINGS = {
     "indices": "Which parameters matter",
     "curves": "Over each parameter",
     "map": "Over the two parameters that matter most, and where runs fail",
-    "interaction": "Whether these two interact: parallel lines if not (mean and its 95 % interval)",
 }
 NAMES = {
     "sobol": ("total index", "first-order index"),
@@ -48,7 +48,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     study, drawn = work.study, _inline_figures(work, found)
     for name, picture in drawn.items():
         _write(folder / "figures" / f"{name}.svg", picture)
-    table = data(work, rows)
+    table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
     two = NAMES.get(study.method, ("", ""))
@@ -125,20 +125,6 @@ def endings(work: Work, rows: pa.Table) -> list[str]:
 
 def _write(path: Path, text: str) -> None:
     write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
-
-
-def data(work: Work, rows: pa.Table) -> pa.Table:
-    """One row per run: variant, point, seed, parameters, outcome, metrics."""
-    tasks = work.tasks
-    at = [task.point for task in tasks]
-    columns: dict[str, Any] = {
-        "variant": [task.variant for task in tasks],
-        "point": at,
-        "seed": [task.seed for task in tasks],
-        **work.design[at].columns,
-        **{name: rows[name] for name in rows.column_names if name != "key"},
-    }
-    return pa.table(columns)
 
 
 class Grid(NamedTuple):

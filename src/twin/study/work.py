@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,7 +63,47 @@ class Job(NamedTuple):
     scenario: str
 
 
-class Work:
+class ScenarioRuns:
+    """Runs of given scenarios, as they are handed out.
+
+    Args:
+        scenarios: What to run; what they are called changes nothing.
+        seen: Whether they are judged by what the rig's computer sees.
+
+    Attributes:
+        tasks: Which runs they are, in their order.
+        seen: As it was given.
+    """
+
+    def __init__(self, scenarios: Iterable[Scenario], *, seen: bool = False) -> None:
+        self.seen = seen
+        self._mark = f"seen {code()} " if seen else code()
+        self._scenarios = [untitled(each) for each in scenarios]
+        self.tasks = [
+            self._task(each, each.controller.model_dump_json(), number)
+            for number, each in enumerate(self._scenarios)
+        ]
+
+    @property
+    def different(self) -> int:
+        """How many runs there are: two tasks may be the same run."""
+        return len({task.key for task in self.tasks})
+
+    def scenario(self, task: Task) -> Scenario:
+        """What a task runs."""
+        return self._scenarios[task.point]
+
+    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+        """Runs as they are handed out."""
+        return [Job(task.key, task.alike, self.scenario(task).model_dump_json()) for task in tasks]
+
+    def _task(self, scenario: Scenario, variant: str, point: int, seed: int = 0) -> Task:
+        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
+        key = digest(self._mark + scenario.model_dump_json())
+        return Task(key, sys.intern(kind), variant, point, seed)  # one string for all alike
+
+
+class Work(ScenarioRuns):
     """All runs of a study; every variant has the same points and seeds.
 
     Scenarios are not kept but made again when they are handed out: a study may have millions.
@@ -79,72 +121,39 @@ class Work:
     """
 
     def __init__(self, study: Study) -> None:
+        super().__init__(())
         self.study = study
         self.design = points(study)
         self._build = Builder(study.scenario)
         self._relative = {key for key, item in study.parameters.items() if item.relative}
         self._fixed = {each.name: (*study.set, *each.set) for each in study.compared}
-        self._kinds: dict[str, str] = {}
         self.steps: set[float] = set()
-        self.tasks = [
-            self._task(name, index, seed)
-            for index in range(len(self.design))
-            for seed in range(study.seeds)
-            for name in self._fixed
-        ]
+        for point, seed, name in product(range(len(self.design)), range(study.seeds), self._fixed):
+            scenario = self._made(name, point, seed)
+            self.steps.add(scenario.plant.step)
+            self.tasks.append(self._task(scenario, name, point, seed))
 
     @property
-    def different(self) -> int:
-        """How many runs there are: two tasks may be the same run."""
-        return len({task.key for task in self.tasks})
+    def labels(self) -> dict[str, Any]:
+        """Of every task: variant, point, seed, and the values of the parameters."""
+        at = [task.point for task in self.tasks]
+        variants, seeds = (
+            [getattr(task, key) for task in self.tasks] for key in ("variant", "seed")
+        )
+        return {"variant": variants, "point": at, "seed": seeds, **self.design[at].columns}
 
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
-        """Runs as they are handed out."""
-        found = []
-        for task in tasks:
-            scenario = self._scenario(task.variant, task.point, task.seed)
-            found.append(Job(task.key, task.alike, scenario.model_dump_json()))
-        return found
+    def scenario(self, task: Task) -> Scenario:
+        """What a task runs."""
+        return self._made(task.variant, task.point, task.seed)
 
-    def _task(self, variant: str, point: int, seed: int) -> Task:
-        scenario = self._scenario(variant, point, seed)
-        self.steps.add(scenario.plant.step)
-        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
-        # one string for all that are alike
-        kind = self._kinds.setdefault(kind, kind)
-        return Task(digest(code() + scenario.model_dump_json()), kind, variant, point, seed)
-
-    def _scenario(self, variant: str, point: int, seed: int) -> Scenario:
+    def _made(self, variant: str, point: int, seed: int) -> Scenario:
         fixed = (*self._fixed[variant], f"seed={seed}")
-        scenario = at_study_step(self._build(fixed, self.design[point], self._relative))
-        # what a run is called changes nothing
-        return scenario.model_copy(update={"title": ""})
+        return untitled(at_study_step(self._build(fixed, self.design[point], self._relative)))
 
 
-class ScenarioRuns:
-    """Runs of given scenarios, as a study's are handed out.
-
-    Args:
-        scenarios: What to run; what they are called changes nothing.
-        seen: Whether they are judged by what the rig's computer sees.
-    """
-
-    def __init__(self, scenarios: Iterable[Scenario], *, seen: bool = False) -> None:
-        self._scenarios = [each.model_copy(update={"title": ""}) for each in scenarios]
-        self._mark = f"seen {code()} " if seen else code()
-        self.tasks = [self._task(n, scenario) for n, scenario in enumerate(self._scenarios)]
-
-    def _task(self, number: int, scenario: Scenario) -> Task:
-        kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
-        key = digest(self._mark + scenario.model_dump_json())
-        return Task(key, kind, scenario.controller.model_dump_json(), number, 0)
-
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
-        """Runs as they are handed out."""
-        return [
-            Job(task.key, task.alike, self._scenarios[task.point].model_dump_json())
-            for task in tasks
-        ]
+def untitled(scenario: Scenario) -> Scenario:
+    """A scenario without its title: what a run is called changes nothing."""
+    return scenario.model_copy(update={"title": ""})
 
 
 def carry_out(jobs: Sequence[Job], *, seen: bool = False) -> list[Row]:

@@ -63,7 +63,8 @@ def trade_off(found: TuneResult) -> Figure:
         _ticks(ax.xaxis, ax.yaxis)
         ax.set_xlabel("largest RMS effort of a run [rad/s²]")
         ax.set_ylabel(f"cost of the worst {found.tune.tail:.0%}, first {few} rigs")
-        ax.legend(frameon=False, loc="upper center", ncols=4)
+        if ran:
+            ax.legend(frameon=False, loc="upper center", ncols=4)
         ax.margins(y=0.2)
     return figure
 
@@ -75,42 +76,6 @@ def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         if not kept or point[1] < kept[-1][1]:
             kept.append(point)
     return kept
-
-
-def sensitivities(found: TuneResult) -> Figure:
-    """Cost of the result with one field changed, over that of the result."""
-    with mpl.rc_context({"font.size": 9}):
-        names = list(found.tune.fields)[::-1]
-        figure = _figure(10, 0.9 + 0.45 * len(names))
-        ax = figure.subplots()
-        for each in found.neighbours:
-            at = names.index(each.key)
-            value = each.value if isinstance(each.value, str) else f"{each.value:.4g}"
-            bad = each.ratio is None
-            lower = isinstance(each.value, str) or each.value < float(found.chosen.fields[each.key])
-            ax.plot(
-                1.0 if each.ratio is None else each.ratio,
-                at,
-                "x" if bad else "o",
-                ms=7,
-                color=AFTER if each.kept else BEFORE,
-                mfc=AFTER if each.kept else "none",
-            )
-            ax.annotate(
-                f"{value}: fails" if bad else value,
-                (1.0 if each.ratio is None else each.ratio, at),
-                xytext=(0, 5 if lower else -5),
-                textcoords="offset points",
-                ha="center",
-                va="bottom" if lower else "top",
-                fontsize=7,
-            )
-        ax.axvline(1.0, lw=1, color=OTHER)
-        ax.set_yticks(range(len(names)), names)
-        ax.set_ylim(-0.6, len(names) - 0.4)
-        ax.margins(x=0.1)
-        ax.set_xlabel("cost over that of the result; hollow: a constraint is not kept")
-    return figure
 
 
 def before_and_after(found: TuneResult) -> Figure:
@@ -128,8 +93,9 @@ def before_and_after(found: TuneResult) -> Figure:
                 (found.before, BEFORE, "before"),
                 (found.after, AFTER, "after"),
             ):
-                known = sorted(factor * v for v in side.values[task.name] if v is not None)
-                shares = np.arange(1, len(known) + 1) / side.rigs
+                values = side["tasks"][task.name]["values"]
+                known = sorted(factor * value for value in values if value is not None)
+                shares = np.arange(1, len(known) + 1) / side["rigs"]
                 ax.step(known, shares, where="post", color=colour, label=when)
             ax.axvline(factor * task.scale, ls=":", color="#555555")
             ax.set_title(task.name)

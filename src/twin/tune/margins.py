@@ -18,14 +18,12 @@ class NominalLoop(NamedTuple):
         disk: Least disk margin at any of its cuts, dimensionless; 0 if it is unstable, None if it
             cannot be linearised.
         delay: Least further dead time in s at any cut; None as well where none destabilises it.
-        stable: Whether it is; None if it cannot be linearised.
         observed: Whether observer, predictor and dead time are in it. Without, as for an observer
             that learns and so cannot be linearised, it is the law with the full state.
     """
 
     disk: float | None
     delay: float | None
-    stable: bool | None
     observed: bool = True
 
 
@@ -56,15 +54,15 @@ def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLo
     try:
         loop = sampled_loop(law, Ideal(model=law.model, period=observer.period))
     except ValueError:  # a law that switches
-        return NominalLoop(None, None, None, observed=False)
+        return NominalLoop(None, None, observed=False)
     return _least(loop)._replace(observed=False)
 
 
 def _least(loop: Loop) -> NominalLoop:
     if len(unstable(loop.eigenvalues())):
-        return NominalLoop(0.0, 0.0, stable=False)
+        return NominalLoop(0.0, 0.0)
     found = [margins(loop, cut, points=150) for cut in ("u1", "u2", "x", "y")]
     known = [each for each in found if each is not None]
     delays = [each.delay for each in known if each.delay is not None]
     disk = min((each.disk for each in known), default=0.0)
-    return NominalLoop(disk, min(delays, default=None), stable=True)
+    return NominalLoop(disk, min(delays, default=None))

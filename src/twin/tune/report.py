@@ -8,8 +8,8 @@ from typing import Any
 from twin.html import inline, render
 from twin.report.numbers import LABELS, shown
 from twin.run.control import build_law
-from twin.tune.certificate import CONFIDENCE, Certificate
-from twin.tune.figures import before_and_after, sensitivities, trade_off
+from twin.tune.certificate import CONFIDENCE
+from twin.tune.figures import before_and_after, trade_off
 from twin.tune.fragment import options, settings, toml
 from twin.tune.trials import Trials
 from twin.tune.tune import TuneResult
@@ -26,13 +26,15 @@ def sentences(found: TuneResult) -> list[str]:
     lines = [
         f"{tried} candidates, {ran} of them run on up to {tune.rigs[-1]} rigs of draw {tune.draw} "
         f"of the family {tune.family}; {tried - ran} had a nominal loop without the margins asked.",
-        f"On {after.rigs} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
+        f"On {after['rigs']} fresh rigs of draw {tune.certificate_draw}: {failed(after)}; "
         f"before: {failed(before)}.",
     ]
-    if after.cost is not None:
-        was = "a lost rig" if before.cost is None else f"{before.cost:.3g}"
+    lines += [f"Lost, as in {reason}." for reason in after["reasons"][:1]]
+    cost, was = after["cost"], before["cost"]
+    if cost is not None:
+        than = "a lost rig" if was is None else f"{was:.3g}"
         lines.append(
-            f"Mean cost of the worst {tune.tail:.0%} of these rigs: {after.cost:.3g} after {was}."
+            f"Mean cost of the worst {tune.tail:.0%} of these rigs: {cost:.3g} after {than}."
         )
     if found.chosen is found.candidates[0]:
         lines.append("Nothing better than the beginning was found.")
@@ -51,12 +53,12 @@ def sentences(found: TuneResult) -> list[str]:
     return lines
 
 
-def failed(certificate: Certificate) -> str:
+def failed(certificate: dict[str, Any]) -> str:
     """Failures and their bound in words."""
-    lost = f"{certificate.failures} of {certificate.rigs} lost"
+    bound = 100 * certificate["failure_rate_below"]
     return (
-        f"{lost}, so with {CONFIDENCE:.0%} confidence fewer than {100 * certificate.bound:.2g} % "
-        "of all such rigs are"
+        f"{certificate['failures']} of {certificate['rigs']} lost, so with {CONFIDENCE:.0%} "
+        f"confidence fewer than {bound:.2g} % of all such rigs are"
     )
 
 
@@ -82,20 +84,32 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     for task in found.tune.tasks:
         for label, side in (("before", found.before), ("after", found.after)):
             name, unit = LABELS[task.indicator]
-            numbers = side.quantiles[task.name]
-            effort = side.effort[task.name]
+            own = side["tasks"][task.name]
             rows.append(
                 (
                     task.name,
                     label,
                     f"{name} [{unit}]",
-                    *(shown(value, unit) for value in numbers or (None,) * 3),
+                    *(shown(own[key], unit) for key in ("median", "quantile_90", "largest")),
                     shown(task.scale, unit),
-                    f"{side.finished[task.name]} of {side.rigs}",
-                    "-" if effort is None else f"{effort[0]:.2g}",
+                    f"{own['finished']} of {side['rigs']}",
+                    "-" if own["effort"] is None else f"{own['effort']:.2g}",
                 )
             )
     return rows
+
+
+def neighbours_table(found: TuneResult) -> list[tuple[str, ...]]:
+    """The result with one field changed, each: what that does to its cost."""
+    return [
+        (
+            each.key,
+            each.value if isinstance(each.value, str) else f"{each.value:.4g}",
+            "fails" if each.ratio is None else f"{each.ratio:.3g}",
+            "yes" if each.kept else "no",
+        )
+        for each in found.neighbours
+    ]
 
 
 def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
@@ -135,7 +149,6 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     drawn: dict[str, Any] = {
         "Before and after on the fresh rigs (dotted: cost 1)": before_and_after(found),
         "Error against effort": trade_off(found),
-        "Which fields matter: each a tenth of its range lower and higher": sensitivities(found),
     }
     page = render(
         "tune/report.html.j2",
@@ -147,7 +160,8 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
         margins=margins_table(found),
         limits=found.tune.limits,
         fields=fields_table(found),
-        reasons=found.after.reasons,
+        neighbours=neighbours_table(found),
+        reasons=found.after["reasons"],
         about=_about(found),
         command=f"ballplate run circle --set parameters={folder / FRAGMENT}",
         options=f"ballplate run circle {options(tuned)}",

@@ -11,35 +11,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from twin.errors import ScenarioError
 from twin.study.distribution import Parameter
 from twin.study.family import Point
 from twin.tune.candidate import Candidate, Score, loop_constraints, score
-from twin.tune.margins import NominalLoop
 from twin.tune.schema import Tune
-from twin.tune.trials import Indicators, Wanted
+from twin.tune.trials import Trials
 
 PROPOSALS = 10
 """Most candidates proposed for each that is run: others have a nominal loop without margin."""
 DIGITS = 5
 """Of the values that are tried: what is printed is what was run."""
-
-
-class Evaluation(Protocol):
-    """What carries out candidates; ``Trials`` does."""
-
-    tune: Tune
-    start: Point
-
-    def loops(self, candidates: Sequence[Point]) -> list[NominalLoop | str]:
-        """The nominal loop of each candidate."""
-
-    def indicators(
-        self, wanted: Sequence[Wanted], draw: int, on: Sequence[str]
-    ) -> list[Indicators]:
-        """What candidates give on the first rigs of a draw."""
 
 
 def library() -> Any:
@@ -56,13 +40,11 @@ def library() -> Any:
     return optuna
 
 
-def searched(
-    evaluation: Evaluation, advance: Callable[[int], None] = lambda _: None
-) -> list[Candidate]:
+def searched(trials: Trials, advance: Callable[[int], None] = lambda _: None) -> list[Candidate]:
     """Every candidate of a search, in its order; the first is where it begins.
 
     Args:
-        evaluation: What carries them out.
+        trials: What carries them out.
         advance: Told how many candidates have been tried.
 
     Raises:
@@ -70,12 +52,12 @@ def searched(
         TwinError: If a run cannot be carried out.
     """
     optuna = library()
-    tune, space = evaluation.tune, _space(evaluation.tune.fields)
+    tune, space = trials.tune, _space(trials.tune.fields)
     sampler = optuna.samplers.TPESampler(
         seed=tune.seed, n_startup_trials=max(10, 2 * len(space)), multivariate=True
     )
     study = optuna.create_study(sampler=sampler)
-    study.enqueue_trial(dict(evaluation.start))
+    study.enqueue_trial(dict(trials.start))
     found: list[Candidate] = []
     ran, proposals = 0, PROPOSALS * tune.candidates
     while ran < tune.candidates and len(found) < proposals:
@@ -83,7 +65,7 @@ def searched(
         size = min(tune.round, tune.candidates - ran)
         most = min(PROPOSALS * size, proposals - len(found))
         while size and len(asked) < most:
-            new = _asked(study, evaluation, space, len(found), min(size, most - len(asked)))
+            new = _asked(study, trials, space, len(found), min(size, most - len(asked)))
             for trial, candidate in new:
                 if not candidate.worth_running(tune):
                     _tell(study, trial, candidate, tune)  # so that the next ones know
@@ -91,7 +73,7 @@ def searched(
             found += [candidate for _, candidate in new]
             size -= sum(candidate.worth_running(tune) for _, candidate in new)
         some = [(trial, each) for trial, each in asked if each.worth_running(tune)]
-        _climb(evaluation, found, [candidate for _, candidate in some])
+        _climb(trials, found, [candidate for _, candidate in some])
         for trial, candidate in some:
             _tell(study, trial, candidate, tune)
         ran += len(some)
@@ -100,30 +82,28 @@ def searched(
 
 
 def _asked(
-    study: Any, evaluation: Evaluation, space: dict[str, Any], begin: int, count: int
+    study: Any, trials: Trials, space: dict[str, Any], begin: int, count: int
 ) -> list[tuple[Any, Candidate]]:
     """New candidates that the sampler proposes, with their nominal loops."""
-    trials = [study.ask(space) for _ in range(count)]
-    points = [rounded(trial.params, evaluation.tune.fields) for trial in trials]
+    asked = [study.ask(space) for _ in range(count)]
+    points = [rounded(trial.params, trials.tune.fields) for trial in asked]
     if begin == 0:
-        points[0] = evaluation.start
-    loops = evaluation.loops(points)
+        points[0] = trials.start
+    loops = trials.loops(points)
     return [
         (trial, Candidate(number=begin + place, fields=point, loop=loop))
-        for place, (trial, point, loop) in enumerate(zip(trials, points, loops, strict=True))
+        for place, (trial, point, loop) in enumerate(zip(asked, points, loops, strict=True))
     ]
 
 
-def _climb(
-    evaluation: Evaluation, everyone: Sequence[Candidate], some: Sequence[Candidate]
-) -> None:
+def _climb(trials: Trials, everyone: Sequence[Candidate], some: Sequence[Candidate]) -> None:
     """Judge new candidates rung by rung, as far as each gets."""
-    tune = evaluation.tune
+    tune = trials.tune
     left = list(some)
     for rung, rigs in enumerate(tune.rigs):
         if not left:
             return
-        gave = evaluation.indicators([(c.fields, rigs) for c in left], tune.draw, tune.search)
+        gave = trials.indicators([(c.fields, rigs) for c in left], tune.draw, tune.search)
         for candidate, indicators in zip(left, gave, strict=True):
             candidate.scores.append(score(tune, candidate.loop, indicators))
         reached = sorted(c.scores[rung].rank for c in everyone if len(c.scores) > rung)

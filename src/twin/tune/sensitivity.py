@@ -7,11 +7,12 @@ any importance made of them says as much of the sampler as of the fields.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from twin.study.distribution import Parameter
 from twin.tune.candidate import Candidate, score
-from twin.tune.search import Evaluation, rounded
+from twin.tune.search import rounded
+from twin.tune.trials import Trials
 
 STEP = 0.1
 """Of a field, as a share of its range; of the range of its logarithm if that is searched."""
@@ -33,36 +34,32 @@ class Neighbour(NamedTuple):
     ratio: float | None
     kept: bool
 
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return self._asdict()
 
-
-def neighbours(evaluation: Evaluation, chosen: Candidate) -> list[Neighbour]:
+def neighbours(trials: Trials, chosen: Candidate) -> list[Neighbour]:
     """The result with every field a step lower and higher, or every other value of it.
 
     Args:
-        evaluation: What carries candidates out.
+        trials: What carries candidates out.
         chosen: The result.
 
     Raises:
         TwinError: If a run cannot be carried out.
     """
-    tune = evaluation.tune
+    tune = trials.tune
     about = tune.fields
     moved = [
         (key, rounded({**chosen.fields, key: value}, about))
         for key in about
         for value in _beside(about[key], chosen.fields[key])
     ]
-    loops = evaluation.loops([point for _, point in moved])
+    loops = trials.loops([point for _, point in moved])
     ran = [
         (point, loop)
         for (_, point), loop in zip(moved, loops, strict=True)
         if not isinstance(loop, str)
     ]
     points = [chosen.fields, *(point for point, _ in ran)]
-    first, *gave = evaluation.indicators(
+    first, *gave = trials.indicators(
         [(point, tune.rigs[0]) for point in points], tune.draw, tune.search
     )
     scores = iter([score(tune, loop, found) for (_, loop), found in zip(ran, gave, strict=True)])

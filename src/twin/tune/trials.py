@@ -6,16 +6,17 @@ import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
+from twin.run.control import own_errors
 from twin.scenario import Scenario
 from twin.scenario.study_step import at_study_step
 from twin.study.build import Builder
-from twin.study.carry import carry
+from twin.study.experiments import evaluate
 from twin.study.family import FamilyRig, Point, drawn
 from twin.study.family import read as read_family
 from twin.study.pilot import seconds
@@ -23,6 +24,9 @@ from twin.study.store import Store
 from twin.study.work import ScenarioRuns
 from twin.tune.margins import NominalLoop, nominal_loop
 from twin.tune.schema import Tune
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PILOT_RIGS = 32
 """Rigs of the short runs from which the time of a tune is estimated."""
@@ -152,27 +156,25 @@ class Trials:
         """
         asked = list(wanted)
         rigs = drawn(self._family, draw, max((count for _, count in asked), default=0))
-        tasks = range(len(self.tune.tasks))
+        which = [
+            (candidate, rig, task)
+            for candidate, (_, count) in enumerate(asked)
+            for rig in range(count)
+            for task in range(len(self.tune.tasks))
+        ]
         runs = ScenarioRuns(
-            self.scenario(fields, task, rig, on)
-            for fields, count in asked
-            for rig in rigs[:count]
-            for task in tasks
+            self.scenario(asked[c][0], task, rigs[rig], on) for c, rig, task in which
         )
-        rows = carry(
+        gave = evaluate(
             runs,
+            dict(zip(("candidate", "rig", "task"), zip(*which, strict=True), strict=False)),
             self._store,
             executor=self._executor,
             processes=self._processes,
             whole=True,
-        ).to_pylist()
-        self.finished += len(rows)
-        found, begin = [], 0
-        for _, count in asked:
-            part = rows[begin : begin + count * len(tasks)]
-            begin += len(part)
-            found.append(self._indicators(part, count))
-        return found
+        )
+        self.finished += len(gave)
+        return [self._indicators(own) for _, own in gave.groupby("candidate")]
 
     def seconds(self, searched: int, judged: int) -> float:
         """About how long runs take on one processor, from short ones made here.
@@ -189,26 +191,21 @@ class Trials:
             total += count * seconds(runs.jobs(runs.tasks))
         return total
 
-    def _indicators(self, rows: Sequence[dict[str, object]], count: int) -> Indicators:
-        tasks = self.tune.tasks
-
-        def table(names: Sequence[str]) -> Array:
-            found = [row[names[place % len(tasks)]] for place, row in enumerate(rows)]
-            return np.array(found, float).reshape(count, len(tasks))
-
-        for place, row in enumerate(rows):
-            task = tasks[place % len(tasks)]
-            if row["outcome"] == "finished" and row[task.indicator] is None:
+    def _indicators(self, runs: pd.DataFrame) -> Indicators:
+        """Those of one candidate, rig by rig."""
+        by_task = [own for _, own in runs.groupby("task")]
+        values = [own[task.indicator] for task, own in zip(self.tune.tasks, by_task, strict=True)]
+        for task, own, value in zip(self.tune.tasks, by_task, values, strict=True):
+            if value[own["outcome"] == "finished"].isna().any():
                 raise ScenarioError(f"task {task.name}: its reference has no {task.indicator}")
+        lost = runs[runs["outcome"] != "finished"]
         reasons = [
-            f"{tasks[place % len(tasks)].name}: {row['outcome']}: {row['reason']}"
-            for place, row in enumerate(rows)
-            if row["outcome"] != "finished"
+            f"{self.tune.tasks[task].name}: {outcome}: {reason}"
+            for task, outcome, reason in lost[["task", "outcome", "reason"]].itertuples(index=False)
         ]
+        efforts = [own["u_rms"] for own in by_task]
         return Indicators(
-            table([task.indicator for task in tasks]),
-            table(["u_rms"] * len(tasks)),
-            tuple(dict.fromkeys(reasons)),
+            np.column_stack(values), np.column_stack(efforts), tuple(dict.fromkeys(reasons))
         )
 
     def _beginning(self) -> Point:
@@ -250,6 +247,7 @@ def _controller(scenario: Scenario) -> str:
 @lru_cache(maxsize=4096)
 def _loop(controller: str) -> NominalLoop | str:
     try:
-        return nominal_loop(Scenario.model_validate_json(controller))
+        with own_errors():
+            return nominal_loop(Scenario.model_validate_json(controller))
     except ScenarioError as error:
         return str(error)

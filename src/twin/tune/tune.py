@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from twin.tune.candidate import Candidate, Score, score
-from twin.tune.certificate import Certificate, certified
+from twin.tune.certificate import certified
 from twin.tune.schema import Tune
 from twin.tune.search import best_of, searched
 from twin.tune.sensitivity import Neighbour, importance, neighbours
@@ -24,8 +24,8 @@ class TuneResult:
         finalists: The best of them, and what each is worth where the verdict is given.
         chosen: The best of these.
         neighbours: The chosen one with one field changed, each.
-        before: Certificate of the beginning.
-        after: Certificate of the chosen one.
+        before: What fresh rigs certify of the beginning, as ``certified`` tells it.
+        after: The same of the chosen one.
         runs: How many runs were asked for.
     """
 
@@ -34,8 +34,8 @@ class TuneResult:
     finalists: list[tuple[Candidate, Score]]
     chosen: Candidate
     neighbours: list[Neighbour]
-    before: Certificate
-    after: Certificate
+    before: dict[str, Any]
+    after: dict[str, Any]
     runs: int
 
     @property
@@ -46,7 +46,7 @@ class TuneResult:
     @property
     def good(self) -> bool:
         """Whether the chosen one keeps every constraint and lost no fresh rig."""
-        return self.verdict.kept and not self.after.failures
+        return self.verdict.kept and not self.after["failures"]
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -62,9 +62,9 @@ class TuneResult:
             "chosen": self.chosen.as_dict(),
             "verdict_cost": self.verdict.cost,
             "importance": importance(self.neighbours),
-            "neighbours": [each.as_dict() for each in self.neighbours],
-            "before": self.before.as_dict(),
-            "after": self.after.as_dict(),
+            "neighbours": [each._asdict() for each in self.neighbours],
+            "before": self.before,
+            "after": self.after,
             "candidates": [each.as_dict() for each in self.candidates],
         }
 

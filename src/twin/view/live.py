@@ -14,6 +14,7 @@ import rerun as rr
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
+from twin.jobs import orphaned
 from twin.scenario.schema import Scenario
 from twin.view.layout import Layout, blueprint
 from twin.view.live_process import Address, LiveProcess, step_back
@@ -95,10 +96,9 @@ def work(
     """Send rows until the writer has ended, or is gone; the body of the process."""
     step_back()
     os.environ.update(environment())
-    parent = os.getppid()
     with closing(SharedRingBuffer(*buffer)) as ring:
         sender = partial(_begin, url=url, layout=layout, twin=twin)
-        _send_rows(ring, scenario, new_stream(names[0], recording), names, sender, parent)
+        _send_rows(ring, scenario, new_stream(names[0], recording), names, sender)
 
 
 def _send_rows(
@@ -107,12 +107,11 @@ def _send_rows(
     stream: rr.RecordingStream,
     names: tuple[str, ...],
     begin: Callable[[rr.RecordingStream, list[RunStream], dict[str, Array]], None],
-    parent: int,
 ) -> None:
     together = len(names) > 1
     runs = [RunStream(name, scenario, i if together else None) for i, name in enumerate(names)]
     while not ring.columns:
-        if ring.done or os.getppid() != parent:
+        if ring.done or orphaned():
             return
         time.sleep(EVERY)
     width = (len(ring.columns) - 1) // len(names)
@@ -120,7 +119,7 @@ def _send_rows(
     started = False
     shown = -1
     while True:
-        done = ring.done or os.getppid() != parent
+        done = ring.done or orphaned()
         rows = ring.take(MOST)
         for i, each in enumerate(runs):
             own = rows[:, 1 + i * width : 1 + (i + 1) * width]

@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from twin.jobs import let_go
+from twin.jobs import let_go, program_left_out, undisturbed
 from twin.run.record import Recorder
 from twin.view.shared_ring_buffer import SharedRingBuffer
 
@@ -60,7 +60,8 @@ class LiveProcess:
         self._process = context.Process(
             target=work, args=(self._ring.address, *arguments), daemon=True
         )
-        self._process.start()
+        with undisturbed(), program_left_out():
+            self._process.start()
         self._started = monotonic()
 
     def watch(self, recorder: Recorder) -> None:
@@ -88,6 +89,12 @@ class LiveProcess:
                     names += columns
         self._ring.name(names)
 
+    def begun(self) -> bool:
+        """Wait until the process has opened the buffer; return whether it has."""
+        while not self._ring.opened and self.alive and monotonic() < self._started + FIRST:
+            self._process.join(0.05)
+        return self._ring.opened
+
     @property
     def alive(self) -> bool:
         """Whether the process still runs."""
@@ -105,9 +112,7 @@ class LiveProcess:
             wait: Seconds without progress after which it is given up.
         """
         self._ring.finish()
-        until = self._started + FIRST
-        while not self._ring.opened and self.alive and monotonic() < until:
-            self._process.join(0.05)
+        self.begun()
         taken = -1
         while self.alive and self._ring.taken != taken:
             taken = self._ring.taken

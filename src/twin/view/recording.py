@@ -11,7 +11,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
-from twin.run.replay import Replay
+from twin.run.finished import Run
 from twin.view.axis import shown_range
 from twin.view.layout import Layout, blueprint
 from twin.view.saved_twin import saved_twin
@@ -64,7 +64,7 @@ def add_twin(
         send(stream, batch)
 
 
-def write(path: Path, runs: Sequence[Replay], layout: Layout = "showing") -> None:
+def write(path: Path, runs: Sequence[Run], layout: Layout = "showing") -> None:
     """Write runs side by side on one time line into an ``.rrd`` file.
 
     Raises:
@@ -75,7 +75,7 @@ def write(path: Path, runs: Sequence[Replay], layout: Layout = "showing") -> Non
     write_whole(path, lambda target: target.write_bytes(content))
 
 
-def encoded(runs: Sequence[Replay], layout: Layout = "showing") -> bytes:
+def encoded(runs: Sequence[Run], layout: Layout = "showing") -> bytes:
     """The content of an ``.rrd`` file of runs side by side.
 
     Made in memory, because the library's own file writer only logs that a disk is full.
@@ -89,7 +89,7 @@ def encoded(runs: Sequence[Replay], layout: Layout = "showing") -> bytes:
     return content
 
 
-def forward(url: str, runs: Sequence[Replay], layout: Layout = "showing") -> None:
+def forward(url: str, runs: Sequence[Run], layout: Layout = "showing") -> None:
     """Send runs to the viewer that listens at an address.
 
     Raises:
@@ -104,10 +104,10 @@ def forward(url: str, runs: Sequence[Replay], layout: Layout = "showing") -> Non
         raise ViewError(f"the viewer at {url} does not answer: {error}") from error
 
 
-def _send_all(stream: rr.RecordingStream, runs: Sequence[Replay], layout: Layout) -> None:
+def _send_all(stream: rr.RecordingStream, runs: Sequence[Run], layout: Layout) -> None:
     together = len(runs) > 1
     streams = [
-        RunStream(run.name, run.scenario, i if together else None, run.reference)
+        RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
     plots = [each.plots(run.rows) for each, run in zip(streams, runs, strict=True)]

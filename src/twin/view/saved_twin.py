@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from twin.errors import RecordError
-from twin.run.replay import Replay
+from twin.run.finished import Run
 from twin.view.fingerprint import fingerprint
 from twin.view.twin_stream import Scores
 
@@ -24,7 +24,7 @@ class Saved(NamedTuple):
     events: list[tuple[float, str]]
 
 
-def saved_twin(run: Replay) -> Saved | None:
+def saved_twin(run: Run) -> Saved | None:
     """What was said of this very record; None if nothing was, or only of another one before it.
 
     Raises:

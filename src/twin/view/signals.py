@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from twin.hal.limits import Limits
-from twin.run.replay import states_of
+from twin.run.finished import states_of
 
 Colour = tuple[int, int, int]
 

@@ -16,8 +16,8 @@ from twin.hal.states import State
 from twin.paths import model_path
 from twin.run.assemble import build_limits
 from twin.run.control import build_reference
+from twin.run.finished import columns, states_of
 from twin.run.plants import build_friction
-from twin.run.replay import columns, states_of
 from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.model import load_model

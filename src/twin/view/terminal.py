@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Mapping
@@ -17,8 +16,9 @@ from rich.table import Table
 
 from controllers.arrays import Array
 from twin.hal.states import State
+from twin.jobs import orphaned
 from twin.run.control import build_reference
-from twin.run.replay import states_of
+from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, step_back
 from twin.view.shared_ring_buffer import SharedRingBuffer
@@ -91,19 +91,18 @@ class Summary:
 def work(buffer: Address, scenario: Scenario) -> None:
     """Print until the writer has ended, or is gone; the body of the process."""
     step_back()
-    parent = os.getppid()
     with closing(SharedRingBuffer(*buffer)) as ring:
-        _print(ring, scenario, parent)
+        _print(ring, scenario)
 
 
-def _print(ring: SharedRingBuffer, scenario: Scenario, parent: int) -> None:
+def _print(ring: SharedRingBuffer, scenario: Scenario) -> None:
     summary = Summary(scenario)
     console = Console(stderr=True, highlight=False)
     every = SHOWN_EVERY if console.is_terminal else LINE_EVERY
     screen = Live(console=console, transient=True, auto_refresh=False)
     with screen if console.is_terminal else console:
         while True:
-            done = ring.done or os.getppid() != parent
+            done = ring.done or orphaned()
             if ring.columns:
                 rows = ring.take()
                 summary.take(dict(zip(ring.columns, rows.T, strict=True)))
@@ -121,13 +120,13 @@ def _print(ring: SharedRingBuffer, scenario: Scenario, parent: int) -> None:
                 sys.stderr.flush()
             if done:
                 return
-            _wait(every, ring, parent)
+            _wait(every, ring)
 
 
-def _wait(seconds: float, ring: SharedRingBuffer, parent: int) -> None:
+def _wait(seconds: float, ring: SharedRingBuffer) -> None:
     """Sleep, but not past the end of the run."""
     until = time.monotonic() + seconds
-    while time.monotonic() < until and not ring.done and os.getppid() == parent:
+    while time.monotonic() < until and not (ring.done or orphaned()):
         time.sleep(0.05)
 
 

@@ -13,10 +13,10 @@ from controllers.stack import Controller
 from twin.errors import RecordError
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
+from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.past import snapshots_of
 from twin.run.record import Recorder
-from twin.run.replay import Replay
 from twin.run.snapshot import Snapshot
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import LOOK_BACK, Moment, Recorded
@@ -25,7 +25,7 @@ EXACTLY = 1e-9
 """Largest distance in m at which a run counts as simulated again."""
 
 
-def exact(run: Replay, file: Path, at: float) -> Moment:
+def exact(run: Run, file: Path, at: float) -> Moment:
     """A moment of a simulated run of this version.
 
     Args:

@@ -14,9 +14,8 @@ from twin.run.execute import record_run
 from twin.run.finished import Run
 from twin.run.folders import short_key, slug
 from twin.run.loop import drive
-from twin.run.metrics import Motion, measure
+from twin.run.metrics import Motion
 from twin.run.record import Recorder
-from twin.scenario.changing import always_friction
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import Moment, Recorded, take_over
 
@@ -49,8 +48,11 @@ class Future:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        metrics = self.run.metrics.as_dict()
-        return {"set": [*self.settings], **metrics, "max_difference_m": self.max_difference}
+        return {
+            "set": [*self.settings],
+            **self.run.metrics,
+            "max_difference_m": self.max_difference,
+        }
 
 
 def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Future:
@@ -73,19 +75,17 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
         return moment.put(rig)
 
     ticks = round(scenario.duration / period) - round(moment.at / period)
-    record = Recorder(ticks, 1, period, rig.channels)
+    record = Recorder(ticks, 1, period, rig.channels, controller.observer.knows)
     (outcome,) = drive(rig, controller, scenario.duration, record, begin=begin)
-    motion = Motion.of(
-        record, controller.reference(record.time)[0], friction=always_friction(scenario)
-    )
-    metrics = measure(
-        motion,
+    run = Run.of(
+        scenario,
+        record,
         outcome,
-        start=scenario.metrics.start,
-        band_percent=scenario.metrics.band_percent,
+        controller.reference,
+        real_time_factor=float("nan"),
+        journal=rig.journal,
     )
-    run = Run(scenario, record, outcome, metrics, motion, float("nan"), tuple(rig.journal))
-    return Future(settings, run, difference(moment.recorded, motion, period))
+    return Future(settings, run, difference(moment.recorded, run.motion, period))
 
 
 def difference(recorded: Recorded, motion: Motion, period: float) -> float | None:

@@ -13,9 +13,10 @@ from twin.errors import RecordError
 from twin.jobs import SecondProcess
 from twin.run.control import build_reference
 from twin.run.execute import drawn, versions
+from twin.run.finished import Run
 from twin.run.folders import forget_listed, free, record_of
 from twin.run.metrics import Motion
-from twin.run.replay import Replay, open_run
+from twin.run.replay import open_run
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
 from twin.whatif.branch import branch
@@ -59,7 +60,9 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     if path.suffix == ".csv":
         if scenario is None:
             raise RecordError(f"{path}: a log does not say what ran; give --scenario NAME")
-        return _estimated(path.stem, path, load(scenario), at)
+        chosen = load(scenario)
+        at, rounded = _nearest(at, chosen)
+        return _noted(_estimated(path.stem, path, chosen, at), rounded)
     if scenario is not None:
         raise RecordError(f"--scenario: {path} is a record and says itself what ran; leave it out")
     (run,) = open_run(path)
@@ -67,7 +70,8 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
     if run.branch:
         raise RecordError(f"{file}: a branch itself; branch off from the run that it came from")
     run.require()
-    later = _not_repeated(run, at)
+    at, rounded = _nearest(at, run.scenario)
+    later = (*rounded, *_not_repeated(run, at))
     run = replace(run, scenario=run.controlled(at))
     other = [
         f"{name} {run.versions.get(name, 'unknown')} (here {version})"
@@ -78,11 +82,19 @@ def moment_of(path: Path, at: float, scenario: str | None = None) -> Moment:
         moment = _estimated(run.name, file, run.scenario, at)
         note = f"recorded with {', '.join(other)}: gone on with from its estimated state"
         return _noted(moment, (note,) if other else (), later)
-    period = run.scenario.rig.period
     first, last = run.rows["time"][[0, -1]]
-    if not first - period / 2 <= at <= last + period / 2:
+    if not first - 1e-9 <= at <= last + 1e-9:
         raise RecordError(f"--at {at:g}: {file} goes from {first:g} to {last:g} s")
-    return _noted(exact(run, file, period * round(at / period)), later)
+    return _noted(exact(run, file, at), later)
+
+
+def _nearest(at: float, scenario: Scenario) -> tuple[float, tuple[str, ...]]:
+    """The control period nearest to a time in s, and in a sentence that it is another time."""
+    period = scenario.rig.period
+    found = period * round(at / period)
+    if abs(found - at) < 1e-9:
+        return found, ()
+    return found, (f"--at {at:.12g}: goes on from {found:.12g} s, where a control period begins",)
 
 
 def _noted(moment: Moment, *notes: tuple[str, ...]) -> Moment:
@@ -90,7 +102,7 @@ def _noted(moment: Moment, *notes: tuple[str, ...]) -> Moment:
     return replace(moment, notes=sum(notes, moment.notes))
 
 
-def _not_repeated(run: Replay, at: float) -> tuple[str, ...]:
+def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
     """What a person did after a time in s that no future repeats."""
     pushes = sum(push[0] > at for push in run.driven.get("pushes", ()))
     controllers = sum(each["since"] > at for each in run.driven.get("controllers", ()))
@@ -108,7 +120,6 @@ def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:
     from twin.whatif.estimated import estimated  # noqa: PLC0415
     from twin.whatif.judge import judge  # noqa: PLC0415
 
-    at = scenario.rig.period * round(at / scenario.rig.period)
     return estimated(name, judge(read(file), scenario, at), scenario, at)
 
 
@@ -149,7 +160,8 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     for each in found:
         folders.append(free(folder / each.name))
         save(each, moment, folders[-1])
-    end = max(each.run.record.end for each in found)
+    period = moment.scenario.rig.period
+    end = period + max(each.run.motion.time[-1] for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
     kept = {"folders": [own.name for own in folders]}
     write_json(folder / SUMMARY, summary(moment, found) | kept)

@@ -33,7 +33,7 @@ def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
         found: The futures.
         picture: Record and futures over each other, as PNG.
     """
-    measured = [each.run.metrics.as_dict() for each in found]
+    measured = [each.run.metrics for each in found]
     names = [name for name, value in measured[0].items() if isinstance(value, float)]
     before, sentences = moment.before_mm, [f"{agreement(moment)}."]
     if before is None:

@@ -77,8 +77,7 @@ def test_a_counter_leaves_out_a_jump_and_the_jump_back():
 @given(st.binary(max_size=12))
 def test_decoders_take_any_bytes(data):
     assert (frames.decode_tpdo1(data) is None) == (len(data) != 7)
-    assert (frames.decode_tpdo2(data, True) is None) == (len(data) != 8)
-    assert (frames.decode_tpdo2(data, False) is None) == (len(data) != 4)
+    assert (frames.decode_tpdo2(data) is None) == (len(data) != 8)
     assert frames.decode_emergency(data).short == (len(data) < 8)
     assert (frames.decode_nmt_state(data) is None) == (len(data) != 1)
 
@@ -149,12 +148,12 @@ def test_tpdo1_is_status_word_mode_and_position():
 
 
 def test_tpdo2_is_velocity_and_plate_encoder():
-    assert frames.decode_tpdo2(bytes.fromhex("4d250000 ffffffff"), True) == (9549, -1)
+    assert frames.decode_tpdo2(bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
 
 
 def test_the_emergency_of_the_manual_is_a_hot_heat_sink():
     message = frames.decode_emergency(bytes.fromhex("1043080100000000"))
-    assert (message.code, message.register, message.short) == (0x4310, 0x08, False)
+    assert (message.code, message.short) == (0x4310, False)
     assert "heat sink hot" in message.words
 
 

@@ -93,7 +93,7 @@ def test_nothing_is_reported_while_the_position_wraps():
 
 def test_a_single_corrupt_position_is_not_used(rig):
     before = rig.servos.motor()
-    rig.bus.faults.replace(TPDO1, data=bytes.fromhex("3702 03 ffffff7f"), lasting=0.002)
+    rig.bus.faults.overwrite(TPDO1, at=0, data=bytes.fromhex("3702 03 ffffff7f"), lasting=0.002)
     rig.run(0.01)
     np.testing.assert_allclose(rig.servos.motor(), before, atol=0.05)
 
@@ -104,7 +104,6 @@ def test_an_isolated_missing_frame_does_not_stop_the_rig_but_its_age_shows(rig):
     rig.servos.receive()
     age = rig.servos.age()[0]
     assert age[0] > age[1] + 0.0015
-    assert rig.servos.stale
     rig.run(0.1, turn)
     assert rig.servos.enabled
 

@@ -7,16 +7,11 @@ one period for good looks like one that was lost once; only its first cycle show
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
-from controllers.arrays import Array
 from twin.devices.akd import cia402, frames
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
-from twin.hal.faults import Fault
 
 _TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
 _POWERLESS = {
@@ -129,21 +124,16 @@ class Axis:
     Args:
         config: The axis.
         drives: Thresholds of what is plausible.
-        with_plate: Whether the plate encoder is read through the drive.
         at: Time in s from which its heartbeat is awaited.
     """
 
-    def __init__(
-        self, config: AxisConfig, drives: AkdConfig, *, with_plate: bool, at: float
-    ) -> None:
+    def __init__(self, config: AxisConfig, drives: AkdConfig, *, at: float) -> None:
         limits = drives.watch
         self.config = config
         self.motor = EncoderCounter(
             config.position, limits.jump * drives.rate_limit, limits.slack[0]
         )
-        self.plate: EncoderCounter | None = None
-        if with_plate:
-            self.plate = EncoderCounter(config.plate, limits.plate_rate, limits.slack[1])
+        self.plate = EncoderCounter(config.plate, limits.plate_rate, limits.slack[1])
         self.tpdo1, self.tpdo2 = PdoTracker(), PdoTracker()
         self.sampled = -float("inf")
         """Time in s of the SYNC that sampled the motor position."""
@@ -154,15 +144,14 @@ class Axis:
         self.mode: int | None = None
         self.rate = 0.0
         """Measured motor rate at the cam shaft, rad/s."""
-        self.nmt: int | None = None
         self.heartbeat = at
         """Time in s at which the last heartbeat arrived."""
         self.booted = False
         """Whether a boot-up message of the drive has arrived since the start."""
         self.found_faults: tuple[int, ...] = ()
         """Numbers of the faults it was found with at the start, until they are reset."""
-        self.emergencies: list[frames.Emergency] = []
-        """The newest emergency messages, at most 16."""
+        self.emergency = ""
+        """The newest emergency message in words."""
         self.request = AxisRequest.DISABLE
         self.target = 0.0
         """Rate to be sent while operation is enabled, rad/s at the cam shaft."""
@@ -185,7 +174,7 @@ class Axis:
         """What is known of its fault beyond the status word, to be appended to that in words."""
         if self.found_faults:
             return f", found in fault: {frames.fault_words(self.found_faults)}"
-        return f", {self.emergencies[-1].words}" if self.emergencies else ""
+        return f", {self.emergency}" if self.emergency else ""
 
     def update_motion(self, data: frames.MotionPdo, cycle: int, at: float) -> int:
         """Take in TPDO1 that answers a SYNC sent at a time in s; return the step in counts."""
@@ -198,9 +187,7 @@ class Axis:
 
     def update_feedback(self, data: frames.FeedbackPdo, cycle: int, at: float) -> int:
         """Take in TPDO2 that answers a SYNC sent at a time in s; return the plate's step."""
-        step = 0
-        if self.plate is not None and data.plate is not None:
-            step = self.plate.update(data.plate, at - self.plate_sampled)
+        step = self.plate.update(data.plate, at - self.plate_sampled)
         self.rate = self.config.velocity.value(data.velocity)
         self.plate_sampled = at
         self.tpdo2.arrive(cycle)
@@ -227,36 +214,3 @@ class Axis:
         self._reset_cycles = max(0, self._reset_cycles - 1)
         self.sent = self.target if self.enabled else 0.0
         return frames.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
-
-
-class DriveEncoders:
-    """Plate encoders wired to the drives; a `PlateEncoders`.
-
-    Args:
-        axes: Gives the axes as they are now, phi then theta.
-        now: Monotonic time in s.
-    """
-
-    def __init__(self, axes: Callable[[], tuple[Axis, ...]], now: Callable[[], float]) -> None:
-        self._axes = axes
-        self._now = now
-        self._zero = np.zeros((1, 2))
-
-    def plate(self) -> Array:
-        """Newest plate angles in rad, shape (1, 2)."""
-        return self._angles() - self._zero
-
-    def age(self) -> Array:
-        """Seconds since the SYNC that sampled them, shape (1, 2); inf before the first."""
-        return self._now() - np.array([[axis.plate_sampled for axis in self._axes()]])
-
-    def home(self, plate: Array) -> None:
-        """Declare the plate's present angles in rad, shape (1, 2)."""
-        self._zero = self._angles() - plate
-
-    def faults(self) -> tuple[Fault, ...]:
-        """None: faults of these encoders are reported where the drives are monitored."""
-        return ()
-
-    def _angles(self) -> Array:
-        return np.array([[axis.plate.angle if axis.plate else 0.0 for axis in self._axes()]])

@@ -21,7 +21,7 @@ from twin.devices.akd.conditions import (
 )
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.current import current_limit
-from twin.devices.akd.dictionary import PDO_INVALID, dictionary
+from twin.devices.akd.dictionary import PDO_INVALID
 from twin.devices.akd.network import Network, Remote, absent
 from twin.devices.akd.preconditions import Precondition, read_preconditions
 from twin.devices.akd.second_master import master_frames
@@ -54,7 +54,6 @@ def bring_up(
     bus: can.BusABC,
     config: AkdConfig,
     *,
-    with_plate: bool = True,
     now: Callable[[], float] = time.monotonic,
 ) -> tuple[SettingsFound, ...]:
     """Take both drives from any state to operational, monitored, without torque.
@@ -64,7 +63,6 @@ def bring_up(
     Args:
         bus: The open bus; nobody else may read it meanwhile.
         config: What the drives are set to.
-        with_plate: Whether the plate encoders are read through the drives.
         now: Monotonic time in s.
 
     Returns:
@@ -79,12 +77,12 @@ def bring_up(
     for axis in config.axes:
         _command(network, frames.PRE_OPERATIONAL, axis)
     network.pump(_SETTLE)
-    remotes = [Remote(network, axis, dictionary(axis.node, config.eds)) for axis in config.axes]
+    remotes = [Remote(network, axis) for axis in config.axes]
     _without_torque(network, remotes)
     found = []
     for remote in remotes:
         found.append(_configure(remote, config))
-        _map_pdos(remote, with_plate)
+        _map_pdos(remote)
     for remote in remotes:
         remote.write(0x1016, 1, monitoring(config))
     for remote in remotes:
@@ -102,7 +100,7 @@ def _alone(network: Network, config: AkdConfig) -> None:
 
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:
-    network.send_message(frames.NMT, bytes((command, axis.node)))
+    network.send(frames.NMT, bytes((command, axis.node)))
 
 
 def _without_torque(network: Network, remotes: list[Remote]) -> None:
@@ -127,7 +125,7 @@ def _identify(network: Network, remote: Remote) -> None:
     """Make sure that exactly one AKD answers to the node's id."""
     axis = remote.axis
     before = network.answers.get(axis.node, 0)
-    network.send_message(frames.SDO_REQUEST + axis.node, frames.encode_sdo_read(0x1000, 0))
+    network.request(axis.node, 0x1000, 0, frames.encode_sdo_read(0x1000, 0))
     network.pump(_LISTEN)
     answers = network.answers.get(axis.node, 0) - before
     if not answers:
@@ -210,7 +208,7 @@ def _faults(remote: Remote) -> tuple[int, ...]:
     return tuple(number for number in numbers if number)
 
 
-def _map_pdos(remote: Remote, with_plate: bool) -> None:
+def _map_pdos(remote: Remote) -> None:
     """Map what is exchanged at every SYNC, and switch every other PDO off."""
     node, axis = remote.axis.node, remote.axis
     for number in range(4):
@@ -218,8 +216,7 @@ def _map_pdos(remote: Remote, with_plate: bool) -> None:
             remote.write(base + number, 1, cob_id + 0x100 * number + node | PDO_INVALID)
     remote.map_pdo(0x1400, frames.RPDO1 + node, frames.RPDO1_MAP)
     remote.map_pdo(0x1800, frames.TPDO1 + node, frames.TPDO1_MAP)
-    feedback = (frames.VELOCITY, axis.plate_object) if with_plate else (frames.VELOCITY,)
-    remote.map_pdo(0x1801, frames.TPDO2 + node, feedback)
+    remote.map_pdo(0x1801, frames.TPDO2 + node, (frames.VELOCITY, axis.plate_object))
 
 
 def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:

@@ -16,9 +16,8 @@ from twin.devices.akd.conditions import BAD_BUS, DriveError
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.slcan_bus import PromptSlcanBus
 
-# Libraries log to stderr what becomes one line here.
-for _name in ("can", "canopen"):
-    logging.getLogger(_name).addHandler(logging.NullHandler())
+# The library logs to stderr what becomes one line here.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 _CAN_DEVICE = "280"
 """ARPHRD_CAN, as the kernel writes it under /sys/class/net."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from twin.devices.akd.watch import MonitorConfig
@@ -169,7 +168,6 @@ class AkdConfig:
             (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
         torque_limit: Second net in the drives: torque at the cam shaft, N m, as a current limit.
         motor_torque: The motors' continuous torque, N m, compared with what the drives know.
-        eds: The vendor's EDS file instead of the built-in object dictionary.
         watch: Thresholds.
     """
 
@@ -187,7 +185,6 @@ class AkdConfig:
     ramp: float = bounded(2000.0, 50, 1e5, **_from("own choice: 8 rad/s in 4 ms", "L"))
     torque_limit: float = net(4.5, 0.5, 12.3, **_from("model: the hardest motion takes 2.8", "L"))
     motor_torque: float = bounded(4.57, 0.1, 50, **_from("datasheet of the C041A", "M"))
-    eds: Path | None = None
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
     def __post_init__(self) -> None:

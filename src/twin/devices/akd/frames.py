@@ -22,7 +22,7 @@ HEARTBEAT = 0x700
 NODE_MASK = 0x7F
 """Mask of the node in an identifier; the rest is the service."""
 
-START, STOP, PRE_OPERATIONAL = 1, 2, 128
+START, PRE_OPERATIONAL = 1, 128
 """NMT commands."""
 
 OPERATIONAL = 5
@@ -31,19 +31,18 @@ OPERATIONAL = 5
 RPDO1_MAP = ((0x6040, 0), (0x60FF, 0))
 TPDO1_MAP = ((0x6041, 0), (0x6061, 0), (0x6064, 0))
 VELOCITY = (0x606C, 0)
-"""First entry of TPDO2; the plate encoder's object follows where it is read through the drive."""
+"""First entry of TPDO2; the plate encoder's object follows."""
 
-SDO = struct.Struct("<BHBI")
+_SDO = struct.Struct("<BHB4s")
 """An expedited SDO: command specifier, index, subindex, value."""
 
 _RPDO1 = struct.Struct("<Hi")
 _TPDO1 = struct.Struct("<Hbi")
 _TPDO2 = struct.Struct("<ii")
-_TPDO2_WITHOUT_PLATE = struct.Struct("<i")
 _CODE = struct.Struct("<H")
-SDO_ABORT = 0x80
-"""First byte of an SDO frame that ends a transfer; it has no answer."""
-_SDO_READ, _SDO_WRITE_32_BIT = 0x40, 0x23
+_SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43, 0x60, 0x80
+_UNUSED = 0x0C
+"""Bits of the command specifier that count the bytes which are not part of the value."""
 
 NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
 
@@ -106,17 +105,16 @@ class MotionPdo(NamedTuple):
 
 
 class FeedbackPdo(NamedTuple):
-    """TPDO2: motor velocity and plate encoder in the drive's units; None where not mapped."""
+    """TPDO2: motor velocity and plate encoder in the drive's units."""
 
     velocity: int
-    plate: int | None
+    plate: int
 
 
 class Emergency(NamedTuple):
     """An emergency message; fewer than eight bytes are marked and read as far as they go."""
 
     code: int | None
-    register: int | None
     extra: bytes
     short: bool
 
@@ -132,6 +130,25 @@ class Emergency(NamedTuple):
         return " ".join(part for part in parts if part)
 
 
+class SdoAnswer(NamedTuple):
+    """The answer to an SDO request.
+
+    Attributes:
+        key: Index and subindex of the object.
+        data: What was read, least byte first; of a write nothing, of an abort its code.
+        aborted: Whether the request was refused.
+    """
+
+    key: tuple[int, int]
+    data: bytes
+    aborted: bool
+
+    @property
+    def value(self) -> int:
+        """The data as a number without sign."""
+        return int.from_bytes(self.data, "little")
+
+
 def encode_rpdo1(control: int, velocity: int) -> bytes:
     """RPDO1: control word and target velocity in the drive's units."""
     return _RPDO1.pack(control, velocity)
@@ -139,12 +156,25 @@ def encode_rpdo1(control: int, velocity: int) -> bytes:
 
 def encode_sdo_read(index: int, sub: int) -> bytes:
     """The request to read an object."""
-    return SDO.pack(_SDO_READ, index, sub, 0)
+    return _SDO.pack(_SDO_READ, index, sub, b"")
 
 
-def encode_sdo_write(index: int, sub: int, value: int) -> bytes:
-    """The request to write an object of 32 bits."""
-    return SDO.pack(_SDO_WRITE_32_BIT, index, sub, value)
+def encode_sdo_write(index: int, sub: int, data: bytes) -> bytes:
+    """The request to write an object of one to four bytes."""
+    return _SDO.pack(_SDO_WRITE | (4 - len(data)) << 2, index, sub, data)
+
+
+def decode_sdo(data: bytes) -> SdoAnswer | None:
+    """The answer to a request; None if it is no abort, and nothing that fits into one frame."""
+    if len(data) != _SDO.size:
+        return None
+    command, index, sub, value = _SDO.unpack(data)
+    if command in {_SDO_WRITTEN, _SDO_ABORT}:
+        value = b"" if command == _SDO_WRITTEN else value
+        return SdoAnswer((index, sub), value, aborted=command == _SDO_ABORT)
+    if command & ~_UNUSED != _SDO_ANSWER:
+        return None
+    return SdoAnswer((index, sub), value[: 4 - (command >> 2 & 3)], aborted=False)
 
 
 def decode_tpdo1(data: bytes) -> MotionPdo | None:
@@ -152,20 +182,15 @@ def decode_tpdo1(data: bytes) -> MotionPdo | None:
     return MotionPdo(*_TPDO1.unpack(data)) if len(data) == _TPDO1.size else None
 
 
-def decode_tpdo2(data: bytes, with_plate: bool) -> FeedbackPdo | None:
+def decode_tpdo2(data: bytes) -> FeedbackPdo | None:
     """TPDO2; None unless it is exactly as long as mapped."""
-    layout = _TPDO2 if with_plate else _TPDO2_WITHOUT_PLATE
-    if len(data) != layout.size:
-        return None
-    velocity, *plate = layout.unpack(data)
-    return FeedbackPdo(velocity, plate[0] if plate else None)
+    return FeedbackPdo(*_TPDO2.unpack(data)) if len(data) == _TPDO2.size else None
 
 
 def decode_emergency(data: bytes) -> Emergency:
     """An emergency message of any length."""
     code = _CODE.unpack_from(data)[0] if len(data) >= 2 else None
-    register = data[2] if len(data) >= 3 else None
-    return Emergency(code, register, bytes(data[3:8]), len(data) < 8)
+    return Emergency(code, bytes(data[3:8]), len(data) < 8)
 
 
 def decode_nmt_state(data: bytes) -> int | None:

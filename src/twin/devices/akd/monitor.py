@@ -55,7 +55,7 @@ class AxisMonitor:
             elif axis.update_motion(motion, cycle, sync):
                 self._travel = self._quiet = 0.0
         elif service == frames.TPDO2:
-            feedback = frames.decode_tpdo2(data, axis.plate is not None)
+            feedback = frames.decode_tpdo2(data)
             if feedback is None:
                 self._wrong_length("TPDO2", data, at)
             elif axis.update_feedback(feedback, cycle, sync):
@@ -107,11 +107,10 @@ class AxisMonitor:
             self._report(c.NMT_LEFT, f"is {frames.NMT_STATES.get(state, str(state))}", at)
         elif axis.booted:
             self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
-        axis.nmt, axis.heartbeat = state, at
+        axis.heartbeat = at
 
     def _emergency(self, message: frames.Emergency, at: float) -> None:
-        axis = self._axis
-        axis.emergencies = [*axis.emergencies[-15:], message]
+        self._axis.emergency = message.words
         if message.short:
             self._report(c.EMERGENCY_SHORT, message.words, at)
         elif message.code:

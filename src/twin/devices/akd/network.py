@@ -1,16 +1,13 @@
-"""Bring-up traffic over `canopen` without a receiving thread: every request pumps the bus."""
+"""Bring-up traffic: requests that wait for their answer, and read the bus only meanwhile."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import can
-import canopen
 from serial import SerialException
 
-from twin.devices.akd import frames
+from twin.devices.akd import dictionary, frames
 from twin.devices.akd.conditions import (
     ADAPTER_GONE,
     NODE_ABSENT,
@@ -20,7 +17,7 @@ from twin.devices.akd.conditions import (
     DriveError,
 )
 from twin.devices.akd.config import AxisConfig
-from twin.devices.akd.dictionary import kept
+from twin.devices.akd.dictionary import Object
 
 BUS_ERRORS = (can.CanError, OSError, SerialException)
 """What python-can and the drivers below it raise when an adapter goes."""
@@ -33,15 +30,20 @@ FIRST_TRANSMIT = 0x1800
 _SERVICES = (frames.HEARTBEAT, frames.SDO_RESPONSE, frames.TPDO1, frames.TPDO2)
 
 
-class Network(canopen.Network):  # type: ignore[misc]
+class Network:
     """A CANopen network that reads the bus only while it waits for something.
 
-    canopen's receiving thread would compete with the control loop, and an adapter that goes would
-    end it with a traceback.
+    A receiving thread would compete with the control loop, and an adapter that goes would end it
+    with a traceback.
+
+    Args:
+        bus: The open bus.
+        answer: Longest wait for an SDO answer in s.
+        now: Monotonic time in s.
     """
 
     def __init__(self, bus: can.BusABC, answer: float, now: Callable[[], float]) -> None:
-        super().__init__(bus)
+        self.bus = bus
         self.answer = answer
         """Longest wait for an SDO answer in s."""
         self.now = now
@@ -52,17 +54,26 @@ class Network(canopen.Network):  # type: ignore[misc]
         """NMT states from heartbeats, by node."""
         self.answers: dict[int, int] = {}
         """Number of SDO answers, by node."""
+        self._answer: dict[int, frames.SdoAnswer | None] = {}
         self.identifiers: set[int] = set()
         """Of all frames that others have sent."""
         self.bus_errors = 0
 
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send, and for an SDO request wait until its answer is in; an abort has none."""
-        super().send_message(can_id, data, remote)
-        if can_id & ~frames.NODE_MASK == frames.SDO_REQUEST and data[0] != frames.SDO_ABORT:
-            node = can_id & frames.NODE_MASK
-            before = self.answers.get(node, 0)
-            self.pump(self.answer, lambda: self.answers.get(node, 0) > before)
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send a frame."""
+        self.bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+
+    def request(self, node: int, index: int, sub: int, data: bytes) -> frames.SdoAnswer | None:
+        """Send an SDO request, and wait for its answer; None if there is none in time."""
+
+        def answered() -> frames.SdoAnswer | None:
+            answer = self._answer.get(node)
+            return answer if answer and answer.key == (index, sub) else None
+
+        self._answer.pop(node, None)
+        self.send(frames.SDO_REQUEST + node, data)
+        self.pump(self.answer, lambda: answered() is not None)
+        return answered()
 
     def pump(self, seconds: float, done: Callable[[], bool] = lambda: False) -> bool:
         """Read the bus until something is done, at most for s; return whether it was done.
@@ -91,21 +102,24 @@ class Network(canopen.Network):  # type: ignore[misc]
                 self.heard.add(node)
             if service == frames.SDO_RESPONSE and len(message.data) == 8:
                 self.answers[node] = self.answers.get(node, 0) + 1
-                self.notify(message.arbitration_id, message.data, message.timestamp)
+                self._answer[node] = frames.decode_sdo(bytes(message.data))
             state = frames.decode_nmt_state(bytes(message.data))
             if service == frames.HEARTBEAT and state is not None:
                 self.states[node] = state
 
 
 class Remote:
-    """One drive during bring-up: reads and writes that end in a value or one clear line."""
+    """One drive during bring-up: reads and writes that end in a value or one clear line.
 
-    def __init__(self, network: Network, axis: AxisConfig, dictionary: Any) -> None:
+    Args:
+        network: The bus.
+        axis: Whose drive it is.
+    """
+
+    def __init__(self, network: Network, axis: AxisConfig) -> None:
         self.axis = axis
         self.network = network
-        self.node = canopen.RemoteNode(axis.node, dictionary)
-        self.node.sdo.RESPONSE_TIMEOUT = 0.001  # the network has waited already
-        network.add_node(self.node)
+        self._objects = {(each.index, each.sub): each for each in dictionary.objects(axis.node)}
 
     def read(self, index: int, sub: int = 0) -> int:
         """The value of an object.
@@ -113,8 +127,12 @@ class Remote:
         Raises:
             DriveError: If the drive does not answer, or refuses.
         """
-        with self._errors(f"reading {index:04X}h:{sub}"):
-            return int(self._variable(index, sub).raw)
+        what, known = f"reading {index:04X}h:{sub}", self._known(index, sub)
+        data = self._asked(what, index, sub, frames.encode_sdo_read(index, sub))
+        if len(data) != known.bits // 8:
+            detail = f"{what}: {len(data)} bytes, an AKD has {known.bits // 8}"
+            raise self._wrong(detail)
+        return known.decode(data)
 
     def read_if_there(self, index: int, sub: int = 0) -> int | None:
         """The value of an object; None if the drive refuses it.
@@ -135,13 +153,15 @@ class Remote:
         Raises:
             DriveError: If the drive does not answer, refuses, or keeps another value.
         """
-        with self._errors(f"writing {value} to {index:04X}h:{sub}"):
-            variable = self._variable(index, sub)
-            variable.raw = value
-            read = int(variable.raw)
-        if not kept(index, value, read):
-            what = f"{index:04X}h:{sub} ({variable.od.name}) keeps {read}, not {value}"
-            raise DriveError(WRONG_SETTING, self.axis.where, what)
+        what, known = f"writing {value} to {index:04X}h:{sub}", self._known(index, sub)
+        try:
+            data = known.encode(value)
+        except OverflowError as error:
+            raise self._wrong(f"{what}: out of range") from error
+        self._asked(what, index, sub, frames.encode_sdo_write(index, sub, data))
+        read = self.read(index, sub)
+        if not dictionary.kept(index, value, read):
+            raise self._wrong(f"{index:04X}h:{sub} ({known.name}) keeps {read}, not {value}")
 
     def map_pdo(self, parameters: int, cob_id: int, entries: Sequence[tuple[int, int]]) -> None:
         """Map a PDO that is switched off, in the order of CiA 301, and switch it on.
@@ -161,33 +181,34 @@ class Remote:
             self.write(parameters, 5, 0)  # no event timer
         self.write(mapping, 0, 0)
         for place, (index, sub) in enumerate(entries, 1):
-            bits = len(self._variable(index, sub).od)
-            self.write(mapping, place, index << 16 | sub << 8 | bits)
+            self.write(mapping, place, index << 16 | sub << 8 | self._known(index, sub).bits)
         self.write(mapping, 0, len(entries))
         self.write(parameters, 1, cob_id)
 
-    def _variable(self, index: int, sub: int) -> Any:
-        item = self.node.sdo[index]
-        return item[sub] if hasattr(item, "__getitem__") and not hasattr(item, "raw") else item
+    def _known(self, index: int, sub: int) -> Object:
+        known = self._objects.get((index, sub))
+        if known is None:
+            raise self._wrong(f"{index:04X}h:{sub}: not in the object dictionary")
+        return known
 
-    @contextmanager
-    def _errors(self, what: str) -> Iterator[None]:
+    def _asked(self, what: str, index: int, sub: int, data: bytes) -> bytes:
+        """What a request is answered with."""
+        where = self.axis.where
         try:
-            yield
-        except canopen.SdoAbortedError as error:
-            detail = f"{what} refused: {error}"
-            raise DriveError(SDO_ABORT, self.axis.where, detail) from error
-        except canopen.SdoCommunicationError as error:
-            known = self.axis.node in self.network.answers
-            detail = f"{what}: no answer" if known else absent(self.network, self.axis)
-            condition = SDO_TIMEOUT if known else NODE_ABSENT
-            raise DriveError(condition, self.axis.where, detail) from error
+            answer = self.network.request(self.axis.node, index, sub, data)
         except BUS_ERRORS as error:
-            detail = f"{what}: adapter gone ({error})"
-            raise DriveError(ADAPTER_GONE, self.axis.where, detail) from error
-        except (KeyError, ValueError, canopen.ObjectDictionaryError) as error:
-            detail = f"{what}: not in the object dictionary, or out of range ({error})"
-            raise DriveError(WRONG_SETTING, self.axis.where, detail) from error
+            raise DriveError(ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
+        if answer is None:
+            if self.axis.node in self.network.answers:
+                raise DriveError(SDO_TIMEOUT, where, f"{what}: no answer")
+            raise DriveError(NODE_ABSENT, where, absent(self.network, self.axis))
+        if answer.aborted:
+            words = dictionary.abort_words(answer.value)
+            raise DriveError(SDO_ABORT, where, f"{what} refused: {words}")
+        return answer.data
+
+    def _wrong(self, detail: str) -> DriveError:
+        return DriveError(WRONG_SETTING, self.axis.where, detail)
 
 
 def absent(network: Network, axis: AxisConfig) -> str:

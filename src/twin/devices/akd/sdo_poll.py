@@ -12,8 +12,6 @@ from twin.devices.akd.bringup import monitoring
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import AkdConfig
 
-_EXPEDITED = 0x43
-
 _MONITORING = (0x1016, 1)
 _FAULT_NUMBER = (0x2001, 1)
 _STO_FAULT = 602
@@ -74,20 +72,13 @@ class SdoReader:
 
     def receive(self, node: int, data: bytes) -> SdoResponse | None:
         """Take in an answer, any bytes; None if it does not answer the pending request."""
-        if self._pending is None or len(data) != frames.SDO.size:
+        answer = frames.decode_sdo(data)
+        if self._pending is None or answer is None or not answer.data:
             return None
-        command, index, sub, value = frames.SDO.unpack(data)
-        if SdoRequest(node, index, sub) != self._pending:
+        if SdoRequest(node, *answer.key) != self._pending:
             return None
-        pending = self._pending
-        if command == frames.SDO_ABORT:
-            self._pending = None
-            return SdoResponse(pending, value, aborted=True)
-        if command & ~0x0C != _EXPEDITED:
-            return None
-        self._pending = None
-        size = 4 - (command >> 2 & 3)
-        return SdoResponse(pending, value & ((1 << 8 * size) - 1), aborted=False)
+        pending, self._pending = self._pending, None
+        return SdoResponse(pending, answer.value, answer.aborted)
 
     def expired(self, at: float) -> SdoRequest | None:
         """The pending request if it was not answered in time; it is given up."""

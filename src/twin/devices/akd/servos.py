@@ -1,4 +1,4 @@
-"""Two servo axes with AKD drives on CAN, as a rig needs them."""
+"""Two servo axes with AKD drives on CAN, as a rig needs them: brought up, then cycle by cycle."""
 
 from __future__ import annotations
 
@@ -10,17 +10,24 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
-from twin.devices.akd.axis import Axis, DriveEncoders
+from twin.devices.akd import frames
+from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import SettingsFound, bring_up
 from twin.devices.akd.bus import open_bus
-from twin.devices.akd.cia402 import AxisRequest
+from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.exchange import CyclicExchange, SyncCycles
+from twin.devices.akd.monitor import AxisMonitor
 from twin.devices.akd.network import BUS_ERRORS
+from twin.devices.akd.sdo_poll import SdoPolling
+from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.transport import CanTransport
-from twin.devices.interface import PlateEncoders
 from twin.hal.faults import Fault, Severity
+
+_STANDSTILL = 0.05
+"""Motor rate in rad/s that counts as standstill."""
+SHUTDOWN = 0.4
+"""Longest time in s for each step of the shutdown."""
 
 
 class AkdServos:
@@ -31,7 +38,6 @@ class AkdServos:
 
     Args:
         config: Bus, axes and thresholds.
-        plate: Plate encoders; None for those wired to the drives.
         opener: Opens the bus.
         now: Monotonic time in s.
         sleep: Waits for seconds; used by ``stop`` only.
@@ -41,7 +47,6 @@ class AkdServos:
         self,
         config: AkdConfig,
         *,
-        plate: PlateEncoders | None = None,
         opener: Callable[[BusConfig], can.BusABC] = open_bus,
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -49,17 +54,23 @@ class AkdServos:
         self.config = config
         self.axes: tuple[Axis, ...] = ()
         """phi and theta, since ``start``."""
-        self.stale = 0
-        """Cycles in which an older position than that of the last SYNC had to be used."""
         self.found: tuple[SettingsFound, ...] = ()
         """What phi's and theta's drive were found to be at the last start."""
+        self.heartbeat = True
+        """Whether the host sends its heartbeat; off only to test that the drives then stop."""
+        self.round_trip: float | None = None
+        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
         self.now, self.sleep = now, sleep
-        self._through_drives = plate is None
-        self._plate: PlateEncoders = plate or DriveEncoders(lambda: self.axes, now)
-        self._motor_zero = np.zeros((1, 2))
+        self._where = f"CAN {config.bus}"
+        self._motor_zero, self._plate_zero = np.zeros((1, 2)), np.zeros((1, 2))
         self._opener = opener
+        self._master_frames = master_frames(config)
+        self._transport: CanTransport | None = None
+        """The bus, between ``start`` and ``stop``."""
         self._reports = FaultReports(config.watch.repeat)
-        self._exchange: CyclicExchange | None = None
+        self._monitors: dict[int, AxisMonitor] = {}
+        self._polling = SdoPolling(config, self._reports, 0.0)
+        self._cycle, self._synced, self._beat = 0, 0.0, 0.0
 
     def start(self) -> None:
         """Open the bus and take both drives to operational, monitored and without torque.
@@ -70,60 +81,109 @@ class AkdServos:
             DriveError: If anything is not as it should be; the bus is closed again then.
         """
         self.stop()
-        config, where = self.config, f"CAN {self.config.bus}"
+        config = self.config
         self._reports = FaultReports(config.watch.repeat)
         bus = self._opener(config.bus)
-        transport = CanTransport(bus, where, self._reports, self.now)
+        transport = CanTransport(bus, self._where, self._reports, self.now)
         try:
-            self.found = bring_up(bus, config, with_plate=self._through_drives, now=self.now)
+            self.found = bring_up(bus, config, now=self.now)
         except BaseException as error:
             transport.close()
             if isinstance(error, BUS_ERRORS) and not isinstance(error, DriveError):
-                raise DriveError(c.ADAPTER_GONE, where, str(error)) from error
+                raise DriveError(c.ADAPTER_GONE, self._where, str(error)) from error
             raise
         transport.send_heartbeat(config.host)
         at = self.now()
-        phi, theta = (
-            Axis(axis, config, with_plate=self._through_drives, at=at) for axis in config.axes
-        )
-        self.axes, self.stale = (phi, theta), 0
+        self.axes = tuple(Axis(axis, config, at=at) for axis in config.axes)
         for axis, found in zip(self.axes, self.found, strict=True):
             axis.found_faults = found.faults
-        self._exchange = CyclicExchange(config, (phi, theta), transport, self._reports, self.now)
+        self._monitors = {
+            axis.config.node: AxisMonitor(axis, config, self._reports) for axis in self.axes
+        }
+        self._polling = SdoPolling(config, self._reports, at)
+        self._cycle, self._synced, self._beat = 0, at, at
+        self.round_trip, self.heartbeat = None, True
+        self._transport = transport
 
     def stop(self) -> None:
         """Target zero, quick stop, disable, and only then no more SYNC; close the bus.
 
-        Blocks for about a second at most; idempotent; never raises.
+        A drive that is not seen to be without torque goes on watching the host, whose heartbeat
+        ends here: it stops itself. Blocks for about a second at most; idempotent; never raises.
         """
-        if self._exchange is not None:
-            self._exchange.shut_down(self.sleep)
-            self._exchange = None
+        transport, axes, period = self._transport, self.axes, self.config.period
+        if transport is None:
+            return
+        cycles = round(SHUTDOWN / period)
+
+        def run_until(done: Callable[[], bool], most: int = cycles) -> None:
+            for _ in range(most):
+                if not transport.up or done():
+                    return
+                self.receive()
+                self.send()
+                self.sleep(period)
+
+        for axis in axes:
+            axis.target = 0.0
+        run_until(lambda: all(abs(axis.rate) < _STANDSTILL for axis in axes))
+        self.quick_stop()
+        run_until(lambda: all(axis.request is not AxisRequest.QUICK_STOP for axis in axes))
+        run_until(lambda: all(axis.state is DriveState.SWITCH_ON_DISABLED for axis in axes), 5)
+        for axis in axes:
+            node = axis.config.node
+            if axis.powerless and axis.tpdo1.missed < self.config.watch.stale:
+                monitoring_off = frames.encode_sdo_write(0x1016, 1, bytes(4))
+                transport.send(frames.SDO_REQUEST + node, monitoring_off)
+            transport.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
+        self.sleep(self.config.heartbeat)
+        transport.close()
+        self._transport = None
 
     def receive(self) -> None:
         """Take in everything that has arrived; never waits."""
-        if self._exchange is not None:
-            self.stale += not self._exchange.receive()
+        self._drain(0.0)
 
     def settle(self, limit: float) -> None:
-        """Wait for the answers to what was sent last, at most for a time in s."""
-        if self._exchange is not None:
-            self._exchange.settle(limit)
+        """Wait for the answers to the last SYNC, at most for a time in s; for idle time only.
+
+        Without it frames are noticed at the next ``receive``, and ``round_trip`` counts to there.
+        """
+        deadline = self.now() + limit
+        while self.round_trip is None and (left := deadline - self.now()) > 0 and self._up:
+            self._drain(left)
 
     def send(self) -> None:
-        """Send the commands and the next SYNC; never waits."""
-        if self._exchange is not None:
-            self._exchange.send()
-
-    def exchange(self) -> None:
-        """``receive`` and ``send``, where nothing is computed between them."""
-        self.receive()
-        self.send()
+        """Judge the cycle that ends, then send the commands and the next SYNC; never waits."""
+        transport = self._transport
+        if transport is None:
+            return
+        self._drain(0.0)
+        at = self.now()
+        if self._cycle:
+            for monitor in self._monitors.values():
+                monitor.cycle(at)
+        if self._reports.stopped:
+            self.quick_stop()
+        for axis in self.axes:
+            axis.finish_quick_stop()
+            transport.send(frames.RPDO1 + axis.config.node, axis.next_rpdo1())
+        self._cycle += 1
+        self.round_trip = None
+        self._synced = self.now()
+        transport.send(frames.SYNC, b"")
+        self._send_heartbeat(transport, at)
+        request = self._polling.next_frame(at)
+        if request is not None:
+            transport.send(*request)
+        transport.send_queued()
 
     def quick_stop(self) -> None:
         """Request target zero and quick stop, then no torque."""
-        if self._exchange is not None:
-            self._exchange.quick_stop()
+        for axis in self.axes:
+            axis.target = 0.0
+            if axis.request is AxisRequest.ENABLE:
+                axis.request = AxisRequest.QUICK_STOP
 
     def command(self, motor_rate: Array) -> None:
         """Motor rates in rad/s at the cam shafts, shape (1, 2), until the next command.
@@ -150,7 +210,7 @@ class AkdServos:
             detail = f"{fault.condition.name} stands ({fault.detail}); reset the faults first"
             raise DriveError(fault.condition, fault.where, detail)
         if not self._up:
-            raise DriveError(c.ADAPTER_GONE, f"CAN {self.config.bus}", "not started")
+            raise DriveError(c.ADAPTER_GONE, self._where, "not started")
         for axis in self.axes:
             axis.target = 0.0
             axis.request = AxisRequest.ENABLE
@@ -161,9 +221,11 @@ class AkdServos:
         What persists is reported again; where ``needs_restart`` is set, only ``stop`` and
         ``start`` help, and nothing is reset.
         """
-        if self._exchange is not None and self._up and not self.needs_restart:
+        if self._up and not self.needs_restart:
             self._reports.reset()
-            self._exchange.request_reset()
+            self._polling.reset()
+            for monitor in self._monitors.values():
+                monitor.request_reset(self.now())
 
     @property
     def enabled(self) -> bool:
@@ -175,55 +237,62 @@ class AkdServos:
         """Whether a fault stands that only ``stop`` and ``start`` can clear."""
         return self._reports.needs_restart
 
-    @property
-    def heartbeat(self) -> bool:
-        """Whether the host sends its heartbeat; set it to False only to test that drives stop."""
-        return self._exchange is not None and self._exchange.heartbeat
-
-    @heartbeat.setter
-    def heartbeat(self, on: bool) -> None:
-        if self._exchange is not None:
-            self._exchange.heartbeat = on
-
-    @property
-    def cycles(self) -> SyncCycles:
-        """SYNCs sent since ``start``, and those that the newest positions answer."""
-        return self._exchange.cycles if self._exchange is not None else SyncCycles(0, (0, 0))
-
-    @property
-    def round_trip(self) -> float | None:
-        """Seconds from the last SYNC to the last of its answers; None while one is missing."""
-        return self._exchange.round_trip if self._exchange is not None else None
-
     def plate(self) -> Array:
         """Newest plate angles (phi, theta) in rad, shape (1, 2)."""
-        return self._plate.plate()
+        return self._plate_angles() - self._plate_zero
 
     def motor(self) -> Array:
         """Newest motor angles at the cam shafts in rad, shape (1, 2)."""
         return self._motor_angles() - self._motor_zero
 
-    def rate(self) -> Array:
-        """Measured motor rates at the cam shafts in rad/s, shape (1, 2)."""
-        return np.array([[axis.rate for axis in self.axes]])
-
     def age(self) -> Array:
         """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
-        motor = self.now() - np.array([[axis.sampled for axis in self.axes]])
-        return np.asarray(np.maximum(motor, self._plate.age()))
+        oldest = [min(axis.sampled, axis.plate_sampled) for axis in self.axes]
+        return self.now() - np.array([oldest])
 
     def home(self, plate: Array, motor: Array) -> None:
         """Declare the present angles in rad, shape (1, 2) each: the encoders are incremental."""
-        self._plate.home(plate)
+        self._plate_zero = self._plate_angles() - plate
         self._motor_zero = self._motor_angles() - motor
 
     def faults(self) -> tuple[Fault, ...]:
         """Faults detected since the last call, oldest first; never waits."""
-        return self._reports.take() + self._plate.faults()
+        return self._reports.take()
 
     @property
     def _up(self) -> bool:
-        return self._exchange is not None and self._exchange.up
+        return self._transport is not None and self._transport.up
 
     def _motor_angles(self) -> Array:
         return np.array([[axis.motor.angle for axis in self.axes]])
+
+    def _plate_angles(self) -> Array:
+        return np.array([[axis.plate.angle for axis in self.axes]])
+
+    def _send_heartbeat(self, transport: CanTransport, at: float) -> None:
+        """Send the host's heartbeat when it is due, unless a drive ignores a quick stop."""
+        due = at - self._beat >= self.config.heartbeat - self.config.period / 2
+        if self.heartbeat and due:
+            self._beat = at
+            if not any(monitor.stop_ignored for monitor in self._monitors.values()):
+                transport.send_heartbeat(self.config.host)
+
+    def _drain(self, wait: float) -> None:
+        for identifier, data in self._transport.receive(wait) if self._transport else ():
+            at = self.now()
+            node = identifier & frames.NODE_MASK
+            service = identifier - node
+            monitor = self._monitors.get(node)
+            if identifier in self._master_frames:
+                detail = f"sends {self._master_frames[identifier]}"
+                self._reports.report(c.SECOND_MASTER, self._where, detail, at)
+                continue
+            if monitor is None:
+                continue
+            monitor.receive(service, data, self._cycle, self._synced, at)
+            if service == frames.SDO_RESPONSE:
+                self._polling.receive(node, data, at)
+            elif self.round_trip is None and all(
+                pdo.cycle == self._cycle for axis in self.axes for pdo in (axis.tpdo1, axis.tpdo2)
+            ):
+                self.round_trip = at - self._synced

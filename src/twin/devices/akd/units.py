@@ -1,19 +1,19 @@
 """What a count means in a drive: read from the drive and checked, never assumed in silence.
 
 Velocities and accelerations among the drive's own parameters (3xxxh), and what CiA 402 derives
-from them, count in the unit chosen by UNIT.VROTARY and UNIT.ACCROTARY. How many counts one unit
-has is not documented: 1000 fits what the vendor says of 60FFh, 1 what its EDS gives as defaults.
-The values found in the drive tell the two apart, as a motor has neither 2.3 nor 2.3 million rpm.
+from them, count in the unit chosen by UNIT.VROTARY and UNIT.ACCROTARY: rpm and rpm/s, or they are
+refused. How many counts one of them has is not documented: 1000 fits what the vendor says of 60FFh,
+1 what its EDS gives as defaults. The values found in the drive tell the two apart, as a motor has
+neither 2.3 nor 2.3 million rpm.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
-from twin.devices.akd.config import RPM, TURN, AxisConfig
+from twin.devices.akd.config import RPM, AxisConfig
 from twin.devices.akd.network import Remote
 
 PER_UNIT = 1000
@@ -26,34 +26,16 @@ _COARSEST = 0.1
 """Share by which a value may pass the one wanted because it is rounded up."""
 
 
-class Unit(NamedTuple):
-    """A unit of the drive: its name, and its size in rad/s or rad/s^2."""
-
-    name: str
-    size: float
-
-
-VELOCITIES = {
-    0: Unit("rpm", RPM),
-    1: Unit("rps", TURN),
-    2: Unit("deg/s", TURN / 360),
-    4: Unit("rad/s", 1.0),
-}
-"""Values of UNIT.VROTARY; 3 is a unit of one's own (UNIT.PIN/POUT)."""
-ACCELERATIONS = {key: Unit(f"{name}/s", size) for key, (name, size) in VELOCITIES.items()}
-"""Values of UNIT.ACCROTARY."""
-
-
 class Quantity(NamedTuple):
     """A velocity or an acceleration as a drive's parameters have it.
 
     Attributes:
-        unit: Unit of the drive.
+        unit: ``rpm`` or ``rpm/s``.
         scale: One count in rad/s or rad/s^2 at the motor.
         key: Key of the rig file that overrides it.
     """
 
-    unit: Unit
+    unit: str
     scale: float
     key: str
 
@@ -65,9 +47,9 @@ class Quantity(NamedTuple):
         Raises:
             ValueError: If the drive's counts are too coarse for it.
         """
-        amount = value / self.unit.size
+        amount = value / RPM
         step = 10.0 ** (math.floor(math.log10(amount)) + 1 - _DIGITS)
-        wanted = math.ceil(amount / step - 1e-9) * step * self.unit.size
+        wanted = math.ceil(amount / step - 1e-9) * step * RPM
         counts = math.ceil(wanted / self.scale - 1e-9)
         if counts * self.scale > (1 + _COARSEST) * value:
             raise ValueError(f"{self.words(1)} a count is too coarse for {value:.3g} in SI units")
@@ -75,7 +57,7 @@ class Quantity(NamedTuple):
 
     def words(self, counts: int) -> str:
         """Counts as a person reads them."""
-        return f"{counts * self.scale / self.unit.size:.6g} {self.unit.name}"
+        return f"{counts * self.scale / RPM:.6g} {self.unit}"
 
 
 class DriveUnits(NamedTuple):
@@ -89,8 +71,8 @@ class DriveUnits(NamedTuple):
         """In one line, for the doctor."""
         speed, ramp = self.velocity, self.acceleration
         return (
-            f"target velocity in 0.001 rpm; limits in {speed.unit.name} (365Fh), {speed.words(1)} "
-            f"a count; ramps in {ramp.unit.name} (3659h), {ramp.words(1)} a count"
+            f"target velocity in 0.001 rpm; limits in {speed.unit} (365Fh), {speed.words(1)} "
+            f"a count; ramps in {ramp.unit} (3659h), {ramp.words(1)} a count"
         )
 
 
@@ -134,24 +116,21 @@ def read_units(remote: Remote) -> DriveUnits:
         if ratio[0] != ratio[1]:
             text = f"{name} {index:04X}h is {ratio[0]}:{ratio[1]}; set it to 1:1 in the drive, "
             raise _refused(axis, f"{text}and name a real gear as {axis.name}.gear")
-    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", VELOCITIES, axis.limit_unit, "limit_unit")
-    ramp = _quantity(
-        remote, 0x3659, "UNIT.ACCROTARY", ACCELERATIONS, axis.acceleration_unit, "acceleration_unit"
-    )
+    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", axis.limit_unit, "limit_unit")
+    given = axis.acceleration_unit
+    ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", given, "acceleration_unit")
     _check_plausible(remote, speed, "velocity", SPEEDS)
     _check_plausible(remote, ramp, "acceleration", RAMPS)
     return DriveUnits(speed, ramp)
 
 
 def _quantity(
-    remote: Remote, index: int, name: str, known: Mapping[int, Unit], given: float | None, key: str
+    remote: Remote, index: int, name: str, unit: str, given: float | None, key: str
 ) -> Quantity:
-    chosen = remote.read(index)
-    unit = known.get(chosen)
-    if unit is None:
-        text = f"{name} ({index:04X}h) is {chosen}, no unit known here; set it to 0"
-        raise _refused(remote.axis, f"{text} ({known[0].name}) in the drive")
-    return Quantity(unit, given if given is not None else unit.size / PER_UNIT, key)
+    if chosen := remote.read(index):
+        text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
+        raise _refused(remote.axis, text)
+    return Quantity(unit, given if given is not None else RPM / PER_UNIT, key)
 
 
 def _check_plausible(
@@ -164,12 +143,12 @@ def _check_plausible(
         found = abs(remote.read(index))
         if not found or low <= found * quantity.scale <= high:
             continue
-        allowed = f"{low / unit.size:.3g} to {high / unit.size:.3g} {unit.name} are plausible"
+        allowed = f"{low / RPM:.3g} to {high / RPM:.3g} {unit} are plausible"
         text = f"{name} ({index:04X}h) holds {found}, which would be {quantity.words(found)}"
-        fits = [size for size in (unit.size, unit.size / PER_UNIT) if low <= found * size <= high]
+        fits = [size for size in (RPM, RPM / PER_UNIT) if low <= found * size <= high]
         advice = f"set {name} in the drive"
         if fits:
-            in_unit = f"{found * fits[0] / unit.size:g} {unit.name}"
+            in_unit = f"{found * fits[0] / RPM:g} {unit}"
             advice = f"if it is {in_unit}, set {axis.name}.{quantity.key} = {fits[0]:.9g}"
         raise _refused(axis, f"{text} ({allowed}); {advice}")
 

@@ -6,36 +6,18 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.decoder import Decoder, DecoderStats
 from twin.devices.lumio.presence import Presence, TouchState, touch_state
 from twin.devices.lumio.stream import TouchStream
-from twin.devices.lumio.tracking import Sample
-from twin.devices.lumio.transports import TRANSPORTS, ScreenError
+from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
 from twin.hal.faults import Fault
 from twin.hal.interface import Touch
-
-
-class ByteSource(Protocol):
-    """A port that bytes come from."""
-
-    def open(self) -> None:
-        """Open it, or raise a ScreenError."""
-
-    def decoder(self) -> Decoder | None:
-        """What it says of its bytes, if it does; a ScreenError if it is no touch screen."""
-
-    def read(self, timeout: float) -> bytes:
-        """What has arrived, or nothing after a timeout in s; a ScreenError if the port has gone."""
-
-    def close(self) -> None:
-        """Close it."""
 
 
 class LumioScreen:
@@ -59,17 +41,16 @@ class LumioScreen:
         self,
         config: LumioConfig,
         now: Callable[[], float] = time.monotonic,
-        port: ByteSource | None = None,
+        port: Transport | None = None,
     ) -> None:
         self.config = config
         self.connected = False
         """Whether the port is open."""
         self._now = now
         self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
-        self._stream = TouchStream(
-            config.protocol, config.capacity, config.calibration, config.gate
-        )
-        self._presence = Presence(config.gate, self._stream.report_fault)
+        self.stream = TouchStream(config.protocol, config.capacity, config.calibration, config.gate)
+        """What is made of the bytes, and counted."""
+        self._presence = Presence(config.gate, self.stream.report_fault)
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
 
@@ -94,16 +75,12 @@ class LumioScreen:
         self._thread.start()
 
     def _begin(self) -> None:
-        """Open the port, and know nothing of what was before."""
-        self._stream.forget()
+        """Open the port, take over what it says of itself, and know nothing of what was before."""
+        self.stream.forget()
         self._presence.forget()
-        self._open()
-
-    def _open(self) -> None:
-        """Open the port, and take over what it says of itself."""
         self._port.open()
         try:
-            self._stream.begin(self._port.decoder())
+            self.stream.begin(self._port.decoder())
         except ScreenError:
             self._port.close()
             raise
@@ -122,7 +99,7 @@ class LumioScreen:
         The ball counts as touched until its position is older than ``gate.stale``, lift-off or
         not: that bridges brief dropouts.
         """
-        sample, now = self._stream.sample, self._now()
+        sample, now = self.stream.sample, self._now()
         if sample is None:
             return Touch(np.zeros((1, 2)), np.array([math.inf]), np.array([False]))
         age = max(0.0, now - sample.time)
@@ -135,75 +112,40 @@ class LumioScreen:
         Only to notice a frozen touch: no ball rests on a steep plate.
         """
         tilt = float(np.abs(plate).max())
-        self._presence.note_tilt(self._stream.sample, self._now(), tilt)
+        self._presence.note_tilt(self.stream.sample, self._now(), tilt)
 
     def faults(self) -> tuple[Fault, ...]:
         """What has been detected since the last call, oldest first; ask once per period."""
-        self._presence.update(self._stream.sample, self._now())
-        return tuple(self._stream.faults())
+        self._presence.update(self.stream.sample, self._now())
+        return tuple(self.stream.faults())
 
     @property
     def state(self) -> TouchState:
         """What is known of the ball now."""
-        return touch_state(self.config.gate, self._stream.sample, self._now())
+        return touch_state(self.config.gate, self.stream.sample, self._now())
 
     @property
     def protocol(self) -> str:
         """The protocol spoken; empty until it has been recognised."""
-        return self._stream.decoder.name if self._stream.decoder else ""
-
-    @property
-    def looks_like(self) -> str:
-        """The protocol that the bytes look like, if that is not the one set; else empty."""
-        return self._stream.looks_like
+        return self.stream.decoder.name if self.stream.decoder else ""
 
     @property
     def hint(self) -> str:
         """What to change if there is no position; empty if nothing is known."""
-        if self.looks_like:
-            return f"the bytes look like {self.looks_like}: set touch.protocol to that"
-        heard = self.counters.bytes
+        if self.stream.looks_like:
+            return f"the bytes look like {self.stream.looks_like}: set touch.protocol to that"
+        heard = self.stream.stats.bytes
         if not heard:
             return "nothing heard: put the ball on, check the cable and the port"
-        if self.counters.reports:
+        if self.stream.stats.reports:
             return ""
         wanted = "known" if self.config.protocol == "auto" else f"{self.config.protocol} nor other"
         return f"{heard} bytes heard, of no {wanted} protocol: check the baud rate"
 
-    @property
-    def extent(self) -> tuple[float, float] | None:
-        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
-        return self._stream.extent
-
-    @property
-    def sample(self) -> Sample | None:
-        """The newest plausible position and when it arrived; None before the first."""
-        return self._stream.sample
-
-    @property
-    def counters(self) -> DecoderStats:
-        """What the decoder has met so far."""
-        return self._stream.stats
-
-    @property
-    def reports(self) -> int:
-        """Reports decoded so far."""
-        return self._stream.reports
-
-    @property
-    def report_rate(self) -> float:
-        """Reports per second while touched, over the last ones; 0 before there are two."""
-        return self._stream.rate
-
-    @property
-    def dropped(self) -> int:
-        """Bytes dropped unread in floods."""
-        return self._stream.dropped
-
     def _listen(self) -> None:
         """Read until stopped; a port that has gone is left alone."""
         while not self._stop.is_set():
-            if self.listen() > self._stream.MOST:
+            if self.listen() > self.stream.MOST:
                 self._stop.wait(self.REST)
             elif not self.connected:
                 self._stop.wait()
@@ -219,10 +161,10 @@ class LumioScreen:
         except ScreenError as error:
             self._gone(error)
             return 0
-        self._stream.take(self._now(), data)
+        self.stream.take(self._now(), data)
         return len(data)
 
     def _gone(self, error: ScreenError) -> None:
         self.connected = False
         self._port.close()
-        self._stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])
+        self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])

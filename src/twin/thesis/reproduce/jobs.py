@@ -15,8 +15,8 @@ from twin.thesis.reproduce.measures import SimulationTrace, judge
 from twin.thesis.reproduce.sampled import sampled
 from twin.thesis.reproduce.tables import SimulatedTable, tables
 
-WORTH_PROCESSES = 15.0
-"""Seconds of work from which starting further processes saves time."""
+WORTH_PROCESSES = 1000.0
+"""Simulated seconds from which starting further processes saves time."""
 MOST_PROCESSES = 8
 FIGURE_STEP = 0.02
 """Seconds between the points that figures are drawn through."""
@@ -33,7 +33,7 @@ class ReproductionJob:
         way: "exact", "sampled" or "mujoco", the columns of the comparison, or "fitted": the exact
             model with the settings that fit a table better than its text's.
         places: The rows.
-        cost: Seconds it takes on one core, roughly.
+        cost: Simulated seconds of all its runs together.
     """
 
     way: str
@@ -74,7 +74,7 @@ def plan(wanted: Iterable[SimulatedTable]) -> list[ReproductionJob]:
                 place = (table.id, index)
                 batches[way, _batch(place, way)].append(place)
     jobs = [
-        ReproductionJob(way, tuple(places), _cost(way, places))
+        ReproductionJob(way, tuple(places), _cost(places, way))
         for (way, _), places in batches.items()
     ]
     return sorted(jobs, key=lambda job: -job.cost)
@@ -153,15 +153,6 @@ def _batch(place: RowId, way: str) -> object:
     return repr(replace(case, controller={}, reference={}, steady_from=0.0))
 
 
-def _cost(way: str, places: Iterable[RowId]) -> float:
-    """Seconds, from measurements on one core: per simulated second, and per rig besides."""
-    cases = [_case(place, way) for place in places]
-    rigs = sum(case.seeds for case in cases)
-    full = cases[0].observer is None
-    once, each = {
-        "exact": (0.0, 0.03) if full else (0.15, 0.002),
-        "fitted": (0.1, 0.0012),
-        "sampled": (0.15, 0.015) if full else (0.2, 0.004),
-        "mujoco": (0.2, 0.035) if full else (0.3, 0.009),
-    }[way]
-    return cases[0].duration * (once + each * rigs)
+def _cost(places: Iterable[RowId], way: str) -> float:
+    """Simulated seconds of all runs together."""
+    return sum(case.duration * case.seeds for case in (_case(place, way) for place in places))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
-from twin.thesis import tables as numbered
+from twin.errors import ScenarioError
 
 FILES = {"full_state": 4.0, "observers": 5.0, "tracking": 5.0}
 """Data file to the deviation in % that a value may have from the thesis's."""
@@ -71,7 +73,8 @@ def tables() -> dict[str, SimulatedTable]:
     """All tables by number, in the thesis's order."""
     found = {}
     for group, bound in FILES.items():
-        content = numbered.data(__package__, group)
+        text = files(__package__).joinpath("data", f"{group}.toml").read_text(encoding="utf-8")
+        content = tomllib.loads(text)
         for entry in content["table"]:
             found[entry["id"]] = _table(entry, group, bound, content)
     return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
@@ -83,7 +86,11 @@ def chosen(ids: Iterable[str]) -> list[SimulatedTable]:
     Raises:
         ScenarioError: If there is no such table.
     """
-    return numbered.chosen(tables(), ids, "to reproduce")
+    wanted = list(ids)
+    for name in wanted:
+        if name not in tables():
+            raise ScenarioError(f"no table '{name}' to reproduce; there are {', '.join(tables())}")
+    return [table for name, table in tables().items() if not wanted or name in wanted]
 
 
 def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,44 @@
+"""The plate's angle as the twin expects it of what was commanded, however fast it is moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin.identify.prepare import prepare
+from twin.scenario import load
+from twin.shadow.belief import DRIVES, PARAMETERS, believed
+from twin.shadow.injections import logs
+from twin.shadow.plate import plate_angles, plate_evidence, whitened
+
+SHAKEN = ("duration=5", "seed=3", "controller.dither_deg=0.1", "plant.servo.backlash_deg=0.1")
+
+
+def recorded(*more):
+    """A rig whose plate is moved some times a second: its log, and the twin that is exact."""
+    chosen = load("cure", (*SHAKEN, *more))
+    (log,) = logs([(chosen, chosen)])
+    return prepare(log), believed(log)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [("plant.step=0.002",), ("plant.kind=lagrange", "plant.servo.bandwidth_hz=12")],
+    ids=["mechanism", "exact"],
+)
+def test_what_a_fast_law_makes_of_the_plate_is_what_an_exact_twin_expects(more):
+    log, belief = recorded(*more)
+    (segment,) = log.segments
+    (angle,) = plate_angles(segment.command, log.period, belief, (belief.lag, belief.play))
+    for axis in (0, 1):
+        rest = (segment.plate - angle)[:, axis]
+        white = whitened(rest, log.period, belief.disturbance[axis], belief.encoders[axis])
+        # as encoders alone would have it is 1; a plate that does not swing on its wheels gives 20
+        assert white[500:].std() < 2.5
+    evidence = plate_evidence(log, belief, np.zeros((0, 2)))
+    which = [PARAMETERS.index(name) for name in DRIVES]
+    A = evidence.information.sum(axis=0)[np.ix_(which, which)]
+    off = dict(zip(DRIVES, np.linalg.solve(A, evidence.score.sum(axis=0)[which]), strict=True))
+    assert off["lag"] == pytest.approx(0, abs=2e-4)
+    assert off["transmission"] == pytest.approx(0, abs=0.005)
+    assert off["narrow_play"] == pytest.approx(0, abs=0.1)

@@ -1,0 +1,49 @@
+"""One table of many runs: what each is, beside what it gave."""
+
+import pytest
+
+from twin.run.batch import simulate
+from twin.scenario import load
+from twin.study import work
+from twin.study.experiments import evaluate
+from twin.study.schema import METRICS
+from twin.study.store import Store
+from twin.study.work import ScenarioRuns
+
+
+def scenarios():
+    hold = ["plant.kind=lagrange", "duration=0.06"]
+    kept = [load("hold", [*hold, f"plant.friction.rolling_mm={mm}"]) for mm in (0.1, 0.3)]
+    return [*kept, load("hold", [*hold, "plant.start.x=0.34", "plant.start.x_rate=9"])]
+
+
+LABELS = {"rig": [0, 1, 2], "task": ["one", "one", "flung"]}
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_every_run_has_its_labels_and_what_it_gave_in_the_order_asked(tmp_path, seen):
+    runs = ScenarioRuns(scenarios(), seen=seen)
+    found = evaluate(runs, LABELS, Store(tmp_path), processes=1)
+    assert list(found.columns) == ["rig", "task", "outcome", "reason", *METRICS]
+    assert {name: found[name].tolist() for name in LABELS} == LABELS
+    assert found["outcome"].tolist() == ["finished", "finished", "fell"]
+    alone = [simulate([each], seen=seen)[0].rms_error for each in scenarios()[:2]]
+    assert found["rms_error"].tolist()[:2] == alone
+    assert found["rms_error"].isna().tolist() == [False, False, True]
+
+
+def test_a_run_that_is_kept_is_not_made_again_under_other_labels(tmp_path, monkeypatch):
+    first = evaluate(ScenarioRuns(scenarios()), LABELS, Store(tmp_path), processes=1)
+    monkeypatch.setattr(work, "simulate", None)
+    again = ScenarioRuns(scenarios()[::-1])
+    found = evaluate(again, {"candidate": [7, 8, 9]}, Store(tmp_path), processes=1)
+    assert found["candidate"].tolist() == [7, 8, 9]
+    assert found["u_rms"].tolist()[1:] == first["u_rms"].tolist()[1::-1]
+    assert found["outcome"].tolist() == first["outcome"].tolist()[::-1]
+
+
+def test_what_the_rigs_computer_sees_is_another_run_than_the_truth():
+    keys = [
+        {task.key for task in ScenarioRuns(scenarios(), seen=seen).tasks} for seen in (False, True)
+    ]
+    assert not keys[0] & keys[1]

@@ -1,0 +1,300 @@
+"""Chapter 9: what was measured, how it is judged, and what the stored fit is."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from controllers.backstepping import Backstepping
+from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.references.point import Step
+from controllers.references.soft import Circle
+from controllers.sliding_mode import SlidingMode
+from controllers.state_feedback import LQR
+from twin.cli.reproduce import reproduce as command
+from twin.errors import ScenarioError
+from twin.fit.misfit import cells
+from twin.fit.runs import Runs
+from twin.fit.schema import read
+from twin.run.control import build_controller
+from twin.scenario import load, shipped
+from twin.sim.encoders import COUNTS
+from twin.study.store import Store
+from twin.thesis import chapter9
+from twin.thesis.chapter9 import (
+    COLUMNS,
+    EARLY,
+    FIFTEEN,
+    LATE,
+    ROLLING,
+    HeldOut,
+    best,
+    chosen,
+    errors,
+    goals,
+    held_out_goals,
+    predicting,
+    rows,
+    scatter,
+    stored,
+)
+
+KEYS = {
+    "table", "row", "column", "thesis", "predicted", "frictionless", "calibration", "note",
+    "low", "high", "explained", "held_out",
+}  # fmt: skip
+LAWS = {
+    ("9.1",): LQR(rho=100.0, kappa=0.1),
+    ("9.2", "9.3"): AFL(gains=(180.0, 162.0, 66.0, 13.0)),
+    ("9.4", "9.5"): AFLIntegral(gains=(200.0, 132.0, 51.0, 12.0, 4.0)),
+    ("9.6", "9.7"): Backstepping(c=(2.0, 3.0, 4.0, 5.5)),
+    ("9.8", "9.9"): SlidingMode(alpha=1.5, epsilon=0.3, betas=(1.5, 3.0, 5.0)),
+}
+"""The thesis's laws of chapter 9 by table."""
+
+
+def made(key="held_out", error=0.0, late=0.0, angle=1.0):
+    """Rows of every cell whose values under a key are off by known amounts."""
+    found = []
+    for each in chosen(()).experiments:
+        table, _, name = each.label.partition(", ")
+        for column, (indicator, _) in COLUMNS.items():
+            if indicator not in each.measured:
+                continue
+            thesis = each.measured[indicator].value
+            if column == "e_tt":
+                value = thesis + error + (late if table in LATE else 0.0)
+            else:
+                value = angle * thesis
+            row = {"table": table, "row": name, "column": column, "thesis": thesis, key: value}
+            found.append(row)
+    return found
+
+
+def test_all_124_numbers_of_the_9_tables_are_there_with_their_uncertainties():
+    about = chosen(())
+    numbers = cells(about)
+    assert about.groups == chapter9.tables() == tuple(f"9.{k}" for k in range(1, 10))
+    assert len(numbers) == 124
+    (error,) = [c for c in numbers if c.label.startswith("9.1") and c.indicator == "steady_error"]
+    assert (error.measured, error.scale) == (0.015, 0.006)
+    circle = [c for c in numbers if c.label == "9.8, omega 1"]
+    assert {c.indicator: (c.scale, c.logarithmic) for c in circle} == {
+        "tracking_error_percent": (2.0, False),
+        **dict.fromkeys(("phi_max_deg", "theta_max_deg", "u1_max", "u2_max"), (0.35, True)),
+    }
+
+
+def test_the_printed_angles_are_whole_counts_of_the_default_encoder_and_of_no_other():
+    measured = [cell for cell in cells(chosen(())) if cell.group != "9.1"]
+    printed = np.array([c.measured for c in measured if c.indicator.endswith("_max_deg")])
+    assert len(printed) == 48
+
+    def off(counts):
+        """Root mean square distance from whole counts."""
+        found = printed * counts / 360
+        return np.sqrt(np.mean((found - found.round()) ** 2))
+
+    # printing to 0.0001 deg rounds by 0.0001 / sqrt(12) deg
+    assert off(COUNTS) == pytest.approx(1e-4 / np.sqrt(12) * COUNTS / 360, rel=0.1)
+    assert min(off(counts) for counts in range(8192, COUNTS, 256)) > 0.2
+    assert load("circle").sensors.encoders.counts == COUNTS
+    assert load("circle").disturbance.variance == (0.0, 0.0)
+
+
+def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
+    experiments = chosen(()).experiments
+    found = {name for name in shipped() if name.startswith("thesis/9_")}
+    assert found == {each.scenario for each in experiments}
+    assert len(found) == len(experiments) == 25
+    laws = {name: law for names, law in LAWS.items() for name in names}
+    for each in experiments:
+        scenario = load(each.scenario)
+        controller = build_controller(scenario)
+        assert controller.law == laws[each.group]
+        if each.group == "9.1":
+            path = Step(end=(0.15, 0.15))
+        else:
+            path = Circle(amplitude=0.15, omega=float(each.name.split()[-1]))
+        assert controller.reference.original == path
+        assert (scenario.predictor is not None) == (each.group in EARLY)
+        assert scenario.predictor is None or scenario.predictor.delay == 0.042
+        assert scenario.plant.kind == "mujoco"
+        assert scenario.plant.friction.rolling_mm == ROLLING
+
+
+def test_the_prediction_knows_the_friction_and_nothing_that_was_found_out_later(tmp_path):
+    about = predicting(chosen(()))
+    runs = Runs(about, Store(tmp_path))
+    for each in about.experiments:
+        scenario, own = runs.scenario((ROLLING,), each), load(each.scenario)
+        assert scenario.plant == own.plant
+        assert scenario.controller == own.controller
+        assert scenario.reference == own.reference
+        assert scenario.rig == own.rig
+        assert (scenario.duration, scenario.metrics.start) == (35.12, 0.0)
+    assert len({runs.scenario((ROLLING,), each).seed for each in about.experiments}) == 25
+
+
+def test_each_of_the_four_numbers_acts_where_it_should(tmp_path):
+    about = read("chapter_9")
+    runs = Runs(about, Store(tmp_path))
+    for each in about.experiments:
+        scenario = runs.scenario((0.2, 1.1, 2.5, 0.3), each)
+        late = each.own_group in LATE
+        assert scenario.plant.kind == "lagrange"
+        assert scenario.plant.friction.rolling_mm == pytest.approx(0.22 if late else 0.2)
+        assert scenario.plant.servo.backlash_deg == 0.3
+        assert scenario.reference.settings.get("start") == (
+            None if each.own_group == "9.1" else 2.5
+        )
+        assert scenario.sensors.encoders.counts == 245760
+        assert scenario.disturbance.variance == (0.0, 0.0)
+        if each.own_group in {"9.8", "9.9"}:
+            assert scenario.controller.settings["epsilon"] == 0.1
+
+
+def test_a_perfect_prediction_reaches_every_goal():
+    assert [goal.sentence for goal in goals(made("predicted")) if not goal.reached] == []
+    far = goals(made("predicted", error=2.1))
+    assert [goal.reached for goal in far[:3]] == [False, True, True]
+
+
+def test_goals_of_the_explanation_are_judged_by_what_was_held_out():
+    assert [goal.verdict(0.0) for goal in held_out_goals(made())] == ["reached"] * 9
+    far = {goal.sentence.split(":")[0]: goal for goal in held_out_goals(made(error=1.7, angle=1.2))}
+    assert far["24 tracking errors"].verdict(0.0) == "not reached"
+    assert far["24 tracking errors"].value == pytest.approx(1.7)
+    every, aside = held_out_goals(made(late=1.0))[-2:]
+    assert (every.value, aside.value) == pytest.approx((3.39, 3.17), abs=0.01)
+    assert every.verdict(0.0) == aside.verdict(0.0) == "not reached"
+    assert "(measured +2.39)" in every.sentence
+    assert "(measured +2.17)" in aside.sentence
+
+
+@pytest.mark.parametrize(
+    ("value", "by", "verdict"),
+    [
+        (1.5, 0.05, "reached"),
+        (1.57, 0.05, "within the scatter"),
+        (1.61, 0.05, "not reached"),
+        (0.02, 0.05, "within the scatter"),
+    ],
+)
+def test_a_goal_is_reached_only_beyond_the_scatter_of_the_searches(value, by, verdict):
+    assert HeldOut("", value, 0.0, 1.6).verdict(by) == verdict
+
+
+def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
+    names = tuple(read("chapter_9").parameters)
+
+    def search(chi2, number, fold, goal):
+        own = {"chi2": fold, "parameters": dict.fromkeys(names, number)}
+        without = dict.fromkeys(chapter9.tables(), own)
+        return {
+            "chi2": chi2,
+            "parameters": dict.fromkeys(names, number),
+            "without": without,
+            "goals": {"a": goal},
+        }
+
+    both = {"searches": [search(122.0, 1.0, 99.0, 1.4), search(121.0, 2.0, 100.0, 1.65)]}
+    monkeypatch.setattr(chapter9, "stored", lambda: both)
+    assert best() == (2.0,) * 4
+    assert best("9.3") == (1.0,) * 4
+    assert scatter() == pytest.approx({"a": 0.25})
+
+
+def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
+    parameters = read("chapter_9").parameters.values()
+    for search in stored()["searches"]:
+        assert set(search["without"]) == set(chapter9.tables())
+        assert set(search["goals"]) == {goal.sentence for goal in held_out_goals(made())}
+    for group in ("", *chapter9.tables()):
+        for value, about in zip(best(group), parameters, strict=True):
+            assert about.low < value < about.high
+
+
+def test_a_table_that_does_not_exist_is_refused_by_name():
+    with pytest.raises(ScenarioError, match=r"no table '9\.10'.*9\.1, 9\.2"):
+        chosen(["9.10"])
+    result = CliRunner().invoke(command, ["9.10"], standalone_mode=False)
+    assert str(result.exception) == "no table '9.10'; there are 8.1 to 8.21 and 9.1 to 9.9"
+
+
+def test_the_command_prints_one_json_list_with_the_promised_keys(monkeypatch):
+    cells = [dict.fromkeys(KEYS, 1.0)]
+    monkeypatch.setattr("twin.thesis.chapter9.rows", lambda *_, **__: cells)
+    result = CliRunner().invoke(command, ["9.1", "--json"], standalone_mode=False)
+    assert set(json.loads(result.stdout)[0]) == KEYS
+
+
+@pytest.mark.long
+def test_a_table_has_its_cells_and_friction_leaves_the_ball_short_of_its_goal_as_on_the_rig():
+    found = {row["column"]: row for row in rows(["9.1"])}
+    assert list(found) == ["e_ss", "overshoot", "t_ss", "phi_max", "u1_max"]
+    assert all(set(row) == KEYS for row in found.values())
+    assert not any(row["calibration"] for row in found.values())
+    assert found["overshoot"]["predicted"] == found["overshoot"]["thesis"] == 0
+    assert found["e_ss"]["frictionless"] < 0.001
+    assert found["e_ss"]["predicted"] == pytest.approx(0.015, abs=0.010)
+    assert found["t_ss"]["predicted"] == pytest.approx(2.0, abs=0.5)
+    assert found["t_ss"]["explained"] is None
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Every cell of Tables 9.1 to 9.9."""
+    return rows()
+
+
+@pytest.mark.long
+def test_every_cell_has_a_value_and_three_are_calibration(whole):
+    assert len(whole) == 125
+    assert [row for row in whole if row["predicted"] is None] == []
+    marked = [(row["table"], row["column"]) for row in whole if row["calibration"]]
+    assert marked == [("9.3", "e_tt")] * 3
+
+
+@pytest.mark.long
+def test_the_friction_of_the_prediction_is_the_one_that_table_9_3_asks_for(whole):
+    off = errors(whole, ["9.3"], "predicted") - errors(whole, ["9.3"], "thesis")
+    span = errors(whole, ["9.3"], "high") - errors(whole, ["9.3"], "low")
+    assert np.abs(off).max() < 0.5
+    # the step that least squares would still take, as a share of the interval
+    assert abs((span * off).sum() / (span**2).sum()) < 0.05
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "sliding mode improves with frequency",
+        "sliding mode is worst",
+        "AFL with integral action and backstepping are best",
+        "the predictor changes little (less than a quarter)",
+        "AFL's error does not grow with frequency",
+    ],
+)
+def test_the_orderings_of_the_thesis_hold(whole, sentence):
+    (goal,) = [goal for goal in goals(whole) if goal.sentence == sentence]
+    assert goal.reached, goal.found
+
+
+@pytest.mark.long
+def test_characterisation_the_predicted_errors_are_as_far_off_as_the_page_says(whole):
+    def off(names):
+        return np.abs(errors(whole, names, "predicted") - errors(whole, names, "thesis"))
+
+    assert off(("9.5", "9.7")).max() < 4
+    assert off(("9.5", "9.7")).mean() < 2
+    assert off(FIFTEEN).mean() < 2.6  # the goal is 2.0, which is not reached
+    clean = errors(whole, [name for name in (*LATE, *EARLY) if name < "9.8"], "frictionless")
+    assert clean.max() < 2.5
+
+
+@pytest.mark.long
+def test_held_out_the_explanation_is_as_good_as_the_page_says(whole):
+    verdicts = {goal.sentence: goal.verdict(0.0) for goal in held_out_goals(whole)}
+    assert sum(verdict == "not reached" for verdict in verdicts.values()) <= 1, verdicts
