@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -176,23 +176,33 @@ class Scenario(Section):
     metrics: MetricsTable = MetricsTable()
 
     @model_validator(mode="after")
-    def _whole_steps(self) -> Scenario:
-        period, step = self.rig.period, self.plant.step
-        steps = round(period / step)
-        if steps < 1 or abs(steps * step - period) > 1e-9 * period:
-            raise ValueError(
-                f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
-            )
+    def _fits_together(self) -> Scenario:
+        for problem in self._problems():
+            raise ValueError(problem)
         return self
 
-    @model_validator(mode="after")
-    def _whole_ticks(self) -> Scenario:
-        own, period = self.controller.period, float(self.rig.period)
+    def _problems(self) -> Iterator[str]:
+        """What does not go together in it, a line each."""
+        period, step, own = float(self.rig.period), self.plant.step, self.controller.period
+        steps, ticks = round(period / step), round(self.duration / period)
+        if steps < 1 or abs(steps * step - period) > 1e-9 * period:
+            yield f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
         if own is not None and abs(self.law_ticks * period - own) > 1e-9 * own:
-            raise ValueError(
-                f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
+            yield f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
+        if not 1 <= ticks <= MOST_PERIODS:
+            yield (
+                f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
+                f"rig.period = {period:g} s, got {self.duration:g}"
             )
-        return self
+        if problem := self.plant.problem():
+            yield problem
+        if self.plant.kind == "lagrange" and self.rig.cams != "table":
+            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.metrics.start >= self.duration:
+            yield (
+                f"metrics.start: {self.metrics.start:g} s is not before the end at "
+                f"duration = {self.duration:g} s"
+            )
 
     @property
     def designed_on(self) -> BallPlate:
@@ -212,34 +222,6 @@ class Scenario(Section):
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
         return max(1, ticks)
-
-    @model_validator(mode="after")
-    def _possible_duration(self) -> Scenario:
-        period = self.rig.period
-        if not 1 <= round(self.duration / period) <= MOST_PERIODS:
-            raise ValueError(
-                f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
-                f"rig.period = {period:g} s, got {self.duration:g}"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _possible_plant(self) -> Scenario:
-        problem = self.plant.problem()
-        if problem:
-            raise ValueError(problem)
-        if self.plant.kind == "lagrange" and self.rig.cams != "table":
-            raise ValueError("rig.cams: the exact equations have no cams; set plant.kind=mujoco")
-        return self
-
-    @model_validator(mode="after")
-    def _metrics_within(self) -> Scenario:
-        if self.metrics.start >= self.duration:
-            raise ValueError(
-                f"metrics.start: {self.metrics.start:g} s is not before the end at "
-                f"duration = {self.duration:g} s"
-            )
-        return self
 
 
 KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
