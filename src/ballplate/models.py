@@ -20,8 +20,8 @@ def model(
     more are functions of any state.
 
     Args:
-        scenario: Whose ball it has, as its controller is designed on it; the nominal one by
-            default.
+        scenario: Whose ball it has, on which the scenario's controller is designed unless
+            ``controller.model`` says otherwise; the nominal one by default.
         settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
         changes: What is changed of that scenario, by tables.
 
@@ -32,4 +32,5 @@ def model(
 
     if scenario is None:
         return BallPlate()
-    return scenario_of(scenario, changes_of(settings, changes)).designed_on
+    found: BallPlate = scenario_of(scenario, changes_of(settings, changes)).plant.ball.model
+    return found

@@ -5,6 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
+import ballplate as bp
 from controllers.ballplate import BallPlate
 from twin.run.batch import alike
 from twin.run.control import build_controller
@@ -45,6 +46,11 @@ def test_a_controller_is_designed_on_the_ball_that_the_scenario_describes(overri
     assert k1(load("circle", overrides)) == pytest.approx(expected, rel=1e-3)
 
 
+def test_the_plant_of_a_scenario_has_its_ball_whatever_the_designer_believes():
+    plant = bp.model("circle", ["controller.model=nominal"], plant={"ball": {"kind": "steel"}})
+    assert plant.k1 == pytest.approx(SOLID, rel=1e-3)
+
+
 def test_a_change_of_the_ball_is_not_known_to_the_designer():
     scenario = load("circle", ('change=[{at=1, set={"plant.ball.mass"=0.1}}]',))
     assert at_time(scenario, 2.0).plant.ball.mass == 0.1
@@ -70,7 +76,7 @@ def test_no_shipped_scenario_is_designed_on_another_ball_than_the_nominal_one(na
 def test_a_steel_ball_is_tracked_better_by_what_is_designed_for_it():
     own = (STEEL, "plant.kind=lagrange", "duration=8", "metrics.start=4", "controller.kind=afl")
     told, untold = (
-        run(load("circle", (*own, f"controller.model={known}"))).metrics.tracking_error_percent
+        run(load("circle", (*own, f"controller.model={known}"))).metrics["tracking_error_percent"]
         for known in ("scenario", "nominal")
     )
     assert told < untold

@@ -6,7 +6,7 @@ from every_setting import OTHER
 from twin.run.execute import run
 from twin.scenario import load
 from twin.scenario.clean import clean
-from twin.scenario.plant import MECHANISM_ONLY, PlantTable
+from twin.scenario.plant import MECHANISM_ONLY
 from twin.scenario.schema import Scenario
 
 BALL = {
@@ -66,7 +66,7 @@ def test_the_clean_model_has_the_ball_that_the_controller_is_designed_on(key, va
 def test_a_clean_model_is_a_scenario_that_can_be_written_and_read():
     found = clean(load("circle", ("plant.start.spin=3.0", "plant.start.x=0.1")))
     assert Scenario.model_validate_json(found.model_dump_json()) == found
-    assert found.plant.start == PlantTable().start.model_copy(update={"x": 0.1})
+    assert found.plant.start == load("circle").plant.start.model_copy(update={"x": 0.1})
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from twin.cli.describe import describe as command
 from twin.errors import ScenarioError
 from twin.scenario.describe import about, described, every_kind
-from twin.scenario.load import check, override
+from twin.scenario.load import check, put, setting
 from twin.scenario.schema import KINDS, Scenario, choices
 
 TABLES = {
@@ -86,7 +86,7 @@ def test_what_lies_beyond_a_described_range_is_refused_and_said(key):
             wrong = bound - 1
         text = value_at(key, int(wrong) if key.type == "whole number" else wrong)
         with pytest.raises(ScenarioError, match=re.escape(key.key.rpartition(".")[2])):
-            check(override(TABLES, [text]), "test")
+            check(put(TABLES, [setting(text)]), "test")
 
 
 def test_a_kind_shows_its_own_settings_and_sentence():

@@ -17,7 +17,7 @@ from twin.run.plants import PLANTS, PlantKind, register
 from twin.scenario import load
 from twin.scenario.load import validated
 from twin.scenario.plant import PLANTS as NAMED
-from twin.scenario.tables import table
+from twin.scenario.tables import tables
 from twin.settings import Unit, filled, setting
 
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")
@@ -37,7 +37,7 @@ class Wind:
 class Outdoors:
     """A scenario that has such a table."""
 
-    Table = table("wind", Wind, module=__name__)
+    Table = tables(Wind, bases={}, module=__name__)["wind"]
 
     def __init__(self, **keys):
         self.wind = validated(self.Table, keys, "a scenario", "wind.")

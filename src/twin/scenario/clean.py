@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from twin.scenario.plant import BallTable, FrictionTable, PlantTable
-from twin.scenario.schema import (
-    DisturbanceTable,
-    EncodersTable,
-    RigTable,
-    Scenario,
-    SensorsTable,
-    TouchTable,
-)
+from typing import Any
+
+from twin.scenario.schema import TABLES, Scenario
 
 
 def clean(scenario: Scenario) -> Scenario:
@@ -21,25 +15,23 @@ def clean(scenario: Scenario) -> Scenario:
     noise, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
-    start = scenario.plant.start.model_copy(update={"spin": 0.0})
     none = (0.0, 0.0)
-    return scenario.model_copy(
-        update={
-            "plant": PlantTable(
-                kind="lagrange",
-                step=scenario.plant.step,
-                ball=BallTable(mass=known.mass, radius=known.radius, inertia=known.inertia),
-                friction=FrictionTable(rolling_mm=0.0),
-                start=start,
-            ),
-            "rig": RigTable(period=scenario.rig.period, limits=scenario.rig.limits),
-            "sensors": SensorsTable(
-                ideal=scenario.sensors.ideal,
-                touch=TouchTable(dead_time=0.0, grid=0, variance=none),
-                encoders=EncodersTable(counts=0, variance=none),
-            ),
-            "disturbance": DisturbanceTable(variance=none),
-            "predictor": None,
-            "change": (),
-        }
-    )
+    ball = {name: getattr(known, name) for name in ("mass", "radius", "inertia")}
+    said: dict[str, Any] = {
+        "plant": {
+            "kind": "lagrange",
+            "step": scenario.plant.step,
+            "ball": ball,
+            "friction": {"rolling_mm": 0.0},
+            "start": scenario.plant.start.model_dump() | {"spin": 0.0},
+        },
+        "rig": {"period": scenario.rig.period, "limits": scenario.rig.limits.model_dump()},
+        "sensors": {
+            "ideal": scenario.sensors.ideal,
+            "touch": {"dead_time": 0.0, "grid": 0, "variance": none},
+            "encoders": {"counts": 0, "variance": none},
+        },
+        "disturbance": {"variance": none},
+    }
+    tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
+    return scenario.model_copy(update={**tables, "predictor": None, "change": ()})

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from controllers.ballplate import BallPlate
-from twin.scenario.tables import Section, table
-from twin.settings import settings_of
+from twin.scenario.tables import Section
+from twin.settings import settings_of, value_of
 from twin.sim.drives import DriveModel
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import BallStart
 from twin.sim.plant.parts import Parts
 from twin.sim.plant.surface import SurfaceModel
 
-if TYPE_CHECKING:
-    from twin.scenario.tables import Derived
-
+SETTINGS = (Friction, SurfaceModel, DriveModel, Parts, BallStart)
+"""Dataclasses whose settings are keys of ``plant``."""
 PLANTS = ["mujoco", "lagrange"]
 """What ``kind`` may name; ``twin.run.plants.register`` adds to it."""
 
@@ -44,7 +43,7 @@ BALLS: dict[str, dict[str, dict[str, float]]] = {
 """What each kind of ball sets where a scenario does not."""
 
 
-class _Ball(Section):
+class BallKeys(Section):
     """The ball; defaults are the thesis's Table A.2, or those of the solid steel ball."""
 
     kind: Literal["hollow", "steel"] = "hollow"
@@ -53,10 +52,23 @@ class _Ball(Section):
     @property
     def model(self) -> BallPlate:
         """The exact equations with this ball."""
-        return BallPlate(**{name: getattr(self, name) for name in ("mass", "radius", "inertia")})
+        return BallPlate(**{name: vars(self)[name] for name in ("mass", "radius", "inertia")})
+
+    def problem(self) -> str:
+        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        ball: Any = self
+        far = 1000 * ball.radius
+        most = ball.mass * ball.radius**2
+        if sum(part**2 for part in ball.offset_mm) >= far**2:
+            return f"plant.ball.offset_mm: must lie within the ball's radius of {far:g} mm"
+        if ball.oval_mm >= far:
+            return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
+        if ball.inertia > most:
+            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
+        return ""
 
 
-class _Surface(Section):
+class SurfaceKeys(Section):
     """How friction and level vary over the screen: drawn at random, or grids."""
 
     def problem(self) -> str:
@@ -78,27 +90,7 @@ class _Surface(Section):
         return ""
 
 
-if TYPE_CHECKING:
-    BallTable = Derived
-    FrictionTable = Derived
-    SurfaceTable = Derived
-    ServoTable = Derived
-    WheelsTable = Derived
-    SpringTable = Derived
-    PlateTable = Derived
-    StartTable = Derived
-else:
-    BallTable = table("plant.ball", Parts, base=_Ball, module=__name__)
-    FrictionTable = table("plant.friction", Friction, Parts, module=__name__)
-    SurfaceTable = table("plant.surface", SurfaceModel, base=_Surface, module=__name__)
-    ServoTable = table("plant.servo", DriveModel, Parts, module=__name__)
-    WheelsTable = table("plant.wheels", Parts, module=__name__)
-    SpringTable = table("plant.spring", Parts, module=__name__)
-    PlateTable = table("plant.plate", Parts, module=__name__)
-    StartTable = table("plant.start", BallStart, module=__name__)
-
-
-class _PlantTable(Section):
+class PlantKeys(Section):
     """What is simulated."""
 
     kind: Annotated[
@@ -107,20 +99,13 @@ class _PlantTable(Section):
     """The mechanism in MuJoCo, or the exact equations (5.9)."""
     step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
     """Time step of the simulation in s; for the mechanism at most 0.002."""
-    ball: BallTable = BallTable()
-    friction: FrictionTable = FrictionTable()
-    surface: SurfaceTable = SurfaceTable()
-    servo: ServoTable = ServoTable()
-    wheels: WheelsTable = WheelsTable()
-    spring: SpringTable = SpringTable()
-    plate: PlateTable = PlateTable()
-    start: StartTable = StartTable()
 
     @model_validator(mode="after")
-    def _kind_of_ball(self) -> _PlantTable:
+    def _kind_of_ball(self) -> PlantKeys:
         """Put in what the kind of ball sets and the scenario does not."""
-        for name, values in BALLS[self.ball.kind].items():
-            section: Section = getattr(self, name)
+        ball: Any = vars(self)["ball"]
+        for name, values in BALLS[ball.kind].items():
+            section: Section = vars(self)[name]
             left = {
                 key: value for key, value in values.items() if key not in section.model_fields_set
             }
@@ -130,40 +115,25 @@ class _PlantTable(Section):
 
     def problem(self) -> str:
         """What is wrong with it as a whole, in one line; empty if nothing is."""
+        inner: Any = vars(self)
         if self.kind == "lagrange":
             for key, what in MECHANISM_ONLY.items():
-                path, _, name = key.rpartition(".")
-                section: Section = getattr(self, path)
-                if getattr(section, name) != type(section).model_fields[name].default:
+                if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
                     return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
         mechanism = self.kind == "mujoco"
         if mechanism and self.step > 0.002:
             return f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
-        if mechanism and 0 < self.friction.rolling_mm < LEAST_ROLLING_MM:
+        rolling = inner["friction"].rolling_mm
+        if mechanism and 0 < rolling < LEAST_ROLLING_MM:
             return (
                 f"plant.friction.rolling_mm: must be 0 or at least {LEAST_ROLLING_MM:g} for the "
-                f"mechanism, got {self.friction.rolling_mm:g}"
+                f"mechanism, got {rolling:g}"
             )
-        return self._ball_problem() or str(self.surface.problem())
-
-    def _ball_problem(self) -> str:
-        ball = self.ball
-        far = 1000 * ball.radius
-        most = ball.mass * ball.radius**2
-        if sum(part**2 for part in ball.offset_mm) >= far**2:
-            return f"plant.ball.offset_mm: must lie within the ball's radius of {far:g} mm"
-        if ball.oval_mm >= far:
-            return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
-        if ball.inertia > most:
-            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
-        return ""
+        return inner["ball"].problem() or str(inner["surface"].problem())
 
 
-if TYPE_CHECKING:
-    PlantTable = Derived
-else:
-    PlantTable = table("plant", Parts, base=_PlantTable, module=__name__)
-
+DEFAULTS = {about.key: about.default for cls in SETTINGS for about in settings_of(cls).values()}
+"""What a scenario has of each setting of ``plant`` that it does not give."""
 MECHANISM_ONLY = {
     about.key.removeprefix("plant."): about.exact
     for cls in (Parts, BallStart)
@@ -175,12 +145,11 @@ MECHANISM_ONLY = {
 
 def without_ball(plant: dict[str, Any], kind: Any) -> None:
     """Take out of the tables of a plant what its kind of ball sets, as a record has it in them."""
-    known = PlantTable()
     keys = {
         (name, key) for each in BALLS.values() for name, values in each.items() for key in values
     }
     for name, key in keys:
-        default = type(getattr(known, name)).model_fields[key].default
+        default = DEFAULTS[f"plant.{name}.{key}"]
         own = plant.get(name, {})
         if own.get(key) == BALLS.get(kind, {}).get(name, {}).get(key, default):
             del own[key]

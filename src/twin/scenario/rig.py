@@ -16,7 +16,7 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.nets import wider
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import LimitsTable
+from twin.scenario.schema import RigLimitsTable
 from twin.scenario.tables import Section, dataclass_of, model_of
 
 Settings = TypeVar("Settings")
@@ -65,7 +65,7 @@ class RigFile(Section):
     cams: str | None = None
     late_periods: Annotated[int, Field(ge=1, le=10_000)] = LATE_PERIODS
     patience: Annotated[float, Field(gt=0, le=3600)] = 30.0
-    limits: LimitsTable = LimitsTable()
+    limits: RigLimitsTable = RigLimitsTable()
     bus: BusTable = BusTable()  # type: ignore[valid-type]
     drives: DrivesTable = DrivesTable()  # type: ignore[valid-type]
     phi: AxisTable = AxisTable(node=1)  # type: ignore[valid-type]
@@ -120,7 +120,7 @@ class RigFile(Section):
         found = [*self.servos(period).relaxed, *self.uncalibrated_screen().relaxed]
         if self.late_periods > LATE_PERIODS:
             found.append(f"late_periods = {self.late_periods} (default {LATE_PERIODS})")
-        for name, default in LimitsTable():
+        for name, default in RigLimitsTable():
             value = getattr(self.limits, name)
             if wider(value, default):
                 found.append(f"limits.{name} = {value} (default {default})")

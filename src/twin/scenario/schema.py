@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -14,9 +14,8 @@ from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from twin.hal.limits import Limits
 from twin.scenario.change import Change
-from twin.scenario.plant import PlantTable
-from twin.scenario.tables import Section, model_of, table
-from twin.sim.drives import DriveModel
+from twin.scenario.plant import SETTINGS, BallKeys, PlantKeys, SurfaceKeys
+from twin.scenario.tables import Section, model_of, tables
 from twin.sim.encoders import EncoderModel
 from twin.sim.touch import TouchModel
 from twin.sim.transmission import TransmissionError
@@ -31,7 +30,7 @@ MOST_PERIODS = 10_000_000
 """Longest run in control periods, 5.6 h of 2 ms: its record is kept in some GB of memory."""
 
 
-class _RigKeys(Section):
+class _Rig(Section):
     """How often the rig is controlled, and what it knows of its cams."""
 
     period: Positive = 0.002
@@ -40,7 +39,7 @@ class _RigKeys(Section):
     """The calibrated table over both plate angles, one table per axis, or a plain ratio."""
 
 
-class _TouchChecks(Section):
+class _Touch(Section):
     """The touch screen."""
 
     @field_validator("frame_rate", check_fields=False)
@@ -51,37 +50,38 @@ class _TouchChecks(Section):
         return value
 
 
-if TYPE_CHECKING:
-    LimitsTable = Derived
-    EncodersTable = Derived
-    TouchTable = Derived
-    DisturbanceTable = Derived
-else:
-    LimitsTable = table("rig.limits", Limits, module=__name__)
-    EncodersTable = table("sensors.encoders", EncoderModel, module=__name__)
-    TouchTable = table("sensors.touch", TouchModel, base=_TouchChecks, module=__name__)
-    DisturbanceTable = table("disturbance", DriveModel, module=__name__)
-
-
-class _LimitedRig(_RigKeys):
-    limits: LimitsTable = LimitsTable()
-
-
-if TYPE_CHECKING:
-    RigTable = Derived
-else:
-    RigTable = table("rig", TransmissionError, base=_LimitedRig, module=__name__)
-
-
-class SensorsTable(Section):
+class _Sensors(Section):
     """What the rig measures."""
 
     ideal: bool = False
     """Whether the full true state is measured instead."""
     noise_hold: NotNegative = 0.0
     """Time in s for which one draw of the noise holds; 0 for a new one every control period."""
-    touch: TouchTable = TouchTable()
-    encoders: EncodersTable = EncodersTable()
+
+
+TABLES = tables(
+    *(*SETTINGS, TouchModel, EncoderModel, TransmissionError, Limits),
+    bases={
+        "plant": PlantKeys,
+        "plant.ball": BallKeys,
+        "plant.friction": Section,
+        "plant.surface": SurfaceKeys,
+        "plant.servo": Section,
+        "rig": _Rig,
+        "sensors": _Sensors,
+        "sensors.touch": _Touch,
+    },
+    module=__name__,
+)
+"""Tables by dotted name: what is said of plant, rig and sensors."""
+if TYPE_CHECKING:
+    PlantTable = Derived
+    RigTable = Derived
+    SensorsTable = Derived
+    DisturbanceTable = Derived
+    RigLimitsTable = Derived
+else:
+    globals().update((each.__name__, each) for each in TABLES.values())
 
 
 class MetricsTable(Section):
@@ -176,23 +176,33 @@ class Scenario(Section):
     metrics: MetricsTable = MetricsTable()
 
     @model_validator(mode="after")
-    def _whole_steps(self) -> Scenario:
-        period, step = self.rig.period, self.plant.step
-        steps = round(period / step)
-        if steps < 1 or abs(steps * step - period) > 1e-9 * period:
-            raise ValueError(
-                f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
-            )
+    def _fits_together(self) -> Scenario:
+        for problem in self._problems():
+            raise ValueError(problem)
         return self
 
-    @model_validator(mode="after")
-    def _whole_ticks(self) -> Scenario:
-        own, period = self.controller.period, float(self.rig.period)
+    def _problems(self) -> Iterator[str]:
+        """What does not go together in it, a line each."""
+        period, step, own = float(self.rig.period), self.plant.step, self.controller.period
+        steps, ticks = round(period / step), round(self.duration / period)
+        if steps < 1 or abs(steps * step - period) > 1e-9 * period:
+            yield f"rig.period: {period:g} s is not a multiple of plant.step = {step:g} s"
         if own is not None and abs(self.law_ticks * period - own) > 1e-9 * own:
-            raise ValueError(
-                f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
+            yield f"controller.period: {own:g} s is not a multiple of rig.period = {period:g} s"
+        if not 1 <= ticks <= MOST_PERIODS:
+            yield (
+                f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
+                f"rig.period = {period:g} s, got {self.duration:g}"
             )
-        return self
+        if problem := self.plant.problem():
+            yield problem
+        if self.plant.kind == "lagrange" and self.rig.cams != "table":
+            yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.metrics.start >= self.duration:
+            yield (
+                f"metrics.start: {self.metrics.start:g} s is not before the end at "
+                f"duration = {self.duration:g} s"
+            )
 
     @property
     def designed_on(self) -> BallPlate:
@@ -212,34 +222,6 @@ class Scenario(Section):
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
         return max(1, ticks)
-
-    @model_validator(mode="after")
-    def _possible_duration(self) -> Scenario:
-        period = self.rig.period
-        if not 1 <= round(self.duration / period) <= MOST_PERIODS:
-            raise ValueError(
-                f"duration: must be {period:g} to {MOST_PERIODS * period:g} s with "
-                f"rig.period = {period:g} s, got {self.duration:g}"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _possible_plant(self) -> Scenario:
-        problem = self.plant.problem()
-        if problem:
-            raise ValueError(problem)
-        if self.plant.kind == "lagrange" and self.rig.cams != "table":
-            raise ValueError("rig.cams: the exact equations have no cams; set plant.kind=mujoco")
-        return self
-
-    @model_validator(mode="after")
-    def _metrics_within(self) -> Scenario:
-        if self.metrics.start >= self.duration:
-            raise ValueError(
-                f"metrics.start: {self.metrics.start:g} s is not before the end at "
-                f"duration = {self.duration:g} s"
-            )
-        return self
 
 
 KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
@@ -32,27 +32,34 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> Any: ...
 
 
-def table(name: str, *classes: type, module: str, base: type[Section] = Section) -> Any:
-    """The model of a table: all settings of some dataclasses whose keys lie directly in it.
+def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> dict[str, Any]:
+    """The models of all tables that settings of some dataclasses lie in, by dotted name.
 
     Args:
-        name: Dotted name, as ``plant.friction``; the model is called ``FrictionTable``.
         classes: Dataclasses with settings.
-        module: Where the model stands under its name, so that it can be sent to other processes.
-        base: What the model has besides, fields of its own and checks.
+        bases: What some tables have besides: fields of their own and checks. Tables and the keys of
+            each are in the order in which they are named, here first.
+        module: Where each model stands under its name, so that it can be sent to other processes:
+            ``plant.ball`` is ``PlantBallTable``.
     """
-    fields: dict[str, Any] = {}
-    sources: dict[str, tuple[type, str]] = {}
+    fields: dict[str, dict[str, Any]] = {name: {} for name in bases}
+    sources: dict[str, dict[str, tuple[type, str]]] = {name: {} for name in bases}
     for cls in classes:
         for field, about in settings_of(cls).items():
             path, _, key = about.key.rpartition(".")
-            if path == name:
-                fields[key] = (_hint(about), about.default)
-                sources[key] = (cls, field)
-    title = f"{name.rpartition('.')[2].capitalize()}Table"
-    derived = create_model(title, __base__=base, __module__=module, **fields)
-    derived.sources = sources
-    return derived
+            fields.setdefault(path, {})[key] = (_hint(about), about.default)
+            sources.setdefault(path, {})[key] = (cls, field)
+    inner: dict[str, dict[str, Any]] = {}
+    found: dict[str, Any] = {}
+    for path in sorted(fields, key=lambda path: -path.count(".")):
+        title = "".join(part.capitalize() for part in path.split(".")) + "Table"
+        own: dict[str, Any] = inner.get(path, {}) | fields[path]
+        made = create_model(title, __base__=bases.get(path, Section), __module__=module, **own)
+        made.sources = sources[path]
+        outer, _, name = path.rpartition(".")
+        inner.setdefault(outer, {})[name] = (made, made())
+        found[path] = made
+    return found
 
 
 def _hint(about: Setting) -> Any:

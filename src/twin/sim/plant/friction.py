@@ -177,19 +177,3 @@ class Friction:
             arm = self.arm(np.hypot(x[..., 1], x[..., 5]), x[..., 0::4], age)
         result: Array = model.c1 * (arm / model.radius) * normal
         return result
-
-    def resist(
-        self,
-        model: BallPlate,
-        x: Array,
-        free: Array,
-        age: Array | None = None,
-        normal: Array | None = None,
-    ) -> Array:
-        """Acceleration of the ball with resistance, shape (..., 2), given the one without.
-
-        Arguments as for ``deceleration``.
-        """
-        limit = self.deceleration(model, x, age, normal)
-        velocity = x[..., 1], x[..., 5]
-        return np.stack(resisted(limit, velocity, (free[..., 0], free[..., 1])), axis=-1)
