@@ -138,14 +138,15 @@ def test_a_run_killed_at_any_moment_leaves_what_was_recorded_until_then(virtual,
     with host(tmp_path) as process:
         running(virtual)
         begun = virtual.bus.time
-        assert wait_until(file.exists, 60)
+        assert wait_until(lambda: file.exists() or process.poll() is not None, 60)
         time.sleep(0.37 * moment)
         lasted = virtual.bus.time - begun
         if moment % 2:  # with all its processes, as a computer that is switched off
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
-        process.wait()
+        said = process.communicate()
+    assert file.exists(), f"the run had ended by itself: {said}"
     size = -1
     while size != (size := file.stat().st_size):
         time.sleep(1.0)
