@@ -132,21 +132,27 @@ def test_a_killed_host_leaves_drives_that_stop_by_themselves_in_the_time_they_we
         assert times.rest[node] - times.fault[node] <= 8.0 / 1000 + TICKS  # fastest, at stop_ramp
 
 
-@pytest.mark.parametrize("moment", range(10))
-def test_a_run_killed_at_any_moment_leaves_what_was_recorded_until_then(virtual, tmp_path, moment):
-    file = tmp_path / "out" / "run.arrows"
-    with host(tmp_path) as process:
-        running(virtual)
+def killed(virtual, folder, moment):
+    """How long a run was recorded before it was killed, s; None if it had ended by itself."""
+    file = folder / "out" / "run.arrows"
+    with host(folder, "--reset") as process:
+        assert wait_until(lambda: file.exists() or process.poll() is not None, 90)
         begun = virtual.bus.time
-        assert wait_until(file.exists, 60)
-        time.sleep(0.37 * moment)
+        time.sleep(0.3 + 0.3 * moment)
         lasted = virtual.bus.time - begun
         if moment % 2:  # with all its processes, as a computer that is switched off
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
         process.wait()
-    size = -1
+    return lasted if file.exists() else None
+
+
+@pytest.mark.parametrize("moment", range(10))
+def test_a_run_killed_at_any_moment_leaves_what_was_recorded_until_then(virtual, tmp_path, moment):
+    tries = (killed(virtual, tmp_path, moment) for _ in range(8))  # a busy machine ends some
+    lasted = next(each for each in tries if each is not None)
+    file, size = tmp_path / "out" / "run.arrows", -1
     while size != (size := file.stat().st_size):
         time.sleep(1.0)
     (found,) = open_run(tmp_path / "out")

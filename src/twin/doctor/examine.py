@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
@@ -54,35 +54,23 @@ def examine(
 def _drives(
     servos: AkdServos, rig: RigFile, ask: Ask, *, move: bool, reset: bool
 ) -> Iterator[CheckResult]:
-    found = []
-    for result in drives.bus(servos.config, servos):
-        found.append(result)
-        yield result
+    good = yield from _judged(drives.bus(servos.config, servos))
     if reset and servos.axes:
         servos.reset_faults()
         exchange(servos, 0.2)
-    failed = any(result.status is CheckStatus.FAIL for result in found)
-    if move and servos.axes and (reset or not failed):
-        moved: list[CheckResult] = []
-        for check in (_torque, _limits, _motion, _swapped):
-            for result in check(servos, rig, ask):
-                moved.append(result)
-                yield result
-            if any(result.status is CheckStatus.FAIL for result in moved):
-                return
+    if not (move and servos.axes and (reset or good)):
+        return
+    cams = cams_of(rig)
+    torque, motion = drives.torque(servos), drives.motion(servos, cams)
+    for check in (torque, limits(servos), motion, swapped(servos, cams, ask)):
+        if not (yield from _judged(check)):
+            return
 
 
-def _torque(servos: AkdServos, _: RigFile, __: Ask) -> Iterator[CheckResult]:
-    return drives.torque(servos)
-
-
-def _limits(servos: AkdServos, _: RigFile, __: Ask) -> Iterator[CheckResult]:
-    return limits(servos)
-
-
-def _motion(servos: AkdServos, rig: RigFile, _: Ask) -> Iterator[CheckResult]:
-    return drives.motion(servos, cams_of(rig))
-
-
-def _swapped(servos: AkdServos, rig: RigFile, ask: Ask) -> Iterator[CheckResult]:
-    return swapped(servos, cams_of(rig), ask)
+def _judged(check: Iterator[CheckResult]) -> Generator[CheckResult, None, bool]:
+    """The results of a check; whether none of them is a failure."""
+    good = True
+    for result in check:
+        good = good and result.status is not CheckStatus.FAIL
+        yield result
+    return good

@@ -1,10 +1,8 @@
-import importlib
 import os
 import select
 import time
-import warnings
 from collections import deque
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import can
 import pytest
@@ -13,10 +11,8 @@ from can.interfaces.slcan import slcanBus
 from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import GARBLED, DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
-from twin.devices.akd.servos import AkdServos
-from twin.devices.akd.slcan_bus import PromptSlcanBus, QueuedBus
+from twin.devices.akd.slcan_bus import PromptSlcanBus
 from twin.devices.akd.transport import CanTransport
-from twin.emulator.lockstep import LockstepDrives
 
 
 class Loopback(can.BusABC):
@@ -34,43 +30,13 @@ class Loopback(can.BusABC):
         return (self.inbox.popleft() if self.inbox else None), False
 
 
-class Discarding(Loopback):
-    """Has a ``flush`` as python-can's serial buses have: what was received is thrown away."""
-
-    def flush(self):
-        self.inbox.clear()
-
-
-class Refusing(Loopback):
-    def flush(self):
-        raise NotImplementedError
-
-
-class Queued(Loopback):
-    """Sends nothing before it is told to."""
-
-    def __init__(self):
-        super().__init__()
-        self.unreadable_lines = 0
-        self.queue = []
-
-    def send(self, msg, timeout=None):
-        self.queue.append(msg)
-
-    def send_queued(self):
-        queue, self.queue = self.queue, []
-        for each in queue:
-            super().send(each)
-
-
 def transport_on(bus):
     reports = FaultReports(1.0)
     return CanTransport(bus, "CAN test", reports, lambda: 0.0), reports
 
 
-@pytest.mark.parametrize("kind", [Loopback, Discarding, Refusing, Queued])
-def test_every_answer_of_every_period_is_received(kind):
-    bus = kind()
+def test_every_answer_of_every_period_is_received():
+    bus = Loopback()
     transport, _ = transport_on(bus)
     for period in range(20):
         for identifier in (0x200, 0x080):
@@ -80,61 +46,6 @@ def test_every_answer_of_every_period_is_received(kind):
         assert list(transport.receive()) == expected
         assert transport.up
     bus.shutdown()
-
-
-def test_a_bus_that_queues_sends_when_it_is_told_to():
-    bus = Queued()
-    transport, reports = transport_on(bus)
-    transport.send(0x080, b"")
-    assert list(transport.receive()) == []
-    transport.send_queued()
-    assert list(transport.receive()) == [(0x081, b"")]
-    bus.unreadable_lines = 3
-    assert list(transport.receive()) == []
-    assert [(f.condition, f.detail) for f in reports.take()] == [
-        (GARBLED, "3 lines cannot be read")
-    ]
-    bus.shutdown()
-
-
-@pytest.mark.parametrize("kind", [Discarding, Refusing], ids=["discards", "raises"])
-def test_the_drives_run_on_a_bus_whose_flush_is_not_to_be_called(kind):
-    rig = LockstepDrives()
-
-    def opener(config):
-        bus = rig._open(config)
-
-        def flush():
-            if kind is Refusing:
-                raise NotImplementedError
-            while bus.recv(0) is not None:
-                pass
-
-        bus.flush = flush
-        return bus
-
-    rig.servos = AkdServos(rig.config, opener=opener, now=rig.adapter.now, sleep=rig.adapter.sleep)
-    with rig:
-        rig.enabled()
-        assert not rig.run(0.3, lambda _: (1.0, -1.0))
-        assert rig.servos.enabled
-        assert rig.servos.age().max() < 2.5 * rig.config.period
-
-
-def backends():
-    """The classes of python-can's interfaces whose drivers are here, by name."""
-    for name, (module, kind) in can.interfaces.BACKENDS.items():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with suppress(ImportError, OSError, NameError, AttributeError, can.CanError):
-                yield name, getattr(importlib.import_module(module), kind)
-
-
-def test_no_bus_of_python_can_is_taken_for_one_that_queues():
-    found = dict(backends())
-    assert {"socketcan", "slcan", "robotell", "virtual"} <= set(found)
-    for each in found.values():
-        assert not {"send_queued", "unreadable_lines"} & set(dir(each))
 
 
 @pytest.fixture
@@ -168,14 +79,18 @@ def slcan(kind, line, **options):
 
 def test_the_prompt_bus_writes_all_frames_of_a_period_in_one_piece(serial_line):
     with slcan(PromptSlcanBus, serial_line) as bus:
-        assert isinstance(bus, QueuedBus)
-        transport, _ = transport_on(bus)
+        transport, reports = transport_on(bus)
         transport.send(0x201, b"\x0f\x00")
         transport.send(0x080, b"")
         with pytest.raises(BlockingIOError):
             os.read(serial_line[0], 100)
         transport.send_queued()
         assert written(serial_line, b"t0800\r") == b"t20120F00\rt0800\r"
+        bus.unreadable_lines = 3
+        assert list(transport.receive()) == []
+        assert [(f.condition, f.detail) for f in reports.take()] == [
+            (GARBLED, "3 lines cannot be read")
+        ]
 
 
 @pytest.mark.parametrize("kind", ["is_extended_id", "is_remote_frame", "is_fd"])

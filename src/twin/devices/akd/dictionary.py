@@ -45,7 +45,7 @@ class Object:
 
 def objects(node: int) -> Iterator[Object]:
     """The built-in objects of a drive with this node, PDO parameters with their defaults."""
-    for each in _table()["objects"]:
+    for each in table()["objects"]:
         yield Object(*each)
     for number in range(4):
         receive, transmit = 0x200 + 0x100 * number + node, 0x180 + 0x100 * number + node
@@ -56,7 +56,8 @@ def objects(node: int) -> Iterator[Object]:
 
 
 @cache
-def _table() -> dict[str, Any]:
+def table() -> dict[str, Any]:
+    """The tables of ``objects.toml`` by their names."""
     text = (resources.files("twin.devices.akd") / "objects.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -64,15 +65,15 @@ def _table() -> dict[str, Any]:
 def kept(index: int, written: int, read: int) -> bool:
     """Whether what is read of an object is what was written, as far as the drive can keep it."""
     key = f"0x{index:04X}"
-    share = _table()["tolerances"].get(key, 0.0)
-    ignored = _table()["ignored_bits"].get(key, 0)
+    share = table()["tolerances"].get(key, 0.0)
+    ignored = table()["ignored_bits"].get(key, 0)
     same = (written ^ read) & ~ignored == 0
     return bool(same or abs(read - written) <= share * abs(written))
 
 
 def abort_words(code: int) -> str:
     """Why a drive refuses, in words, with the abort code."""
-    known = _table()["aborts"].get(f"0x{code:08X}", "a reason of the vendor's own")
+    known = table()["aborts"].get(f"0x{code:08X}", "a reason of the vendor's own")
     return f"code {code:08X}h, {known}"
 
 
@@ -87,7 +88,7 @@ def _parameters(index: int, kind: str, cob_id: int) -> Iterator[Object]:
 
 def _mapping(index: int, kind: str) -> Iterator[Object]:
     name = f"{kind}{index % 4 + 1} mapping"
-    entries = _table()["default_maps"][f"0x{index:04X}"]
+    entries = table()["default_maps"][f"0x{index:04X}"]
     yield Object(index, 0, name, "U8", "rw", len(entries))
     for sub in range(1, PDO_ENTRIES + 1):
         value = entries[sub - 1] if sub <= len(entries) else 0

@@ -9,6 +9,8 @@ import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from twin.devices.akd.dictionary import table
+
 NMT = 0x000
 SYNC = 0x080
 EMERGENCY = 0x080
@@ -46,54 +48,11 @@ _UNUSED = 0x0C
 
 NMT_STATES = {0: "booting", 4: "stopped", 5: "operational", 127: "pre-operational"}
 
-CODES = {
-    0x1080: "general warning",
-    0x1081: "general error",
-    0x3110: "bus overvoltage",
-    0x3120: "bus voltage out of range",
-    0x3130: "bus capacitor overload",
-    0x3180: "bus capacitor overload",
-    0x3210: "bus overvoltage",
-    0x3220: "bus undervoltage",
-    0x3280: "bus undervoltage",
-    0x3281: "brake overload",
-    0x3282: "regeneration short circuit",
-    0x3283: "bus overvoltage",
-    0x4210: "control board hot",
-    0x4310: "heat sink hot",
-    0x4380: "power stage hot",
-    0x4381: "power stage hot",
-    0x4382: "power stage hot",
-    0x5530: "non-volatile memory",
-    0x5580: "non-volatile memory",
-    0x8110: "CAN overrun",
-    0x8120: "CAN error passive",
-    0x8130: "heartbeat or life guard",
-    0x8140: "recovered from bus-off",
-    0x8210: "PDO too short",
-    0x8220: "PDO too long",
-}
-"""Emergency codes of CiA 301 and of the drive's manual."""
-
-FAULTS = {
-    129: "CAN monitoring: the master went silent",
-    130: "secondary feedback supply",
-    131: "secondary feedback A/B line break",
-    132: "secondary feedback Z line break",
-    134: "secondary feedback illegal state",
-    247: "bus voltage out of range",
-    501: "bus overvoltage",
-    502: "bus undervoltage",
-    503: "bus capacitor overload",
-    602: "safe torque off",
-    702: "fieldbus lost",
-}
-"""The drive's own fault numbers worth naming."""
-
 
 def fault_words(numbers: Iterable[int]) -> str:
     """Fault numbers as the drive's display shows them, with their names."""
-    return ", ".join(f"F{number} {FAULTS.get(number, '')}".strip() for number in numbers)
+    names = table()["faults"]
+    return ", ".join(f"F{number} {names.get(f'{number}', '')}".strip() for number in numbers)
 
 
 class MotionPdo(NamedTuple):
@@ -123,7 +82,7 @@ class Emergency(NamedTuple):
         """Code, name and fault number as text."""
         if self.code is None:
             return "no code"
-        name = CODES.get(self.code, "")
+        name = table()["emergencies"].get(f"0x{self.code:04X}", "")
         ascii_part = self.extra.rstrip(b"\0")
         number = ascii_part.decode("ascii") if ascii_part.isascii() else ""
         parts = [f"{self.code:04X}h", name, number if number.isprintable() else ""]

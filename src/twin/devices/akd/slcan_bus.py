@@ -12,7 +12,7 @@ import os
 import select
 import time
 from contextlib import suppress
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from can import BusABC, Message
 from can.exceptions import CanOperationError
@@ -27,27 +27,8 @@ _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
 _LAST_IDENTIFIER = 0x7FF
 
 
-@runtime_checkable
-class QueuedBus(Protocol):
-    """A bus that queues frames until ``send_queued``, and reads lines of text.
-
-    Not named ``flush``: python-can's buses of that name discard what has been received.
-    """
-
-    @property
-    def unreadable_lines(self) -> int:
-        """Lines received so far that are no frame and no answer."""
-
-    def send_queued(self) -> None:
-        """Send all queued frames.
-
-        Raises:
-            can.CanError: If the adapter cannot take them.
-        """
-
-
 class PromptSlcanBus(slcanBus):
-    """A LAWICEL adapter on a serial port, a `QueuedBus`; bus errors arrive as error frames.
+    """A LAWICEL adapter on a serial port that queues frames; bus errors arrive as error frames.
 
     The port is opened exclusively: who asks for a lock on it, as this program does, is refused.
     Only classic data frames with 11-bit identifiers are read; other lines are counted in

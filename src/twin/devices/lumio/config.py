@@ -47,13 +47,6 @@ class PlausibilityLimits:
         check_ranges(self, "touch.gate.")
 
 
-_WITHDRAWN = (
-    "evdev is not read any more: input events are sent for changes only, so a ball at rest cannot "
-    'be told from a screen that has died; set transport = "hidraw" and port = "/dev/hidraw..." '
-    "(`ballplate doctor` lists the panels, `doctor --udev` prints the rules that give access)"
-)
-
-
 @dataclass(frozen=True, kw_only=True)
 class LumioConfig:
     """Settings of one touch screen.
@@ -81,8 +74,6 @@ class LumioConfig:
 
     def __post_init__(self) -> None:
         """Refuse what does not exist."""
-        if "evdev" in {self.transport, self.protocol}:
-            raise ScreenError(f"touch.transport: {_WITHDRAWN}")
         for key, allowed in (
             ("transport", tuple(TRANSPORTS)),
             ("protocol", ("auto", *DECODERS)),
