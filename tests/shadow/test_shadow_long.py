@@ -14,8 +14,8 @@ from twin.identify.log import read
 from twin.run.execute import run, save
 from twin.scenario import load
 from twin.shadow.belief import believed
-from twin.shadow.injections import logs
-from twin.shadow.shadow import shadow
+from twin.shadow.follow import shadow
+from twin.shadow.simulated import logs
 
 pytestmark = pytest.mark.long
 
