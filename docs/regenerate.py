@@ -57,10 +57,7 @@ PAGES = {
         (("learning.md", "learning.md"), ("learning.png", "learning.png")),
     ),
     "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
-    "shadow": Page(
-        ("shadow.md",),
-        ("shadow", "--matrix", "--doc", "docs/shadow.md"),
-    ),
+    "shadow": Page(("shadow.md",), ("shadow_trials.py",)),
     "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
     "reproduction": Page(
         ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),

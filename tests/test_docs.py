@@ -44,6 +44,7 @@ WRITTEN = {
     "cure_floor.py",
     "cure_attacks.py",
     "cure_attacks.toml",
+    "shadow_trials.py",
     "tuned.py",
     "tuned.toml",
     "claims.py",

@@ -35,7 +35,6 @@ def windows(late, sd=2e-3):
         np.stack((begin, begin + 1), axis=-1),
         np.full((count, 1, 1), sd**-2),
         np.asarray(late)[:, None] / sd**2,
-        np.zeros((count, 2)),
         stopping=np.ones(count, bool),
     )
 
@@ -60,7 +59,7 @@ def test_other_causes_raise_no_dead_time(belief):
     assert delayed(limited(other, belief), belief).max() < OWN / 3
 
 
-REST = ("place", "height", "stopping", "dispersion")
+REST = ("height", "stopping", "dispersion")
 
 
 def test_windows_added_later_say_what_all_at_once_say(belief):

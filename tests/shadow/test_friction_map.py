@@ -12,7 +12,6 @@ from twin.identify.prepare import prepare
 from twin.identify.windows import Spans, cut
 from twin.scenario import load
 from twin.shadow.belief import ROUGH, believed
-from twin.shadow.beside import Beside
 from twin.shadow.friction_map import (
     ANEW,
     EACH,
@@ -26,7 +25,7 @@ from twin.shadow.friction_map import (
     unresolved,
 )
 from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.injections import logs
+from twin.shadow.simulated import logs
 from twin.shadow.smoothing import LEAD, Lead, smoothed
 
 NO_GAPS = np.zeros((0, 2))
@@ -147,7 +146,7 @@ def test_a_window_is_foreseen_before_it_is_learnt_and_learnt_once(belief):
         np.broadcast_to(way, (many, *way.shape)),
     )
     counted = np.array([True, True, True, False])
-    known = foreseen(ways, counted, np.zeros(many, int), [screen])
+    known = foreseen(ways, counted, screen)
     before, ahead = known.mean[:, 0], known.ahead[:, 0]
     assert before[0] == 0.0
     assert ahead[0] > 0.01
@@ -160,15 +159,15 @@ def test_a_window_is_foreseen_before_it_is_learnt_and_learnt_once(belief):
 
 
 @pytest.fixture(scope="module")
-def beside(circled):
-    """Some windows of ``LEAD`` with their twin."""
+def some(circled):
+    """Some windows of ``LEAD``."""
     log, belief = circled
 
     def spans(segment, begin, end, longest):
         begins = np.arange(begin, end - longest, 6.0)
         return Spans(begins, np.full(len(begins), longest), np.zeros(len(begins), bool))
 
-    return Beside.of([(cut(log, belief.lag, LEAD, spans), belief)])
+    return cut(log, belief.lag, LEAD, spans)
 
 
 SIZES = {  # without unevenness: that is the map's
@@ -181,18 +180,18 @@ SIZES = {  # without unevenness: that is the map's
 }
 
 
-def test_a_smoothed_state_is_the_posterior_of_all_unknowns(beside):
-    lead = Lead.of(beside)
+def test_a_smoothed_state_is_the_posterior_of_all_unknowns(some, belief):
+    lead = Lead.of(some, belief)
     S, K = lead.stretches, lead.information.shape[-1]
     rng = np.random.default_rng(3)
     known = Known(
-        0.1 * rng.standard_normal((len(beside.windows), S)),
+        0.1 * rng.standard_normal((len(some), S)),
         np.tile(0.03 * np.exp(-((np.arange(S)[:, None] - np.arange(S)) ** 2) / 4), (5, 1, 1)),
         np.zeros((5, 1)),
         np.zeros((5, 1, 1)),
     )
-    mean, covariance = smoothed(lead, beside, known)
-    A_alone, b_alone = lead.of_friction(beside)
+    mean, covariance = smoothed(lead, belief, known)
+    A_alone, b_alone = lead.of_friction(belief)
     others = np.array([*SIZES.values(), 0.02, 0.02, 0.3, 0.3, *np.ones(K - S - 10)])
     for w in range(len(mean)):
         A, b = lead.information[w], lead.score[w]
@@ -216,9 +215,9 @@ def test_a_smoothed_state_is_the_posterior_of_all_unknowns(beside):
 
 def test_the_second_time_round_the_twin_foresees_the_ball(circled):
     log, belief = circled
-    (with_map,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0)
+    with_map = replays(log, belief, NO_GAPS, 1.0, 1.0)
     even = replace(belief, patchy=0.0, rough=belief.braking * ROUGH)
-    (without,) = replays([(log, even, NO_GAPS)], 1.0, 1.0)
+    without = replays(log, even, NO_GAPS, 1.0, 1.0)
     again = with_map.counted & (with_map.time > 14.0)
     assert again.sum() > 10
     error, blind = (np.median(each.distance[again]) for each in (with_map, without))
@@ -228,11 +227,11 @@ def test_the_second_time_round_the_twin_foresees_the_ball(circled):
 
 def test_replays_in_parts_are_those_in_one_go(circled):
     log, belief = circled
-    (whole,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0)
-    maps = [FrictionMap(belief)]
-    (first,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0, until=15.5, maps=maps)
+    whole = replays(log, belief, NO_GAPS, 1.0, 1.0)
+    screen = FrictionMap(belief)
+    first = replays(log, belief, NO_GAPS, 1.0, 1.0, until=15.5, screen=screen)
     since = float(first.time[-1]) + 1.0
-    (rest,) = replays([(log, belief, NO_GAPS)], 1.0, 1.0, since, maps=maps)
+    rest = replays(log, belief, NO_GAPS, 1.0, 1.0, since, screen=screen)
     assert 15.5 - 2.0 < first.time[-1] + 1.0 <= 15.5
     together = Replays.join([first, rest])
     assert together.time == pytest.approx(whole.time)
@@ -242,7 +241,7 @@ def test_replays_in_parts_are_those_in_one_go(circled):
 
 def test_over_a_gap_nothing_is_learnt(circled):
     log, belief = circled
-    maps = [FrictionMap(belief)]
-    (found,) = replays([(log, belief, np.array([[0.0, 40.0]]))], 1.0, 1.0, maps=maps)
+    screen = FrictionMap(belief)
+    found = replays(log, belief, np.array([[0.0, 40.0]]), 1.0, 1.0, screen=screen)
     assert not found.counted.any()
-    assert not maps[0].mean.any()
+    assert not screen.mean.any()

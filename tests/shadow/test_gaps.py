@@ -9,9 +9,9 @@ import pytest
 
 from twin.scenario import load
 from twin.shadow.belief import believed
+from twin.shadow.follow import shadow
 from twin.shadow.gaps import clear, gaps
-from twin.shadow.injections import logs
-from twin.shadow.shadow import shadow
+from twin.shadow.simulated import logs
 
 PERIOD = 0.002
 

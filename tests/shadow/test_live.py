@@ -27,7 +27,7 @@ from twin.shadow.causes import Cause
 from twin.shadow.drawn import scores
 from twin.shadow.evidence import Evidence
 from twin.shadow.examine import examine
-from twin.shadow.follow import Said
+from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
 from twin.view.recording import encoded
@@ -58,7 +58,7 @@ class Scripted:
     period = 0.002
 
     def __init__(self):
-        self.said = Said()
+        self.said = Shadow()
         self.asked = 0
 
     def take(self, rows):
@@ -115,7 +115,7 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     assert saved_twin(opened) is None
     examined = examine(path, path, proposing=False)
     alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
-    report.write(replace(examined.found, alarms=(alarm,)), None, None, path)
+    report.write(replace(examined.found, alarms=[alarm]), None, None, path)
     said = saved_twin(opened)
     assert said.events == [(2.0, f"alarm at {alarm.words}")]
     for drawn_live, read_back in zip(scores(examined.found.replays), said.scores, strict=True):
@@ -176,7 +176,7 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     if noise_known:  # what only the whole log tells
         sigma = prepare(read(path)).sigma
         monkeypatch.setattr(follow, "prepare", lambda log: replace(prepare(log), sigma=sigma))
-    follower = follow.Follower(recorded.scenario, "the run")
+    follower = follow.LiveFollower(recorded.scenario, "the run")
     rows = recorded.rows
     told = []
     for first in range(0, len(rows["time"]), 170):
@@ -222,8 +222,7 @@ def test_a_twin_that_hangs_or_dies_changes_nothing_in_the_record(blow):
 
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():
     first, second = (
-        Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)),
-                    np.zeros((len(spans), 2)))
+        Evidence.of(("lag",), spans, np.zeros((len(spans), 1, 1)), np.zeros((len(spans), 1)))
         for spans in (np.array([[0.0, 1.0], [1.0, 3.0]]), np.array([[1.0, 2.0]]))
-    )  # fmt: skip
+    )
     assert follow._joined(first, second).end.tolist() == [1.0, 3.0, 2.0]

@@ -8,8 +8,8 @@ import pytest
 from twin.identify.prepare import prepare
 from twin.scenario import load
 from twin.shadow.belief import DRIVES, PARAMETERS, believed
-from twin.shadow.injections import logs
 from twin.shadow.plate import plate_angles, plate_evidence, whitened
+from twin.shadow.simulated import logs
 
 SHAKEN = ("duration=5", "seed=3", "controller.dither_deg=0.1", "plant.servo.backlash_deg=0.1")
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from twin.errors import TwinError
-from twin.identify.log import LogError
+from twin.identify.log import MECHANISM_LAG, LogError
 from twin.scenario import load
-from twin.shadow.belief import PARAMETERS, believed
-from twin.shadow.evidence import log_evidence, posterior
-from twin.shadow.injections import logs
-from twin.shadow.matrix import hours_between_alarms, interval
+from twin.shadow.belief import PARAMETERS, Belief, believed
+from twin.shadow.diagnosis import Suspicion, weigh
+from twin.shadow.evidence import Evidence, log_evidence, posterior
+from twin.shadow.follow import shadow
+from twin.shadow.monitor import Before
 from twin.shadow.plate import whitened
 from twin.shadow.report import page
-from twin.shadow.shadow import shadow
+from twin.shadow.simulated import logs
 
 CHANGES = {
     "healthy": "[]",
@@ -102,17 +104,18 @@ def test_innovations_of_a_disturbed_angle_seen_by_encoders_are_white_with_varian
     assert abs(np.corrcoef(e[1:], e[:-1])[0, 1]) < 0.03
 
 
-def test_hours_between_alarms_are_those_of_the_distribution():
-    rng = np.random.default_rng(2)
-    largest = rng.gumbel(2.0, 1.0, 4000)
-    exceeded = -math.expm1(-math.exp(-(9.0 - 2.0)))
-    expected = 60 / 3600 / exceeded
-    assert hours_between_alarms(largest, 9.0, 60.0) == pytest.approx(expected, rel=0.25)
-
-
-def test_an_interval_of_a_share_is_clopper_and_pearsons():
-    assert interval(12, 12) == "100 (74 to 100)"
-    assert interval(0, 60) == "0 (0 to 6)"
+@pytest.mark.parametrize(("believed_play", "named"), [(0.2, True), (0.0, False)])
+def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
+    log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
+    belief = Belief.of(load("excite", [f"plant.servo.backlash_deg={believed_play}"]), log)
+    less = -1.0  # of a narrow gap of 0.05 deg
+    spans = np.stack((np.arange(10.0), np.arange(1.0, 11.0)), axis=-1)
+    A, b = np.full((10, 1, 1), 20.0), np.full((10, 1), 20.0 * less)
+    windows = Evidence.of(("narrow_play",), spans, A, b)
+    before = Before(np.zeros(len(PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2))
+    causes = {each.name: each for each in weigh(Suspicion(None, None, windows), before, belief)}
+    assert (causes["lost motion"].probability > 0.5) == named
+    assert causes["lost motion"].change.startswith("-0.0")
 
 
 @pytest.mark.long

@@ -13,9 +13,10 @@ from twin.cli.shadow import shadow as command
 from twin.identify.log import read
 from twin.run.execute import run, save
 from twin.scenario import load
+from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import believed
-from twin.shadow.injections import logs
-from twin.shadow.shadow import shadow
+from twin.shadow.follow import shadow
+from twin.shadow.simulated import logs
 
 pytestmark = pytest.mark.long
 
@@ -61,6 +62,14 @@ def test_a_change_is_an_alarm_in_time_with_the_right_cause_before_all_others(fou
     alarm = found[cause].alarms[0]
     assert 10 < alarm.time < 20
     assert alarm.causes[0].name == cause
+
+
+def test_a_healthy_rig_with_play_under_the_cure_raises_no_alarm():
+    chosen = load("cure", ("plant.servo.backlash_deg=0.2", "plant.step=0.002"))
+    (log,) = logs([(chosen, chosen)])
+    said = shadow(log, believed(log))
+    assert said.verdict == "healthy"
+    assert said.ratio.max() < THRESHOLD / 3
 
 
 def test_the_command_says_when_and_why_and_proposes_what_a_run_takes(folder):

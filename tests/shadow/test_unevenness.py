@@ -13,7 +13,7 @@ COUNT = 250
 
 def forces(heading, along=0.01, across=0.0):
     velocity = np.broadcast_to(np.reshape(heading, (1, 2, 1)), (COUNT + 1, 2, 1))
-    return directed(velocity, STEP, np.array([along]), np.array([across]))
+    return directed(velocity, STEP, along, across)
 
 
 @pytest.mark.parametrize(("along", "across"), [(0.01, 0.0), (0.0, 0.002), (0.01, 0.002)])

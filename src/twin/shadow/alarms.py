@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +12,7 @@ from twin.identify.windows import Windows
 from twin.shadow import dead_time
 from twin.shadow.belief import Belief
 from twin.shadow.causes import Cause, in_words, likely
-from twin.shadow.diagnosis import Suspicion, Weighing, weigh, weighed
+from twin.shadow.diagnosis import Suspicion, weigh
 from twin.shadow.evidence import Evidence
 from twin.shadow.monitor import baseline, onset
 
@@ -92,8 +91,8 @@ class Findings:
         of_all = float(self.ratio[crossing])
         return of_all if of_all > THRESHOLD else float(self.delayed[crossing])
 
-    def begun(self, crossing: int, belief: Belief) -> tuple[float, Weighing]:
-        """Since when, in s, and why there is an alarm after a window of ``soft``.
+    def alarm(self, crossing: int, belief: Belief) -> Alarm:
+        """The alarm after a window of ``soft``: since when, and why.
 
         Args:
             crossing: Which window.
@@ -104,8 +103,9 @@ class Findings:
         last = int(np.searchsorted(soft.end, end, side="right")) - 1
         since = onset(soft, belief, crossing, last)
         begin = float(soft.begin[since])
-        belief = replace(belief, changing=belief.changing * self.factors[since])
-        return begin, weigh(self._suspicion(begin, end), baseline(soft, belief, since), belief)
+        scattering = replace(belief, changing=belief.changing * self.factors[since])
+        causes = weigh(self._suspicion(begin, end), baseline(soft, belief, since), scattering)
+        return Alarm(float(soft.end[crossing]), begin, self.crossed(crossing), tuple(causes))
 
     def _suspicion(self, begin: float, end: float) -> Suspicion:
         """What the log holds between two times in s."""
@@ -122,16 +122,6 @@ class Findings:
         if clear.sum() >= ENOUGH:
             chosen = clear
         return Suspicion(self.windows.take(chosen), ball.take(chosen), rest)
-
-
-def raised(wanted: Sequence[tuple[Findings, int, Belief]]) -> list[Alarm]:
-    """The alarms after windows of findings: which findings, which window of theirs, which twin."""
-    begun = [findings.begun(crossing, belief) for findings, crossing, belief in wanted]
-    causes = weighed([weighing for _, weighing in begun])
-    return [
-        Alarm(float(findings.soft.end[crossing]), begin, findings.crossed(crossing), (*named,))
-        for (findings, crossing, _), (begin, _), named in zip(wanted, begun, causes, strict=True)
-    ]
 
 
 def crossings(share: Array) -> list[int]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Linearisation
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
-from twin.shadow.beside import Beside, alike
 from twin.shadow.evidence import Evidence, log_evidence
 from twin.shadow.gaps import clear
 from twin.shadow.starts import settled
@@ -22,6 +20,8 @@ LONGEST = 2.0
 """Longest window in s: long enough for a small force to show, short enough to stay near it."""
 WIDE = 100.0
 """Deviations that may explain a window, in what an identified twin may be wrong by."""
+AT_ONCE = 500
+"""Windows that are worked on at once: more no longer fit the processor's cache."""
 STEPS = 8
 """Most Gauss-Newton steps that look for the ball's start in a window."""
 
@@ -50,65 +50,52 @@ def ball_windows(
     return windows, np.concatenate(ends)
 
 
-class Expansion(NamedTuple):
-    """Where evidence of the ball is wanted.
-
-    Attributes:
-        windows: Of a log.
-        belief: Its twin.
-        theta: Where the likelihood is expanded, shape (len(belief.names),); None for the belief.
-    """
-
-    windows: Windows
-    belief: Belief
-    theta: Array | None = None
+def portions(windows: int) -> Iterator[Mask]:
+    """Parts of so many windows that are good to work on at a time."""
+    at = np.arange(windows) // AT_ONCE
+    return (np.asarray(at == number) for number in range(at[-1] + 1))
 
 
-def ball_evidence(wanted: Sequence[Expansion]) -> list[Evidence]:
+def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) -> Evidence:
     """Evidence of ``BALL`` around parameters, the ball's start being whatever suits it best.
 
     Args:
-        wanted: Of any number of logs and around any parameters.
+        windows: In which the ball moves, at least one.
+        belief: The twin.
+        theta: Where the likelihood is expanded, shape (len(belief.names),); None for the belief.
     """
-    found: dict[int, Evidence] = {}
-    for group in alike([each.belief for each in wanted]):
-        some = [wanted[place] for place in group]
-        beside = Beside.of([(each.windows, each.belief) for each in some])
-        thetas = [each.belief.theta[0] if each.theta is None else each.theta for each in some]
-        theta = np.array(thetas)[beside.owner]
-        parts = [_expanded(part, theta[which]) for which, part in beside.portions()]
-        evidence = Evidence.beside(parts)
-        for number, place in enumerate(group):
-            found[place] = evidence.take(beside.owner == number)
-    return [found[place] for place in range(len(wanted))]
+    at = belief.theta if theta is None else theta[None]
+    parts = [_expanded(windows.take(part), belief, at) for part in portions(len(windows))]
+    return Evidence.beside(parts)
 
 
-def _expanded(beside: Beside, theta: Array) -> Evidence:
-    """Evidence of windows, each around its own parameters, shape (W, P)."""
-    problem, windows = beside.problem, beside.windows
-    starts = settled(problem, theta[None], problem.initial_starts(), STEPS)
-    squares, score, information = _without_start(problem.linearise(theta[None], starts), beside)
+def _expanded(windows: Windows, belief: Belief, theta: Array) -> Evidence:
+    """Evidence of windows around parameters, shape (1, P)."""
+    problem = belief.problem(windows)
+    starts = settled(problem, theta, problem.initial_starts(), STEPS)
+    squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
     spans = windows.begin[:, None] + np.stack((np.full(len(windows), LOOKBACK), last), axis=-1)
-    place = (windows.ball * counted).sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
     height = -squares / 2
     stopping = windows.resting | (last - LOOKBACK < LONGEST - 2 * BIN)
-    wide = beside.each(lambda belief: np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE)
-    prior = wide[..., None] ** 2 * np.eye(len(BALL))
+    wide = np.maximum(belief.constant[: len(BALL)], 1e-9) * WIDE
+    prior = np.diag(wide**2)
     # twice the log-likelihood that some deviation gains is what it takes off the squares
     gained = 2 * log_evidence(information, score, prior)
     gained += np.linalg.slogdet(np.eye(len(BALL)) + information @ prior)[1]
     left = (squares - gained) / np.maximum(windows.size - 4 - len(BALL), 1)
     left = np.maximum(left, 1.0)
-    return Evidence.of(BALL, spans, information, score, place, height, stopping, left)
+    return Evidence.of(BALL, spans, information, score, height, stopping, left)
 
 
-def _without_start(line: Linearisation, beside: Beside) -> tuple[Array, Array, Array]:
+def _without_start(
+    line: Linearisation, windows: Windows, belief: Belief
+) -> tuple[Array, Array, Array]:
     """Squares (W,), score (W, p) and information (W, p, p), the starts fitted along."""
     parts = (line.r[0, ..., None], line.by_parameter[0, ..., : len(BALL)], line.by_start[0])
-    unknown = unknown_motion(beside.windows, beside.delay)
-    Q = products(np.concatenate(parts, axis=-1), unknown, beside.rough)  # noqa: N806
+    unknown = unknown_motion(windows, belief.values["delay"])
+    Q = products(np.concatenate(parts, axis=-1), unknown, belief.rough)  # noqa: N806
     k = 1 + len(BALL)
     own = Q[..., k:, k:] + START_PRIOR
     left = Q[..., :k, :k] - Q[..., :k, k:] @ np.linalg.solve(own, Q[..., k:, :k])

@@ -24,10 +24,6 @@ CAUSES: dict[str, dict[str, float]] = {
     "sensor noise": {"noise": 0.5},
 }
 """What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
-PATCH = "patch of the screen"
-"""Rolling friction that has changed in one part of the screen only."""
-CELLS = (4, 3)
-"""Parts of the screen along x and y that are looked at."""
 LEAST = 0.05
 """Probability below which a cause counts as ruled out."""
 
@@ -107,5 +103,10 @@ _WORDS: dict[str, Callable[[float], str]] = {
 
 def one_sided(belief: Belief) -> list[str]:
     """Parameters that can only have grown, since they are believed to be at their least."""
-    least = {"breakaway": belief.values["breakaway"] <= 1, "lag": belief.lag <= 0}
-    return [*(name for name, there in least.items() if there), "narrow_play", "wide_play"]
+    least = {
+        "breakaway": belief.values["breakaway"] <= 1,
+        "lag": belief.lag <= 0,
+        "narrow_play": belief.play <= 0,
+        "wide_play": belief.play <= 0,
+    }
+    return [name for name, there in least.items() if there]

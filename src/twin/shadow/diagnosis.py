@@ -6,19 +6,18 @@ much is therefore expanded again where it puts the parameters, until both agree 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import log_ndtr
 
-from controllers.arrays import Array, Mask
-from twin.hal.interface import SCREEN
+from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow.ball import Expansion, ball_evidence
+from twin.shadow.ball import ball_evidence
 from twin.shadow.belief import BALL, PARAMETERS, Belief
-from twin.shadow.causes import CAUSES, CELLS, PATCH, Cause, changes, one_sided, words_of
+from twin.shadow.causes import CAUSES, Cause, changes, one_sided, words_of
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 from twin.shadow.monitor import Before
 
@@ -30,7 +29,6 @@ HOPELESS = 20.0
 """and how much less likely than the best, as a logarithm, is then not worth a further time."""
 MOVED = tuple(name for name, sizes in CAUSES.items() if set(sizes) <= set(BALL))
 """Causes that change the ball's motion."""
-ROLLING = "rolling friction"
 
 
 @dataclass(frozen=True)
@@ -55,27 +53,25 @@ class _Hypothesis:
     Attributes:
         name: Of the cause.
         prior: Covariance of the deviation, shape (P, P).
-        changed: Windows of the ball in which it holds, expanded at ``at``, softened.
-        unchanged: The others, expanded at the belief.
+        ball: Windows of the ball, expanded at ``at``, softened.
         other: Evidence of plate and screen, expanded at the belief.
         at: Where, shape (P,).
     """
 
     name: str
     prior: Array
-    changed: Evidence | None
-    unchanged: Evidence | None
+    ball: Evidence | None
     other: Evidence
     at: Array
 
     def sums(self) -> tuple[Array, Array, float]:
-        """A, b and height about ``at`` of all in which the cause holds."""
+        """A, b and height about ``at``."""
         A, b = _sums(self.other)  # noqa: N806
         b = b - A @ self.at
-        if self.changed is None:
+        if self.ball is None:
             return A, b, 0.0
-        more, slope = _sums(self.changed)
-        return A + more, b + slope, float(self.changed.height.sum())
+        more, slope = _sums(self.ball)
+        return A + more, b + slope, float(self.ball.height.sum())
 
     def moved(self, before: Before) -> Array:
         """The most probable deviation from the belief, shape (P,)."""
@@ -87,9 +83,6 @@ class _Hypothesis:
         A, b, height = self.sums()  # noqa: N806
         mean = before.mean - self.at
         total = height + float(log_evidence(A, b, self.prior, mean))
-        if self.unchanged is not None and self.name == PATCH:
-            rest = log_evidence(*_sums(self.unchanged), before.covariance, before.mean)
-            return total + float(self.unchanged.height.sum() + rest - np.log(np.prod(CELLS)))
         middle, covariance = posterior(A, b, self.prior, mean)
         for name in one_sided(belief):
             k = PARAMETERS.index(name)
@@ -99,29 +92,7 @@ class _Hypothesis:
         return total
 
 
-Weighing = Generator[Sequence[Expansion], list[Evidence], "list[Cause]"]
-"""Asks for evidence, takes it, and returns causes: what many ask for is worked out in one go."""
-
-
-def weighed(tasks: Sequence[Weighing]) -> list[list[Cause]]:
-    """The causes that each of several weighings comes to."""
-    found: list[list[Cause]] = [[] for _ in tasks]
-    answers: dict[int, list[Evidence]] = {number: [] for number in range(len(tasks))}
-    begun = False
-    while answers:
-        asked: dict[int, Sequence[Expansion]] = {}
-        for number, answer in answers.items():
-            try:
-                asked[number] = tasks[number].send(answer) if begun else next(tasks[number])
-            except StopIteration as done:
-                found[number] = done.value
-        evidence = iter(ball_evidence([each for many in asked.values() for each in many]))
-        answers = {number: [next(evidence) for _ in many] for number, many in asked.items()}
-        begun = True
-    return found
-
-
-def weigh(found: Suspicion, before: Before, belief: Belief) -> Weighing:
+def weigh(found: Suspicion, before: Before, belief: Belief) -> list[Cause]:
     """The causes of what is in a part of a log, the most probable first.
 
     Args:
@@ -129,34 +100,27 @@ def weigh(found: Suspicion, before: Before, belief: Belief) -> Weighing:
         before: How far the twin was off before it.
         belief: The twin.
     """
-    expanded = {} if found.ball is None else dict.fromkeys((*CAUSES, PATCH), found.ball)
+    expanded = {} if found.ball is None else dict.fromkeys(CAUSES, found.ball)
     nowhere: Array = np.zeros(len(PARAMETERS))
-    at = dict.fromkeys((*CAUSES, PATCH), nowhere)
+    at = dict.fromkeys(CAUSES, nowhere)
     hypotheses = _hypotheses(found, expanded, at, before, belief)
     for number in range(ROUNDS if found.windows is not None else 0):
         assert found.windows is not None
         logs = np.array([each.log(before, belief) for each in hypotheses])
-        again = [
-            each
-            for each, log in zip(hypotheses, logs, strict=True)
-            if each.name in (*MOVED, PATCH) and (log > logs.max() - HOPELESS or number < SETTLED)
-        ]
-        thetas = [_bounded(belief, each.moved(before)) for each in again]
-        evidence = yield [Expansion(found.windows, belief, theta) for theta in thetas]
-        for hypothesis, theta, ball in zip(again, thetas, evidence, strict=True):
-            expanded[hypothesis.name], at[hypothesis.name] = ball, _deviation(belief, theta)
+        for hypothesis, log in zip(hypotheses, logs, strict=True):
+            hopeless = log <= logs.max() - HOPELESS and number >= SETTLED
+            if hypothesis.name in MOVED and not hopeless:
+                theta = _bounded(belief, hypothesis.moved(before))
+                expanded[hypothesis.name] = ball_evidence(found.windows, belief, theta)
+                at[hypothesis.name] = _deviation(belief, theta)
         hypotheses = _hypotheses(found, expanded, at, before, belief)
     logs = np.array([each.log(before, belief) for each in hypotheses])
     weights: Array = np.exp(logs - logs.max())
     weights /= weights.sum()
-    causes = []
-    for each, weight in zip(hypotheses, weights, strict=True):
-        moved = each.moved(before) - before.mean
-        words = words_of(ROLLING if each.name == PATCH else each.name, moved, belief)
-        if each.name == PATCH and each.changed is not None:
-            x, y = 1000 * each.changed.place.mean(axis=0)
-            words = f"friction {words} around x = {x:.0f}, y = {y:.0f} mm"
-        causes.append(Cause(each.name, float(weight), words))
+    causes = [
+        Cause(each.name, float(p), words_of(each.name, each.moved(before) - before.mean, belief))
+        for each, p in zip(hypotheses, weights, strict=True)
+    ]
     return sorted(causes, key=lambda each: -each.probability)
 
 
@@ -177,23 +141,14 @@ def _hypotheses(
         belief: The twin.
     """
     other = found.other.softened(belief.changing)
-    priors = dict(zip(CAUSES, before.covariance + changes(belief), strict=True))
-    if found.ball is None:
-        return [_Hypothesis(name, priors[name], None, None, other, at[name]) for name in CAUSES]
-    # noise as large for every cause as the best of them leaves
-    left = np.min([each.dispersion for each in expanded.values()], axis=0)
-
-    def calm(ball: Evidence) -> Evidence:
-        return ball.tempered(left).softened(belief.changing)
-
-    made = [
-        _Hypothesis(name, priors[name], calm(expanded[name]), None, other, at[name])
-        for name in CAUSES
+    balls: dict[str, Evidence] = {}
+    if expanded:  # noise as large for every cause as the best of them leaves
+        left = np.min([each.dispersion for each in expanded.values()], axis=0)
+        balls = {k: ball.tempered(left).softened(belief.changing) for k, ball in expanded.items()}
+    return [
+        _Hypothesis(name, prior, balls.get(name), other, at[name])
+        for name, prior in zip(CAUSES, before.covariance + changes(belief), strict=True)
     ]
-    usual = calm(found.ball)
-    inside = _cell(usual, before, belief)
-    parts = calm(expanded[PATCH]).take(inside), usual.take(~inside)
-    return [*made, _Hypothesis(PATCH, priors[ROLLING], *parts, other, at[PATCH])]
 
 
 def _sums(evidence: Evidence) -> tuple[Array, Array]:
@@ -212,25 +167,3 @@ def _deviation(belief: Belief, theta: Array) -> Array:
     at = np.zeros(len(PARAMETERS))
     at[[PARAMETERS.index(name) for name in BALL]] = (theta - belief.theta[0])[: len(BALL)]
     return at
-
-
-def _cells(ball: Evidence) -> Array:
-    share = np.asarray(ball.place / np.array(SCREEN) + 0.5)
-    place = np.clip((share * CELLS).astype(int), 0, np.array(CELLS) - 1)
-    return np.asarray(place[:, 0] * CELLS[1] + place[:, 1])
-
-
-def _cell(ball: Evidence, before: Before, belief: Belief) -> Mask:
-    """The windows in the part of the screen in which a change of friction explains most."""
-    cells = _cells(ball)
-    changed = before.covariance + changes(belief)[list(CAUSES).index(ROLLING)]
-    best, chosen = -np.inf, np.asarray(cells == cells[0])
-    for cell in np.unique(cells):
-        inside = np.asarray(cells == cell)
-        total = sum(
-            float(log_evidence(*_sums(ball.take(part)), prior, before.mean))
-            for part, prior in ((inside, changed), (~inside, before.covariance))
-        )
-        if total > best:
-            best, chosen = total, inside
-    return chosen

@@ -26,7 +26,6 @@ class Evidence:
         end: Seconds, shape (W,).
         information: A of each, shape (W, P, P).
         score: b of each, shape (W, P).
-        place: Where the ball was, m, shape (W, 2); NaN for windows of the plate.
         height: Log-likelihood where it was expanded, up to a constant, shape (W,).
         stopping: Whether the ball rests in a part of it, where a touch of noise decides when and
             how it goes on, shape (W,).
@@ -38,7 +37,6 @@ class Evidence:
     end: Array
     information: Array
     score: Array
-    place: Array
     height: Array
     stopping: Mask
     dispersion: Array
@@ -54,7 +52,6 @@ class Evidence:
         spans: Array,
         information: Array,
         score: Array,
-        place: Array,
         height: Array | None = None,
         stopping: Mask | None = None,
         dispersion: Array | None = None,
@@ -66,7 +63,6 @@ class Evidence:
             spans: Begin and end of each window in s, shape (W, 2).
             information: Shape (W, p, p).
             score: Shape (W, p).
-            place: Where the ball was, m, shape (W, 2).
             height: Log-likelihood there, shape (W,).
             stopping: Whether the ball rests in a part of it, shape (W,).
             dispersion: Mean square of what no deviation explains, shape (W,).
@@ -81,7 +77,6 @@ class Evidence:
             spans[:, 1],
             full,
             slope,
-            place,
             np.zeros(len(spans)) if height is None else height,
             np.zeros(len(spans), bool) if stopping is None else stopping,
             np.ones(len(spans)) if dispersion is None else dispersion,

@@ -11,9 +11,9 @@ from twin.identify.log import read
 from twin.run.folders import run_name
 from twin.shadow import report
 from twin.shadow.belief import believed
+from twin.shadow.follow import Shadow, shadow
 from twin.shadow.proposal import Proposal, propose
 from twin.shadow.proposal import write as write_proposal
-from twin.shadow.shadow import Shadow, shadow
 
 FILES = "shadow.html, shadow.json, shadow.parquet"
 """What is written."""

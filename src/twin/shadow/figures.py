@@ -11,7 +11,7 @@ from controllers.arrays import Array
 from twin.run.overview_plot import COLOURS, LOOK
 from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
-from twin.shadow.shadow import Shadow
+from twin.shadow.follow import Shadow
 
 ALARM = COLOURS[1]
 SIDES = 1.96

@@ -1,36 +1,42 @@
-"""The twin beside a run in progress: what is said of a log, said while it is written.
+"""The twin beside a run: how good it is, when reality left it, and why.
 
-Every few seconds the rows of late are looked at as a whole log would be, and what lies far enough
-from their end is kept. Scores differ from those of the whole log by what only that tells: the
-noise of the screen, estimated from the rows so far, at most those of the last minute.
+A recorded run is looked at as a whole. Of a run in progress the rows of late are looked at every
+few seconds as a whole log would be, and what lies far enough from their end is kept. Its scores
+differ from those of the whole log by what only that tells: the noise of the screen, estimated from
+the rows so far, at most those of the last minute.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import LogError
 from twin.identify.log import COLUMNS, Log, of_columns
+from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import SETTLING, Alarm, Findings, raised
-from twin.shadow.ball import Expansion, ball_evidence, ball_windows
-from twin.shadow.belief import Belief
+from twin.shadow.alarms import SETTLING, Alarm, Findings
+from twin.shadow.ball import ball_evidence, ball_windows
+from twin.shadow.belief import Belief, check_commands
 from twin.shadow.dead_time import delayed, limited, standing
 from twin.shadow.evidence import Evidence
 from twin.shadow.friction_map import FrictionMap
 from twin.shadow.gaps import gaps
-from twin.shadow.horizon import Replays, replays
+from twin.shadow.horizon import BAND, Replays, replays
 from twin.shadow.learned import scatter
 from twin.shadow.monitor import LOOKBACKS, bounded, statistic
 from twin.shadow.plate import plate_evidence
 from twin.shadow.screen import noise_evidence
+from twin.view.fingerprint import fingerprint
 
+LEAST_TOLD = 5.0
+"""Seconds of motion without which nothing is said of the rig's health."""
 STRIDE = 5.0
 """Seconds of a run after which its twin is asked again."""
 MARGIN = 1.0
@@ -46,15 +52,23 @@ LAST = 2 * LOOKBACKS[-1]
 
 
 @dataclass
-class Said:
-    """What was said of a run so far.
+class Shadow:
+    """What the twin says of a run, or has said of it so far.
 
     Attributes:
-        replays: At the horizon of one second; None before the first.
+        replays: At the horizon asked for; None if no replay is long enough.
         soft: Windows of all kinds, as the sequential test takes them; None before the first.
         ratio: The statistic of the sequential test after each.
         delayed: That of the test for the dead time alone.
-        alarms: In the order of time; the causes of the last one may not be settled yet.
+        alarms: In the order of time; the causes of the last of a run in progress may not be
+            settled yet.
+        told: Seconds in which the ball moved.
+        source: What the log is called.
+        length: Usable seconds of what was looked at last.
+        notes: What had to be left out of it, in words.
+        gaps: Begin and end in s of what is missing or late in it, shape (G, 2).
+        one_second: Replays 1 s ahead, of a recorded run.
+        record: Fingerprint of a recorded run.
     """
 
     replays: Replays | None = None
@@ -62,29 +76,99 @@ class Said:
     ratio: Array = field(default_factory=lambda: np.zeros(0))
     delayed: Array = field(default_factory=lambda: np.zeros(0))
     alarms: list[Alarm] = field(default_factory=list)
+    told: float = 0.0
+    source: str = ""
+    length: float = 0.0
+    notes: tuple[str, ...] = ()
+    gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    one_second: Replays | None = None
+    record: int = 0
+
+    @property
+    def time(self) -> Array:
+        """When the statistics were worked out, s, shape (W,)."""
+        return np.zeros(0) if self.soft is None else self.soft.end
+
+    @property
+    def verdict(self) -> str:
+        """``alarm``, ``healthy`` or ``cannot tell``."""
+        if self.alarms:
+            return "alarm"
+        return "healthy" if self.told >= LEAST_TOLD else "cannot tell"
+
+    @property
+    def score_median(self) -> float | None:
+        """Median score; 1 is as good as predicted. None if the ball never moved."""
+        return _median(self.replays, lambda each: each.score)
+
+    @property
+    def inside_band(self) -> float | None:
+        """Percentage of the replays that end in their 95 % band."""
+        if self.replays is None or not self.replays.counted.any():
+            return None
+        return float(100 * (self.replays.square[self.replays.counted] <= BAND).mean())
+
+    @property
+    def error_1s(self) -> float | None:
+        """Median distance in m of replay and measured ball after 1 s."""
+        return _median(self.one_second, lambda each: each.distance)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        error = self.error_1s
+        return {
+            "log": self.source,
+            "verdict": self.verdict,
+            "score_median": self.score_median,
+            "inside_band_percent": self.inside_band,
+            "replay_error_1s_mm": None if error is None else 1000 * error,
+            "alarms": [each.as_dict() for each in self.alarms],
+            "told_seconds": self.told,
+            "gaps": self.gaps.tolist(),
+            "notes": list(self.notes),
+        }
+
+
+def shadow(log: Log, belief: Belief, horizon: float = 1.0) -> Shadow:
+    """Let the twin run beside a log.
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        horizon: Seconds ahead and from one start to the next.
+
+    Raises:
+        LogError: If the log is broken, too short, or does not say what was commanded.
+    """
+    check_ranges(log)
+    check_commands(log)
+    follower = Follower(belief, horizon)
+    follower.judge(log, whole=True)
+    said = follower.said
+    if said.soft is None and not len(said.gaps):
+        raise LogError(f"{log.source}: too short: {said.length:.1f} s; 3 s in a row are needed")
+    said.one_second = said.replays
+    if horizon != 1.0:
+        said.one_second = replays(follower.usable, belief, said.gaps, 1.0, horizon)
+    said.record = fingerprint(*log.ball.T)
+    return said
 
 
 class Follower:
-    """Takes the rows of a run as they come.
+    """Judges a log, whole or as it grows.
 
     Args:
-        scenario: What is run; the twin believes it, but for what it says will change.
-        source: What the run is called.
+        belief: The twin.
         horizon: Seconds ahead and from one start to the next.
     """
 
-    def __init__(self, scenario: Scenario, source: str, horizon: float = 1.0) -> None:
-        self.said = Said()
+    def __init__(self, belief: Belief, horizon: float = 1.0) -> None:
+        self.said = Shadow()
+        self.usable: PreparedLog
+        """What of the log was looked at last."""
+        self._belief = belief
         self._horizon = horizon
-        self._metadata = {"scenario": scenario.model_dump(mode="json")}
-        self._source = source
-        self.period = scenario.rig.period
-        """Control period in s."""
-        self._rows: dict[str, Array] = {}
-        self._rate: Array = np.zeros(2)
-        self._scenario = scenario
-        self._belief: Belief | None = None
-        self._screen: FrictionMap | None = None
+        self._screen = FrictionMap(belief)
         self._ball: Evidence | None = None
         self._windows: Windows | None = None
         self._other: Evidence | None = None
@@ -94,9 +178,145 @@ class Follower:
         self._limited: Evidence | None = None
         self._late: Array = np.zeros(0)
         self._unsettled: dict[int, int] = {}
-        self._judged = 0.0
         begin = -np.inf
         self._since = {"replays": begin, "ball": begin, "plate": begin, "screen": begin}
+
+    def judge(self, log: Log, *, whole: bool) -> list[Alarm]:
+        """What the twin says of a log up to now: alarms whose causes are told.
+
+        An alarm is in ``said`` as soon as it is raised, without causes until enough has been seen.
+
+        Args:
+            log: Its last rows, or all of it.
+            whole: Whether no further row comes.
+
+        Raises:
+            LogError: If there is too little yet, or the ball is off the screen.
+        """
+        now = float(log.time[-1])
+        usable = self._of_late(prepare(replace(log, model=self._belief.model)), now)
+        until = np.inf if whole else now - MARGIN
+        self.usable, said = usable, self.said
+        said.source, said.length, said.notes = usable.source, usable.length, usable.notes
+        said.gaps = gaps(log, usable.period)
+        self._replay(usable, until)
+        first = self._add(usable, until)
+        return self._alarms(first, now, whole=whole)
+
+    def _of_late(self, log: PreparedLog, now: float) -> PreparedLog:
+        """The part of the log that has not been looked at yet, and what leads to it."""
+        if max(self._since.values()) == -np.inf:
+            return log
+        since = max(min(self._since.values()), now - OLDEST - STRIDE)
+        parts = [each.between(since - LEAD_IN, np.inf) for each in log.segments]
+        parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
+        if not parts:
+            raise LogError(f"{log.source}: nothing usable of late")
+        return replace(log, segments=tuple(parts))
+
+    def _replay(self, log: PreparedLog, until: float) -> None:
+        said, ahead = self.said, self._horizon
+        since = self._since["replays"]
+        found = replays(
+            log, self._belief, said.gaps, ahead, ahead, since, until, screen=self._screen
+        )
+        if found is not None:
+            self._since["replays"] = float(found.time[-1]) + ahead
+            said.replays = found if said.replays is None else Replays.join([said.replays, found])
+
+    def _add(self, log: PreparedLog, until: float) -> int:
+        """Add the evidence of new windows; return how many there were before."""
+        said, belief = self.said, self._belief
+        other = [
+            plate_evidence(log, belief, said.gaps, self._since["plate"]),
+            noise_evidence(log, belief, said.gaps, self._since["screen"]),
+        ]
+        done = [None if each is None else each.take(each.end <= until) for each in other]
+        for name, part in zip(("plate", "screen"), done, strict=True):
+            if part is not None and len(part):
+                self._since[name] = float(part.end[-1])
+        calm = self._moving(log, until)
+        plain = [each for each in done if each is not None and len(each)]
+        if plain:
+            self._other = _joined(self._other, Evidence.join(plain))
+        new = [*([] if calm is None else [calm]), *plain]
+        count = len(said.time)
+        if new:
+            self._every = _joined(self._every, Evidence.join(new))
+            self._factors = scatter(self._every, belief)
+            late = self._every.take(np.arange(len(self._every)) >= count)
+            soft = late.softened(belief.changing, self._factors[count:])
+            self._soft = _joined(self._soft, soft)
+            said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
+            ratio = statistic(said.soft, belief, after=count)
+            said.ratio = np.concatenate((said.ratio, ratio[count:]))
+            known = 0 if self._limited is None else len(self._limited)
+            self._limited = _joined(self._limited, limited(self._every, belief, after=count))
+            again = delayed(self._limited, belief, after=known)
+            self._late = np.concatenate((self._late, again[known:]))
+            at_end = standing(self._limited, self._late, said.soft.end[count:])
+            said.delayed = np.concatenate((said.delayed, at_end))
+        return count
+
+    def _moving(self, log: PreparedLog, until: float) -> Evidence | None:
+        """Evidence of new windows in which the ball moves."""
+        windows, ends = ball_windows(log, self._belief, self.said.gaps, self._since["ball"])
+        finished = np.asarray(ends <= until)
+        self._since["ball"] = max(
+            float(ends[finished].max(initial=self._since["ball"])),
+            float(log.segments[-1].time[-1]) - OLDEST,
+        )
+        if windows is None or not finished.any():
+            return None
+        windows = windows.take(finished)
+        ball = ball_evidence(windows, self._belief)
+        self.said.told += float((ball.end - ball.begin).sum())
+        if self._ball is None or self._windows is None:
+            self._ball, self._windows = ball, windows
+        else:
+            chosen = np.arange(len(self._ball)) >= len(self._ball) - LAST
+            self._ball = Evidence.join([self._ball.take(chosen), ball])
+            self._windows = Windows.join([self._windows.take(chosen), windows])
+        return ball.tempered(ball.dispersion)
+
+    def _alarms(self, first: int, now: float, *, whole: bool) -> list[Alarm]:
+        said = self.said
+        if said.soft is None or self._other is None:
+            return []
+        shown = (self._ball, self._windows, self._other)
+        findings = Findings(said.soft, self._factors, said.ratio, said.delayed, *shown)
+        for window in findings.crossings:
+            if window >= first:
+                end = float(said.soft.end[window])
+                self._unsettled[window] = len(said.alarms)
+                said.alarms.append(Alarm(end, end, findings.crossed(window), ()))
+        told = []
+        for window, place in list(self._unsettled.items()):
+            if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
+                said.alarms[place] = findings.alarm(window, self._belief)
+                told.append(said.alarms[place])
+                del self._unsettled[window]
+        return told
+
+
+class LiveFollower(Follower):
+    """Takes the rows of a run as they come.
+
+    Args:
+        scenario: What is run; the twin believes it, but for what it says will change.
+        source: What the run is called.
+    """
+
+    def __init__(self, scenario: Scenario, source: str) -> None:
+        self._metadata = {"scenario": scenario.model_dump(mode="json")}
+        self._source = source
+        self.period = scenario.rig.period
+        """Control period in s."""
+        self._rows: dict[str, Array] = {}
+        self._rate: Array = np.zeros(2)
+        self._judged = 0.0
+        nothing = {name: np.zeros(0) for name, column in COLUMNS.items() if column.required}
+        super().__init__(Belief.of(scenario, of_columns(nothing, self._metadata, source)))
 
     def take(self, rows: Mapping[str, Array]) -> bool:
         """Take in rows; return whether it is time to ask the twin again.
@@ -119,129 +339,26 @@ class Follower:
         return float(time[-1]) >= self._judged + STRIDE
 
     def ask(self, *, whole: bool = False) -> list[Alarm]:
-        """What the twin says of the rows taken in: alarms whose causes are told.
-
-        An alarm is in ``said`` as soon as it is raised, without causes until enough has been seen.
+        """What ``judge`` says of the rows taken in; nothing where it can say nothing.
 
         Args:
             whole: Whether no further row comes.
         """
         if not self._rows:
             return []
-        now = float(self._rows["time"][-1])
-        self._judged = now
-        log = of_columns(self._rows, self._metadata, self._source)
-        if self._belief is None:
-            self._belief = Belief.of(self._scenario, log)
+        self._judged = float(self._rows["time"][-1])
         try:
-            usable = self._of_late(log, now)
-        except LogError:  # too little yet, or the ball is off the screen
+            return self.judge(of_columns(self._rows, self._metadata, self._source), whole=whole)
+        except LogError:
             return []
-        until = np.inf if whole else now - MARGIN
-        holes = gaps(log, self.period)
-        self._replay(usable, self._belief, holes, until)
-        first = self._judge(usable, self._belief, holes, until)
-        return self._alarms(self._belief, first, now, whole=whole)
-
-    def _of_late(self, log: Log, now: float) -> PreparedLog:
-        """The part of the log that has to be looked at."""
-        assert self._belief is not None
-        usable = prepare(replace(log, model=self._belief.model))
-        since = max(min(self._since.values()), now - OLDEST - STRIDE)
-        parts = [each.between(since - LEAD_IN, np.inf) for each in usable.segments]
-        parts = [each for each in parts if len(each.sampled) > 20 and each.length > LEAD_IN / 2]
-        if not parts:
-            raise LogError(f"{log.source}: nothing usable of late")
-        return replace(usable, segments=tuple(parts))
-
-    def _replay(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> None:
-        ahead = self._horizon
-        if self._screen is None:
-            self._screen = FrictionMap(belief)
-        since, maps = self._since["replays"], [self._screen]
-        (found,) = replays([(log, belief, holes)], ahead, ahead, since, until, maps)
-        if found is None:
-            return
-        self._since["replays"] = float(found.time[-1]) + self._horizon
-        said = self.said
-        said.replays = found if said.replays is None else Replays.join([said.replays, found])
-
-    def _judge(self, log: PreparedLog, belief: Belief, holes: Array, until: float) -> int:
-        """Add the evidence of new windows; return how many there were before."""
-        other = [
-            plate_evidence(log, belief, holes, self._since["plate"]),
-            noise_evidence(log, belief, holes, self._since["screen"]),
-        ]
-        done = [None if each is None else each.take(each.end <= until) for each in other]
-        for name, part in zip(("plate", "screen"), done, strict=True):
-            if part is not None and len(part):
-                self._since[name] = float(part.end[-1])
-        calm = self._moving(log, belief, holes, until)
-        plain = [each for each in done if each is not None and len(each)]
-        if plain:
-            self._other = _joined(self._other, Evidence.join(plain))
-        new = [*plain, *([] if calm is None else [calm])]
-        said = self.said
-        count = 0 if said.soft is None else len(said.soft)
-        if new:
-            self._every = _joined(self._every, Evidence.join(new))
-            self._factors = scatter(self._every, belief)
-            late = self._every.take(np.arange(len(self._every)) >= count)
-            soft = late.softened(belief.changing, self._factors[count:])
-            self._soft = _joined(self._soft, soft)
-            said.soft = _joined(said.soft, bounded(self._soft, belief, after=count))
-            ratio = statistic(said.soft, belief, after=count)
-            said.ratio = np.concatenate((said.ratio, ratio[count:]))
-            known = 0 if self._limited is None else len(self._limited)
-            self._limited = _joined(self._limited, limited(self._every, belief, after=count))
-            again = delayed(self._limited, belief, after=known)
-            self._late = np.concatenate((self._late, again[known:]))
-            at_end = standing(self._limited, self._late, said.soft.end[count:])
-            said.delayed = np.concatenate((said.delayed, at_end))
-        return count
-
-    def _moving(
-        self, log: PreparedLog, belief: Belief, holes: Array, until: float
-    ) -> Evidence | None:
-        """Evidence of new windows in which the ball moves."""
-        windows, ends = ball_windows(log, belief, holes, self._since["ball"])
-        finished = np.asarray(ends <= until)
-        self._since["ball"] = max(
-            float(ends[finished].max(initial=self._since["ball"])),
-            float(log.segments[-1].time[-1]) - OLDEST,
-        )
-        if windows is None or not finished.any():
-            return None
-        windows = windows.take(finished)
-        (ball,) = ball_evidence([Expansion(windows, belief)])
-        if self._ball is None or self._windows is None:
-            self._ball, self._windows = ball, windows
-        else:
-            chosen = np.arange(len(self._ball)) >= len(self._ball) - LAST
-            self._ball = Evidence.join([self._ball.take(chosen), ball])
-            self._windows = Windows.join([self._windows.take(chosen), windows])
-        return ball.tempered(ball.dispersion)
-
-    def _alarms(self, belief: Belief, first: int, now: float, *, whole: bool) -> list[Alarm]:
-        said = self.said
-        if said.soft is None or self._other is None:
-            return []
-        shown = (self._ball, self._windows, self._other)
-        findings = Findings(said.soft, self._factors, said.ratio, said.delayed, *shown)
-        for window in findings.crossings:
-            if window >= first:
-                end = float(said.soft.end[window])
-                self._unsettled[window] = len(said.alarms)
-                said.alarms.append(Alarm(end, end, findings.crossed(window), ()))
-        told = []
-        for window, place in list(self._unsettled.items()):
-            if whole or now - MARGIN >= said.alarms[place].time + SETTLING:
-                (said.alarms[place],) = raised([(findings, window, belief)])
-                told.append(said.alarms[place])
-                del self._unsettled[window]
-        return told
 
 
 def _joined(before: Evidence | None, new: Evidence) -> Evidence:
     """The new windows after the old, also if one ends before an old one: none is told twice."""
     return new if before is None else Evidence.beside([before, new])
+
+
+def _median(found: Replays | None, of: Callable[[Replays], Array]) -> float | None:
+    if found is None or not found.counted.any():
+        return None
+    return float(np.median(of(found)[found.counted]))

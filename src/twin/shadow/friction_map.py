@@ -6,11 +6,9 @@ again. Without a map a twin only knows how much that may be; with one it foresee
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from twin.hal.interface import SCREEN
@@ -129,16 +127,10 @@ class Ways:
     score: Array
     ahead: Array
 
-    @classmethod
-    def join(cls, parts: Sequence[Ways]) -> Ways:
-        """All windows of several."""
-        names = [item.name for item in fields(cls)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
 
 @dataclass(frozen=True)
 class Known:
-    """What maps know of the ways of W windows.
+    """What a map knows of the ways of W windows.
 
     Attributes:
         mean: Of the deviations in the stretches before, without this window, shape (W, S).
@@ -152,25 +144,17 @@ class Known:
     ahead: Array
     unsure: Array
 
-    def take(self, which: Mask) -> Known:
-        """That of some of the windows."""
-        return Known(*(getattr(self, item.name)[which] for item in fields(self)))
 
-
-def foreseen(
-    ways: Ways, counted: Mask, owner: NDArray[np.int_], maps: Sequence[FrictionMap]
-) -> Known:
-    """Let maps learn from windows one after the other, and ask them at each what they know.
+def foreseen(ways: Ways, counted: Mask, screen: FrictionMap) -> Known:
+    """Let a map learn from windows one after the other, and ask it at each what it knows.
 
     Args:
-        ways: The windows; those of one map in the order of time.
+        ways: The windows, in the order of time.
         counted: Those that may be learnt from, shape (W,).
-        owner: Which of the maps each belongs to, shape (W,).
-        maps: Learn on.
+        screen: Learns on.
     """
     found = []
     for w, start in enumerate(ways.start):
-        screen = maps[owner[w]]
         rows = _means(screen.rows(ways.before[w]), EACH)
         before = screen.of(rows)
         if counted[w] and start > screen.until + ANEW - 1e-6:

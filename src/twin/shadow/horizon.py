@@ -11,10 +11,10 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.rests import ROLL, speed
-from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
+from twin.identify.windows import BIN, LOOKBACK, Spans, cut
+from twin.shadow.ball import portions
 from twin.shadow.belief import Belief
-from twin.shadow.beside import Beside, alike
-from twin.shadow.friction_map import FrictionMap, Ways, foreseen
+from twin.shadow.friction_map import FrictionMap, foreseen
 from twin.shadow.gaps import clear
 from twin.shadow.open_loop import OpenLoop
 from twin.shadow.smoothing import LEAD
@@ -87,24 +87,28 @@ class Replays:
 
 
 def replays(
-    logs: Sequence[tuple[PreparedLog, Belief, Array]],
+    log: PreparedLog,
+    belief: Belief,
+    gaps: Array,
     ahead: float,
     every: float,
     since: float = -np.inf,
     until: float = np.inf,
-    maps: Sequence[FrictionMap] | None = None,
-) -> list[Replays | None]:
-    """Replays of logs from many starts, of each; None if it is too short for any.
+    screen: FrictionMap | None = None,
+) -> Replays | None:
+    """Replays of a log from many starts; None if it is too short for any.
 
     Args:
-        logs: What was recorded, the twin, and the gaps: a replay over one tells nothing.
+        log: What was recorded.
+        belief: The twin.
+        gaps: Of the log; a replay over one tells nothing.
         ahead: Horizon in s.
         every: Seconds between the starts of two replays.
         since: The first start in s, where a log goes back further.
         until: Seconds; of replays that end later there is none.
-        maps: Of the screen of each log, which learn on; by default of one nothing is known of.
+        screen: Learns on; by default a screen of which nothing is known.
     """
-    screens = [FrictionMap(belief) for _, belief, _ in logs] if maps is None else maps
+    screen = screen or FrictionMap(belief)
 
     def spans(later: float, length: float) -> Callable[[Segment, float, float, float], Spans]:
         def chosen(segment: Segment, begin: float, end: float, longest: float) -> Spans:
@@ -115,39 +119,21 @@ def replays(
 
         return chosen
 
-    before: dict[int, Windows] = {}
-    after: dict[int, Windows] = {}
-    for place, (log, belief, _) in enumerate(logs):
-        smoothed = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
-        gone_on = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
-        if smoothed is not None and gone_on is not None:
-            before[place], after[place] = smoothed, gone_on
-    found: list[Replays | None] = [None] * len(logs)
-    places = [*before]
-    for group in alike([logs[place][1] for place in places]):
-        some = [places[each] for each in group]
-        twins = Beside.of([(before[place], logs[place][1]) for place in some])
-        windows = Windows.join([after[place] for place in some])
-        loops = [OpenLoop.of(part, windows.take(which)) for which, part in twins.portions()]
-        ways = Ways.join([loop.ways for loop in loops])
-        seen = [(before[place], logs[place][2]) for place in some]
-        whole = [clear(each.begin, each.begin + LOOKBACK + LEAD, gaps) for each, gaps in seen]
-        owned = [screens[place] for place in some]
-        known = foreseen(ways, np.concatenate(whole), twins.owner, owned)
-        period = np.array([logs[place][0].sample_period for place in some])[twins.owner]
-        parts = [
-            loop.replayed(known.take(which), ahead, period[which])
-            for loop, (which, _) in zip(loops, twins.portions(), strict=True)
-        ]
-        error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
-        for number, place in enumerate(some):
-            log, _, gaps = logs[place]
-            own = twins.owner == number
-            start = ways.start[own]
-            told = _moving(log, start, ahead)
-            told &= clear(start - LEAD - LOOKBACK, start + ahead, gaps)
-            found[place] = Replays(start, ahead, error[own], spread[own], told, path[own, ::DRAWN])
-    return found
+    before = cut(log, belief.lag, LEAD, spans(0.0, LEAD))
+    after = cut(log, belief.lag, ahead + BIN, spans(LEAD, ahead + BIN))
+    if before is None or after is None:
+        return None
+    start = after.begin + LOOKBACK
+    whole = clear(before.begin, before.begin + LOOKBACK + LEAD, gaps)
+    parts = []
+    for part in portions(len(start)):
+        loop = OpenLoop.of(belief, before.take(part), after.take(part))
+        known = foreseen(loop.ways, whole[part], screen)
+        parts.append(loop.replayed(known, ahead, log.sample_period))
+    error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))
+    told = _moving(log, start, ahead)
+    told &= clear(start - LEAD - LOOKBACK, start + ahead, gaps)
+    return Replays(start, ahead, error, spread, told, path[:, ::DRAWN])
 
 
 def _moving(log: PreparedLog, start: Array, ahead: float) -> Mask:

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.scenario.schema import Scenario
 from twin.shadow.alarms import SETTLING, Alarm
-from twin.shadow.follow import MARGIN, Follower
+from twin.shadow.follow import MARGIN, LiveFollower
 from twin.shadow.horizon import BAND
 from twin.shadow.shown import Shown, Tell
 from twin.view.live_process import Address, LiveProcess, step_back
@@ -45,7 +45,7 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
         from twin.shadow.drawn import drawing  # noqa: PLC0415  only where there is a viewer
 
         tell = drawing(scenario, shown)
-    commentary = Commentary(Follower(scenario, "the run"), _print)
+    commentary = Commentary(LiveFollower(scenario, "the run"), _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
         done, taken = False, 0
         while not done:
@@ -68,7 +68,7 @@ class Commentary:
         line: Prints a line.
     """
 
-    def __init__(self, follower: Follower, line: Callable[[str], None]) -> None:
+    def __init__(self, follower: LiveFollower, line: Callable[[str], None]) -> None:
         self._follower, self._line = follower, line
         self._replays, self._alarms, self._scored = 0, 0, 0.0
 

@@ -81,7 +81,7 @@ def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -
         score += np.einsum("iwk,wk->wi", J, e) / ALIKE
     begin = segment.time[skipped] + WINDOW * np.arange(count)
     spans = np.stack((begin, begin + WINDOW), axis=-1)
-    return Evidence.of(DRIVES, spans, information, score, np.full((count, 2), np.nan))
+    return Evidence.of(DRIVES, spans, information, score)
 
 
 def whitened(signals: Array, period: float, disturbance: float, encoder: float) -> Array:

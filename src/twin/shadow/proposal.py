@@ -91,7 +91,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     better = Belief.of(check(put(tables, settings), "the proposal"), last)
     errors = []
     for twin in (belief, better):
-        (run,) = replays([(held_out, twin, gaps(last, held_out.period))], AHEAD, OFTEN)
+        run = replays(held_out, twin, gaps(last, held_out.period), AHEAD, OFTEN)
         if run is None or not run.counted.any():
             return Proposal("", {}, None, None, "No proposal: too little was held out")
         errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))

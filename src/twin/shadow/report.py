@@ -14,15 +14,15 @@ from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.causes import likely
 from twin.shadow.figures import picture
+from twin.shadow.follow import Shadow
 from twin.shadow.horizon import DRAWN
 from twin.shadow.proposal import Proposal
-from twin.shadow.shadow import Shadow
 from twin.writing import write_json, write_whole
 
 
 def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
     """The verdict in words."""
-    told, length = found.told, found.log.length
+    told, length = found.told, found.length
     words = []
     if found.verdict == "healthy":
         words.append(
@@ -69,7 +69,7 @@ def page(found: Shadow, proposal: Proposal | None) -> str:
     changed = [] if proposal is None else [(k, a, b) for k, (a, b) in proposal.changed.items()]
     return render(
         "shadow/report.html.j2",
-        title=f"The twin beside {found.log.source}",
+        title=f"The twin beside {found.source}",
         good=found.verdict == "healthy",
         sentences=sentences(found, proposal),
         figure=inline(picture(found)),
@@ -77,7 +77,7 @@ def page(found: Shadow, proposal: Proposal | None) -> str:
         changed=changed,
         threshold=f"{THRESHOLD:g}",
         late_threshold=f"{dead_time.THRESHOLD:g}",
-        notes=found.log.notes,
+        notes=found.notes,
     )
 
 
@@ -126,7 +126,7 @@ def _scores(found: Shadow, path: Path) -> None:
     paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}
     listed = pa.list_(pa.float64())
     fields += [pa.field(name, listed, metadata={"unit": "m"}) for name in paths]
-    about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.log.source}
+    about = {"horizon": run.ahead, "threshold": THRESHOLD, "log": found.source}
     content = json.dumps({**about, "step": DRAWN * STEP, "record": found.record})
     schema = pa.schema(fields, metadata={"ballplate": content})
     columns = [pa.array(column) for _, column in values.values()]

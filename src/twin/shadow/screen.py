@@ -49,19 +49,16 @@ def noise_evidence(
 def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:
     begin = max(float(segment.time[0]), since)
     begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
-    spans, levels, counts, places = [], [], [], []
+    spans, levels, counts = [], [], []
     for begin in begins:
         ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + WINDOW)]
         if len(ball) >= LEAST:
             spans.append((begin, begin + WINDOW))
             levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
             counts.append(2 * (len(ball) - 2) / _ALIKE)
-            places.append(ball.mean(axis=0))
     if not spans:
         return None
     # the logarithm of a standard deviation from n values has variance 1 / (2 n)
     information = 2 * np.array(counts)
     score = information * np.array(levels)
-    return Evidence.of(
-        ("noise",), np.array(spans), information[:, None, None], score[:, None], np.array(places)
-    )
+    return Evidence.of(("noise",), np.array(spans), information[:, None, None], score[:, None])

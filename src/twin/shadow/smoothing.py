@@ -10,8 +10,8 @@ from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
-from twin.shadow.belief import BALL, PARAMETERS, ROUGH
-from twin.shadow.beside import Beside
+from twin.identify.windows import Windows
+from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
 from twin.shadow.friction_map import Known, unresolved
 from twin.shadow.starts import settled
 from twin.shadow.unevenness import (
@@ -57,15 +57,16 @@ class Lead:
     stretches: int
 
     @classmethod
-    def of(cls, beside: Beside) -> Lead:
-        """What windows say of their twins."""
-        problem, theta, windows = beside.problem, beside.theta, beside.windows
+    def of(cls, windows: Windows, belief: Belief) -> Lead:
+        """What windows say of their twin."""
+        problem, theta = belief.problem(windows), belief.theta
         starts = settled(problem, theta, problem.initial_starts(), STEPS)
         line = problem.linearise(theta, starts)
         end, slopes, places, speeds = _end_state(problem, theta, starts)
-        pushes, friction = forces(beside, speeds), braking(beside, speeds)
-        moved = turned(unknown_motion(windows, beside.delay), pushes)
-        slowed = turned(unknown_motion(windows, beside.delay, FINE), friction)
+        pushes, friction = forces(belief, speeds), braking(belief, speeds)
+        delay = belief.values["delay"]
+        moved = turned(unknown_motion(windows, delay), pushes)
+        slowed = turned(unknown_motion(windows, delay, FINE), friction)
         ball = line.by_parameter[0, ..., : len(BALL)]
         J = np.concatenate((ball, line.by_start[0], moved, slowed), axis=-1)  # noqa: N806
         pushed = turned(state_moved(windows, LEAD), pushes)
@@ -79,10 +80,10 @@ class Lead:
             friction.shape[1],
         )
 
-    def of_friction(self, beside: Beside) -> tuple[Array, Array]:
+    def of_friction(self, belief: Belief) -> tuple[Array, Array]:
         """What is said of the friction alone, whatever all else is: (W, S, S) and (W, S)."""
         others = slice(None, -self.stretches)
-        root = _root(beside, self.information.shape[-1] - self.stretches)
+        root = _root(belief, self.information.shape[-1] - self.stretches)
         A, b = root @ self.information[:, others], root @ self.score[:, others, None]  # noqa: N806
         both = np.concatenate((A[..., -self.stretches :], b), axis=-1)
         inner = np.eye(root.shape[-1]) + A[..., others] @ root
@@ -91,7 +92,7 @@ class Lead:
         return self.information[:, own, own] - taken[..., :-1], self.score[:, own] - taken[..., -1]
 
 
-def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
+def smoothed(lead: Lead, belief: Belief, known: Known) -> tuple[Array, Array]:
     """What windows say of the parameters and of the ball's state when they are over.
 
     The forces nobody knows are estimated along (a smoother), so that where the ball is at the end
@@ -99,7 +100,7 @@ def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
 
     Args:
         lead: What the samples say.
-        beside: The windows and their twins.
+        belief: The twin.
         known: What is known of the friction without them.
 
     Returns:
@@ -109,7 +110,7 @@ def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
     count, all_of = len(BALL), lead.information.shape[-1]
     root = np.zeros_like(lead.information)
     others = all_of - lead.stretches
-    root[:, :others, :others] = _root(beside, others)
+    root[:, :others, :others] = _root(belief, others)
     root[:, others:, others:] = np.linalg.cholesky(
         known.covariance + 1e-12 * np.eye(lead.stretches)
     )
@@ -125,28 +126,28 @@ def smoothed(lead: Lead, beside: Beside, known: Known) -> tuple[Array, Array]:
     return (onto @ mean[..., None])[..., 0], (spread + np.swapaxes(spread, -1, -2)) / 2
 
 
-def forces(beside: Beside, velocity: Array) -> Array:
+def forces(belief: Belief, velocity: Array) -> Array:
     """What nobody knows pushes balls of some velocities (N, 2, W) with, as ``directed``."""
-    along = beside.each(lambda belief: belief.braking * np.hypot(ROUGH, unresolved(belief)))
-    return directed(velocity, STEP, along, np.hypot(beside.each(lambda b: b.sloped), UNKNOWN))
+    along = belief.braking * np.hypot(ROUGH, unresolved(belief))
+    return directed(velocity, STEP, along, np.hypot(belief.sloped, UNKNOWN))
 
 
-def braking(beside: Beside, velocity: Array) -> Array:
+def braking(belief: Belief, velocity: Array) -> Array:
     """What twice the friction slows balls of some velocities (N, 2, W) with, as ``braked``."""
-    return braked(velocity, STEP, beside.each(lambda belief: belief.braking))
+    return braked(velocity, STEP, belief.braking)
 
 
-def _root(beside: Beside, count: int) -> Array:
-    """Standard deviations of the first unknowns before anything is seen, (W, count, count).
+def _root(belief: Belief, count: int) -> Array:
+    """Standard deviations of the first unknowns before anything is seen, (count, count).
 
     What an uneven screen makes of the parameters is left out: the forces are unknowns of their own.
     """
     watched = [PARAMETERS.index(name) for name in BALL]
-    variance = beside.each(lambda b: b.constant**2 + b.changing[0] ** 2 - b.uneven**2)[:, watched]
-    sizes = np.ones((len(variance), count))
-    sizes[:, : len(BALL)] = np.sqrt(variance)
-    sizes[:, len(BALL) : len(BALL) + 4] = np.diag(START_PRIOR) ** -0.5
-    return np.asarray(sizes[..., None] * np.eye(count))
+    variance = (belief.constant**2 + belief.changing[0] ** 2 - belief.uneven**2)[watched]
+    sizes = np.ones(count)
+    sizes[: len(BALL)] = np.sqrt(variance)
+    sizes[len(BALL) : len(BALL) + 4] = np.diag(START_PRIOR) ** -0.5
+    return np.diag(sizes)
 
 
 def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Array, Array, Array]:
@@ -160,7 +161,7 @@ def _end_state(problem: Problem, theta: Array, starts: Array) -> tuple[Array, Ar
     thetas = np.repeat(theta, 1 + len(size), axis=0)
     begun = np.repeat(starts, 1 + len(size), axis=1)
     for k, step in enumerate(steps):
-        thetas[1 + k, :, k] += step
+        thetas[1 + k, k] += step
     for k, step in enumerate(START_DIFFERENCES):
         begun[k, 1 + len(steps) + k] += step
     places, speeds = problem.replayed(thetas, begun)

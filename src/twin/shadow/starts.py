@@ -20,7 +20,7 @@ def settled(problem: Problem, theta: Array, starts: Array, step_limit: int) -> A
 
     Args:
         problem: What is fitted.
-        theta: Parameters, shape (C, W, P).
+        theta: Parameters, shape (C, P).
         starts: First guess, shape (4, C, W).
         step_limit: Most steps.
     """
@@ -42,6 +42,6 @@ def settled(problem: Problem, theta: Array, starts: Array, step_limit: int) -> A
         line = trial.where(better, line).take(going)
         misfit = np.where(better, reached, misfit)[:, going]
         damping = np.where(better, damping / 3, damping * 30)[:, going]
-        starts, theta, left = starts[..., going], theta[:, going], left[going]
+        starts, left = starts[..., going], left[going]
         problem = replace(problem, windows=problem.windows.take(going))
     return found

@@ -24,12 +24,12 @@ THINNED = round(FINE / STEP / EACH)
 """Steps of a replay from one place on the way at which a map is asked to the next."""
 
 
-def unknown_motion(windows: Windows, delay: Array, stretch: float = STRETCH) -> Array:
+def unknown_motion(windows: Windows, delay: float, stretch: float = STRETCH) -> Array:
     """What each unknown acceleration moves the samples by, in their standard deviations, per m/s^2.
 
     Args:
         windows: W windows of B samples.
-        delay: Dead time of the screen in s, shape (W,).
+        delay: Dead time of the screen in s.
         stretch: Seconds in which an acceleration stays the same.
 
     Returns:
@@ -37,7 +37,7 @@ def unknown_motion(windows: Windows, delay: Array, stretch: float = STRETCH) -> 
     """
     count, samples = windows.time.shape
     edges = _edges(windows, stretch)
-    since = np.maximum((windows.time - delay[:, None])[..., None] - edges, 0.0)
+    since = np.maximum((windows.time - delay)[..., None] - edges, 0.0)
     twice = since**2 / 2
     moved = twice[..., :-1] - twice[..., 1:]
     both = np.einsum("wbs,wba,ac->wbasc", moved, windows.weight, np.eye(2))
@@ -63,7 +63,7 @@ def _edges(windows: Windows, stretch: float) -> Array:
     return STEP * np.arange(0, steps + each, each)
 
 
-def products(columns: Array, unknown: Array, size: Array) -> Array:
+def products(columns: Array, unknown: Array, size: float) -> Array:
     """Inner products of columns under noise and the unknown motion, shape (W, K, K).
 
     With N the unknown motion and s its size, U' (I + s^2 N N')^-1 U by Woodbury's identity.
@@ -71,16 +71,16 @@ def products(columns: Array, unknown: Array, size: Array) -> Array:
     Args:
         columns: U, in standard deviations of the samples, shape (W, M, K).
         unknown: N, shape (W, M, S).
-        size: s, standard deviation of an unknown acceleration in m/s^2, shape (W,).
+        size: s, standard deviation of an unknown acceleration in m/s^2.
     """
     U, N = columns, unknown  # noqa: N806
     shared = np.swapaxes(N, -1, -2) @ U
-    inner = np.eye(N.shape[-1]) / size[:, None, None] ** 2 + np.swapaxes(N, -1, -2) @ N
+    inner = np.eye(N.shape[-1]) / size**2 + np.swapaxes(N, -1, -2) @ N
     plain = np.swapaxes(U, -1, -2) @ U
     return np.asarray(plain - np.swapaxes(shared, -1, -2) @ np.linalg.solve(inner, shared))
 
 
-def directed(velocity: Array, step: float, along: Array, across: Array) -> Array:
+def directed(velocity: Array, step: float, along: float, across: float) -> Array:
     """What turns unit accelerations of every ``STRETCH`` into the unknown ones, (W, S, 2, 2).
 
     What is unknown of the friction pushes along the ball's way, all else in any direction. The
@@ -89,19 +89,19 @@ def directed(velocity: Array, step: float, along: Array, across: Array) -> Array
     Args:
         velocity: Of the balls in m/s at even times, shape (N, 2, W).
         step: Seconds between them.
-        along: Standard deviation in m/s^2 of what acts along the way, shape (W,).
-        across: The same of what acts along each axis, shape (W,).
+        along: Standard deviation in m/s^2 of what acts along the way.
+        across: The same of what acts along each axis.
     """
     edges = np.arange(0, len(velocity) - 1, round(STRETCH / step))
     count = np.diff(edges, append=len(velocity))[:, None, None]
     way = np.moveaxis(np.add.reduceat(velocity, edges, axis=0) / count, 2, 0)
     heading = way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
-    more = (np.hypot(along, across) - across)[:, None, None, None]
+    more = np.hypot(along, across) - across
     onward = heading[..., None] * heading[..., None, :]
-    return np.asarray(more * onward + across[:, None, None, None] * np.eye(2))
+    return np.asarray(more * onward + across * np.eye(2))
 
 
-def braked(velocity: Array, step: float, braking: Array) -> Array:
+def braked(velocity: Array, step: float, braking: float) -> Array:
     """What turns twice the friction in every ``FINE`` s into accelerations, (W, S, 2, 1).
 
     A ball that hardly moves has as much friction as it takes to hold it, whatever there is.
@@ -109,14 +109,14 @@ def braked(velocity: Array, step: float, braking: Array) -> Array:
     Args:
         velocity: Of the balls in m/s at even times, shape (N, 2, W).
         step: Seconds between them.
-        braking: What the friction is that counts as once, m/s^2, shape (W,).
+        braking: What the friction is that counts as once, m/s^2.
     """
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity / np.where(speed > ROLL, speed, np.inf)[:, None]
     edges = np.arange(0, len(velocity) - 1, round(FINE / step))
     count = np.diff(edges, append=len(velocity))[:, None, None]
     way = np.moveaxis(np.add.reduceat(heading, edges, axis=0) / count, 2, 0)
-    return np.asarray(-braking[:, None, None, None] * way[..., None])
+    return np.asarray(-braking * way[..., None])
 
 
 def unforeseen(

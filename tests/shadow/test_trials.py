@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import importlib
+import math
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from twin.shadow.injections import HEALTHY, KINDS, rig
-from twin.shadow.matrix import CALIBRATED, INJECTED, JUDGED, Trial
-from twin.shadow.matrix_page import goals, page
+from controllers.catalog import catalog
+from controllers.interfaces import Law
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+trials = importlib.import_module("shadow_trials")
+sys.path.pop(0)
+CALIBRATED, INJECTED, JUDGED = trials.CALIBRATED, trials.INJECTED, trials.JUDGED
+HEALTHY, KINDS, LAWS, UNDER_LAWS = trials.HEALTHY, trials.KINDS, trials.LAWS, trials.UNDER_LAWS
+goals, page, rig = trials.goals, trials.page, trials.rig
 
 
-def trial(seed, kind, alarm=None, causes=(), largest=1.0):
-    return Trial(
+def trial(seed, kind, alarm=None, causes=(), largest=1.0, law=trials.LAW):
+    return trials.Trial(
         seed,
         kind,
         (largest, 0.3 * largest),
@@ -19,6 +30,7 @@ def trial(seed, kind, alarm=None, causes=(), largest=1.0):
         causes,
         np.array([1.0, 7.0]),
         np.array([5e-4, 7e-4]),
+        law=law,
     )
 
 
@@ -34,8 +46,14 @@ def test_alarms_count_in_time_right_wrong_and_early():
         trial(INJECTED + 6, friction, 41.0, ("rolling friction",)),
         trial(INJECTED + 1, friction, 49.0, ("rolling friction",)),  # a ramp is complete at 30 s
         trial(INJECTED + 8, friction, 12.0, ("rolling friction",)),
+        trial(UNDER_LAWS, HEALTHY, law="cure"),
+        trial(UNDER_LAWS + 1, HEALTHY, 7.0, ("cams",), law="cure"),
+        trial(UNDER_LAWS + 1000, friction, 25.0, ("rolling friction",), law="cure"),
     ]
-    text = page(found, "ballplate shadow --matrix")
+    text = page(found, "shadow_trials.py")
+    cure = next(line for line in text.splitlines() if line.startswith("| cure |"))
+    assert cure.startswith("| cure | 2 | 1 in 0.03 h (")
+    assert "| 1 | 100 (3 to 100) | 100 (3 to 100) | 0 (0 to 98) | 0 | 5, 5 |" in cure
     row = next(line for line in text.splitlines() if line.startswith("| rolling friction +30 %"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[1] == "6"
@@ -95,3 +113,25 @@ def test_a_rig_of_a_family_is_what_was_drawn_and_believed_but_for_the_errors_of_
     assert truth.plant.level_deg != belief.plant.level_deg
     assert truth.plant.level_deg == pytest.approx(belief.plant.level_deg, abs=0.01)
     assert truth.plant.friction.rolling_mm == pytest.approx(0.2, rel=0.03)
+
+
+def test_every_law_that_is_shipped_is_tried_and_runs_as_told():
+    shipped = {k for k, v in catalog(Law).items() if v.__module__.startswith("controllers.")}
+    assert shipped <= {*LAWS}
+    for law in LAWS:
+        _, truth = rig(2, law=law)
+        assert truth.controller.kind == {"cure": "stable_inversion"}.get(law, law)
+    assert rig(2, law="cure")[1].observer.kind == "friction_map_kalman"
+
+
+def test_hours_between_alarms_are_those_of_the_distribution():
+    rng = np.random.default_rng(2)
+    largest = rng.gumbel(2.0, 1.0, 4000)
+    exceeded = -math.expm1(-math.exp(-(9.0 - 2.0)))
+    expected = 60 / 3600 / exceeded
+    assert trials.hours_between_alarms(largest, 9.0, 60.0) == pytest.approx(expected, rel=0.25)
+
+
+def test_an_interval_of_a_share_is_clopper_and_pearsons():
+    assert trials.interval(12, 12) == "100 (74 to 100)"
+    assert trials.interval(0, 60) == "0 (0 to 6)"

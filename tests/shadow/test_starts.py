@@ -1,0 +1,73 @@
+"""The ball's start is looked for in every window until it suits, and no longer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from twin.identify.levenberg_marquardt import fit_starts
+from twin.identify.prepare import prepare
+from twin.identify.problem import Problem
+from twin.scenario import load
+from twin.shadow import ball
+from twin.shadow.ball import ball_evidence, ball_windows
+from twin.shadow.belief import believed
+from twin.shadow.horizon import replays
+from twin.shadow.simulated import logs
+from twin.shadow.starts import CONVERGED, settled
+
+NO_GAPS = np.zeros((0, 2))
+
+
+@pytest.fixture(scope="module")
+def log():
+    """A short run on an uneven screen."""
+    chosen = load(
+        "excite",
+        ("plant.kind=lagrange", "duration=6", "seed=5", "plant.surface.spread_percent=10"),
+    )
+    return logs([(chosen, chosen)])[0]
+
+
+@pytest.fixture(scope="module")
+def recorded(log):
+    """The twin of it, and its windows."""
+    belief = believed(log)
+    return belief, ball_windows(prepare(log), belief, NO_GAPS)[0]
+
+
+def test_windows_in_portions_say_what_all_at_once_say(log, recorded, monkeypatch):
+    belief, windows = recorded
+    whole = ball_evidence(windows, belief)
+    run = replays(prepare(log), belief, NO_GAPS, 1.0, 1.0)
+    monkeypatch.setattr(ball, "AT_ONCE", 3)
+    assert len(windows) % 3  # the last portion is shorter
+    parts = ball_evidence(windows, belief)
+    assert parts.end.tolist() == whole.end.tolist()
+    assert parts.score == pytest.approx(whole.score, rel=1e-6, abs=1e-9)
+    assert parts.information == pytest.approx(whole.information, rel=1e-6, abs=1e-9)
+    again = replays(prepare(log), belief, NO_GAPS, 1.0, 1.0)
+    for name in ("time", "error", "spread", "told", "path"):
+        known = getattr(run, name)
+        assert getattr(again, name) == pytest.approx(known, rel=1e-6, abs=1e-9, nan_ok=True)
+
+
+def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
+    belief, windows = recorded
+    problem, asked = belief.problem(windows), []
+    linearise = Problem.linearise
+
+    def counted(self, *given, **more):
+        asked.append(len(self.windows))
+        return linearise(self, *given, **more)
+
+    first = problem.initial_starts()
+    best, line = fit_starts(problem, belief.theta, first, 8)
+    monkeypatch.setattr(Problem, "linearise", counted)
+    found = settled(problem, belief.theta, first, 8)
+    assert asked[0] == len(windows)
+    assert asked[-1] < asked[0]
+    assert asked == sorted(asked, reverse=True)
+    reached = problem.misfit(linearise(problem, belief.theta, found, slopes=False).r)
+    assert reached == pytest.approx(problem.misfit(line.r), abs=3 * CONVERGED)
+    assert found == pytest.approx(best, abs=1e-3)
