@@ -68,19 +68,14 @@ def identify(
 def _show(found: Identification) -> None:
     from rich.table import Table
 
-    from twin.identify.report import digits, interval, sentences
+    from twin.identify.report import HEADS, rows, sentences
 
-    table = Table("parameter", "value", "95 % interval", "unit", "verdict", header_style="bold")
+    table = Table(*HEADS, header_style="bold")
     for column in table.columns[1:3]:
         column.justify = "right"
-    for each in found.verdicts:
-        name = each.name if each.name in {"level_phi", "level_theta"} else each.about.name
-        table.add_row(name, digits(each.value), interval(each), each.about.unit, each.word)
+    for row in rows(found):
+        table.add_row(*row)
     console.print(table)
-    for each in found.verdicts:
-        if each.why:
-            console.print(f"{each.about.name}: {each.why}", markup=False)
-    for sentence in sentences(found)[-2:]:
-        console.print(sentence, markup=False)
-    for note in found.notes:
-        console.print(f"note: {note}", markup=False)
+    lines = [f"{each.about.name}: {each.why}" for each in found.verdicts if each.why]
+    for line in (*lines, *sentences(found), *(f"note: {note}" for note in found.notes)):
+        console.print(line, markup=False)

@@ -13,22 +13,29 @@ from twin.html import inline, render
 from twin.identify.identify import Identification
 from twin.identify.search import FitResult
 from twin.identify.validation import Horizons
-from twin.identify.verdict import IDENTIFIED, ParameterVerdict, Whiteness
+from twin.identify.verdict import IDENTIFIED, REJECTED, ParameterVerdict, Whiteness
 from twin.identify.windows import LOOKBACK
 from twin.run.overview_plot import COLOURS, LOOK
 from twin.writing import write_whole
 
 SHOWN = 6
 """This many windows of the fit are drawn."""
+HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
 
 
 def sentences(found: Identification) -> list[str]:
     """The verdict in words."""
     good = [each.about.name for each in found.verdicts if each.word == IDENTIFIED]
-    rest = [each.about.name for each in found.verdicts if each.word != IDENTIFIED]
+    fitted = [each.about.name for each in found.verdicts if each.word == REJECTED]
+    rest = [each.about.name for each in found.verdicts if each.word not in (IDENTIFIED, REJECTED)]
     words = []
     if good:
         words.append(f"Identified: {', '.join(dict.fromkeys(good))}.")
+    if fitted:
+        words.append(
+            f"Fitted, but the log rejects the model, so that nothing is known of the error: "
+            f"{', '.join(dict.fromkeys(fitted))}."
+        )
     if rest:
         words.append(f"Not identified from this log: {', '.join(dict.fromkeys(rest))}.")
     horizons = found.horizons
@@ -48,17 +55,6 @@ def sentences(found: Identification) -> list[str]:
 def page(found: Identification) -> str:
     """The report as one HTML file."""
     horizons = found.horizons
-    rows = [
-        {
-            "key": _name(each),
-            "value": digits(each.value),
-            "interval": interval(each),
-            "unit": each.about.unit,
-            "verdict": each.word,
-            "why": each.why,
-        }
-        for each in found.verdicts
-    ]
     steps = []
     if horizons is not None:
         steps = [
@@ -77,7 +73,8 @@ def page(found: Identification) -> str:
         title=f"Identification from {found.log.source}",
         good=any(each.word == IDENTIFIED for each in found.verdicts),
         sentences=sentences(found),
-        rows=rows,
+        heads=HEADS,
+        rows=[(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)],
         horizons=steps,
         horizon_figure=inline(_horizon_figure(horizons)) if horizons is not None else "",
         noise=f"{1000 * horizons.noise:.2f}" if horizons is not None else "",
@@ -93,12 +90,20 @@ def page(found: Identification) -> str:
     )
 
 
-def parameters(found: Identification) -> str:
-    """The identified parameters as TOML that a scenario may name."""
+def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
+    """The verdicts as a table under ``HEADS``."""
+    return [
+        (_name(each), digits(each.value), interval(each), each.about.unit, each.word)
+        for each in found.verdicts
+    ]
+
+
+def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
+    """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     tables: dict[str, list[str]] = {}
     levels: dict[str, ParameterVerdict] = {}
     for each in found.verdicts:
-        if each.word != IDENTIFIED or each.value is None:
+        if each.word not in words or each.value is None:
             continue
         if each.name.startswith("level_"):
             levels[each.name] = each

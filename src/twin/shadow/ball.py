@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array
+from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Linearisation
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
@@ -15,7 +16,6 @@ from twin.shadow.belief import BALL, Belief
 from twin.shadow.beside import Beside, alike
 from twin.shadow.evidence import Evidence, log_evidence
 from twin.shadow.gaps import clear
-from twin.shadow.starts import settled
 from twin.shadow.unevenness import products, unknown_motion
 
 LONGEST = 2.0
@@ -86,7 +86,7 @@ def ball_evidence(wanted: Sequence[Expansion]) -> list[Evidence]:
 def _expanded(beside: Beside, theta: Array) -> Evidence:
     """Evidence of windows, each around its own parameters, shape (W, P)."""
     problem, windows = beside.problem, beside.windows
-    starts = settled(problem, theta[None], problem.initial_starts(), STEPS)
+    starts = fit_starts(problem, theta[None], problem.initial_starts(), STEPS)
     squares, score, information = _without_start(problem.linearise(theta[None], starts), beside)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)
