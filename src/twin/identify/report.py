@@ -13,7 +13,7 @@ from twin.html import inline, render
 from twin.identify.identify import Identification
 from twin.identify.search import FitResult
 from twin.identify.validation import Horizons
-from twin.identify.verdict import IDENTIFIED, REJECTED, ParameterVerdict, Whiteness
+from twin.identify.verdict import BOUNDED, IDENTIFIED, NOT, REJECTED, ParameterVerdict, Whiteness
 from twin.identify.windows import LOOKBACK
 from twin.run.overview_plot import COLOURS, LOOK
 from twin.writing import write_whole
@@ -25,19 +25,15 @@ HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
 
 def sentences(found: Identification) -> list[str]:
     """The verdict in words."""
-    good = [each.about.name for each in found.verdicts if each.word == IDENTIFIED]
-    fitted = [each.about.name for each in found.verdicts if each.word == REJECTED]
-    rest = [each.about.name for each in found.verdicts if each.word not in (IDENTIFIED, REJECTED)]
     words = []
-    if good:
-        words.append(f"Identified: {', '.join(dict.fromkeys(good))}.")
-    if fitted:
-        words.append(
-            f"Fitted, but the log rejects the model, so that nothing is known of the error: "
-            f"{', '.join(dict.fromkeys(fitted))}."
-        )
-    if rest:
-        words.append(f"Not identified from this log: {', '.join(dict.fromkeys(rest))}.")
+    for said, among in (
+        ("Identified", (IDENTIFIED,)),
+        ("Fitted, but the log rejects the model, so that no error is known", (REJECTED,)),
+        ("Not identified from this log", (BOUNDED, NOT)),
+    ):
+        names = dict.fromkeys(each.about.name for each in found.verdicts if each.word in among)
+        if names:
+            words.append(f"{said}: {', '.join(names)}.")
     horizons = found.horizons
     if horizons is not None:
         k = int(abs(horizons.ahead - 1.0).argmin())
@@ -55,19 +51,6 @@ def sentences(found: Identification) -> list[str]:
 def page(found: Identification) -> str:
     """The report as one HTML file."""
     horizons = found.horizons
-    steps = []
-    if horizons is not None:
-        steps = [
-            (f"{ahead:g}", *(f"{1000 * value:.2f}" for value in values), str(count))
-            for ahead, *values, count in zip(
-                horizons.ahead,
-                horizons.twin,
-                horizons.frictionless,
-                horizons.still,
-                horizons.replays,
-                strict=True,
-            )
-        ]
     return render(
         "identify/report.html.j2",
         title=f"Identification from {found.log.source}",
@@ -75,9 +58,8 @@ def page(found: Identification) -> str:
         sentences=sentences(found),
         heads=HEADS,
         rows=[(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)],
-        horizons=steps,
+        horizons=horizons,
         horizon_figure=inline(_horizon_figure(horizons)) if horizons is not None else "",
-        noise=f"{1000 * horizons.noise:.2f}" if horizons is not None else "",
         fit_figure=inline(_fit_figure(found.fit)),
         white_figure=inline(_white_figure(found.whiteness)),
         whiteness=found.whiteness.words,
