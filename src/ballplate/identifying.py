@@ -63,15 +63,10 @@ class Identified:
 
     def _repr_html_(self) -> str:
         """For a notebook: the verdict in words, and each parameter with its interval."""
-        from twin.identify.report import digits, interval
+        from twin.identify.report import HEADS, rows
 
-        heads = ("parameter", "value", "95 % interval", "unit", "verdict")
-        lines = [
-            (each.about.key, digits(each.value), interval(each), each.about.unit, each.word)
-            for each in self.verdicts
-        ]
         title = f"Identification from {self.found.log.source}"
-        return page(title, table(heads, lines), paragraphs(self.sentences))
+        return page(title, table(HEADS, rows(self.found)), paragraphs(self.sentences))
 
 
 def identify(

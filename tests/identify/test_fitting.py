@@ -2,28 +2,125 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
-from twin.identify.plate_motion import servo_response
-from twin.identify.prepare import Segment
+from twin.identify.parameters import SERVO
+from twin.identify.plate_motion import Drives, fit_drives, servo_response
+from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.problem import Linearisation
 from twin.identify.replay import PACE, STEP, AccelerationField, replay
+from twin.identify.report import parameters
 from twin.identify.rests import paces, rests, speed
-from twin.identify.verdict import BOUNDED, IDENTIFIED, _servo
+from twin.identify.verdict import BOUNDED, IDENTIFIED, REJECTED, _ball, _servo, whiteness
 from twin.scenario import load
+from twin.sim.drive_train import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 
 
-@pytest.mark.parametrize(("lag", "word"), [(1.2e-4, BOUNDED), (2.0e-4, IDENTIFIED)])
+@pytest.mark.parametrize(("lag", "word"), [(1.5e-4, BOUNDED), (4.0e-4, IDENTIFIED)])
 def test_drives_faster_than_a_scenario_takes_are_bounded(lag, word):
-    draws = lag + 1e-5 * np.random.default_rng(1).standard_normal((400, 1))
-    verdict = _servo(Estimate(np.array([lag]), draws, np.array([True]), 20))
+    verdict = _servo(Drives(lag, 2e-5, agree=True, play=0.0, play_half_width=0.0))
     assert verdict.word == word
     if verdict.value is not None:
         load("circle", [f"plant.servo.bandwidth_hz={verdict.value}"])
+
+
+LAG = 0.0159
+"""Of a servo of 10 Hz, s."""
+
+
+def driven(*parts, seed=1):
+    """A log of drives of a lag of LAG behind which there are parts, as encoders count."""
+    rng, period = np.random.default_rng(seed), 0.002
+    b, a = butter(2, 4.0, fs=1 / period)
+    command = lfilter(b, a, rng.normal(0, 0.4, (15000, 2)), axis=0)
+    # the servo solved in steps of its own, not as the fit does
+    turns, rate, many = np.zeros_like(command), np.zeros(2), 20
+    for k in range(len(command) - 1):
+        for _ in range(many):
+            rate = rate + period / many * (command[k] - rate) / LAG
+            turns[k + 1] += period / many * rate
+    for part in parts:
+        turns = np.concatenate([part.follow(turn[None]) for turn in turns])
+    count = 2 * np.pi / 245760
+    plate = np.rint(np.cumsum(turns, axis=0) / count) * count
+    time = period * np.arange(len(plate))
+    segment = Segment(time, plate, command, time, np.zeros_like(plate))
+    return PreparedLog(
+        source="drives", segments=(segment,), sigma=np.ones(2), model=BallPlate(), own_lag=0.0,
+        grips=(0.0,),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [0.0, 0.05, 0.3])
+def test_a_lag_is_told_from_play_of_any_width(width):
+    parts = [Play(np.radians([[width]]))] if width else []
+    found = fit_drives(driven(*parts))
+    assert found.agree
+    assert found.lag == pytest.approx(LAG, abs=max(found.half_width, 2e-4))
+    assert found.half_width < 0.02 * LAG
+    assert np.degrees(found.play) == pytest.approx(width, abs=0.002)
+
+
+@pytest.mark.parametrize("resonance", [12.5, 19.0])
+def test_the_lag_of_a_plate_that_swings_on_its_drive_train_is_right(resonance):
+    part = Resonance(np.array([[resonance]]), np.array([[0.05]]), 0.002)
+    found = fit_drives(driven(part))
+    assert found.lag == pytest.approx(LAG, abs=max(found.half_width, SERVO.floor))
+    assert found.half_width < 0.1 * LAG
+
+
+def test_where_angles_and_rates_give_two_lags_the_interval_holds_both_and_says_so():
+    found = fit_drives(driven(Hysteresis(np.radians([[0.3]]))))
+    assert not found.agree
+    assert found.lag == pytest.approx(LAG, abs=found.half_width)
+    assert "hold" in _servo(found).why or _servo(found).word == BOUNDED
+
+
+@pytest.mark.parametrize("correlated", [False, True])
+def test_residuals_of_noise_are_white_whatever_the_starts_took_of_them(correlated):
+    rng, windows, bins = np.random.default_rng(4), 25, 60
+    t = np.linspace(0, 1, bins)
+    slope = np.zeros((bins, 2, 4))
+    for axis in (0, 1):
+        slope[:, axis, axis], slope[:, axis, axis + 2] = 1e4, 1e4 * t
+    Z = slope.reshape(-1, 4)
+    r = rng.normal(size=(windows, bins, 2))
+    if correlated:
+        r = r + 0.5 * np.roll(r, 1, axis=1)
+    r = r.reshape(windows, -1)
+    r = r - r @ Z @ np.linalg.solve(Z.T @ Z, Z.T)
+    by_start = np.broadcast_to(Z, (1, windows, *Z.shape))
+    line = Linearisation(r[None], by_start, np.zeros((1, *r.shape, 0)))
+    seen = SimpleNamespace(weight=np.ones((windows, bins, 2)))
+    problem = SimpleNamespace(windows=seen, misfit=lambda r: (r**2).mean(axis=-1))
+    found = whiteness(SimpleNamespace(problem=problem, linearisation=line))
+    assert found.white != correlated
+
+
+def test_of_a_model_that_the_log_rejects_there_is_no_interval():
+    resting = SimpleNamespace(resting=np.array([True]))
+    problem = SimpleNamespace(names=("rolling",), windows=resting)
+    draws = 2e-4 + 1e-6 * np.random.default_rng(1).standard_normal((400, 1))
+    ball = Estimate(np.array([2e-4]), draws, np.array([True]), 20)
+    good, bad = (
+        _ball("rolling", SimpleNamespace(problem=problem), ball, white=white)
+        for white in (True, False)
+    )
+    assert (good.word, bad.word) == (IDENTIFIED, REJECTED)
+    assert bad.value == good.value == pytest.approx(0.2)
+    assert good.low < 0.2 < good.high
+    assert (bad.low, bad.high) == (None, None)
+    found = SimpleNamespace(verdicts=(bad,), log=SimpleNamespace(source="log"))
+    assert "rolling" not in parameters(found)
+    assert "rolling_mm = 0.2" in parameters(found, (REJECTED,))
 
 
 def test_a_servo_solves_its_first_order_equation():

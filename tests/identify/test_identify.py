@@ -14,7 +14,10 @@ from twin.identify.identify import identify
 from twin.identify.levenberg_marquardt import TOLERANCE, minimise
 from twin.identify.log import COLUMNS, read
 from twin.identify.parameters import DEFAULT
-from twin.identify.report import page, parameters
+from twin.identify.plate_motion import fit_drives
+from twin.identify.prepare import prepare
+from twin.identify.report import page, parameters, sentences
+from twin.identify.verdict import _servo
 from twin.run.execute import run, save
 from twin.scenario import load
 
@@ -86,7 +89,7 @@ def test_what_positions_cannot_show_is_said_with_the_experiment_that_would(found
 @pytest.mark.long
 def test_residuals_of_the_twin_itself_are_white(found):
     assert found.whiteness.misfit == pytest.approx(1, abs=0.15)
-    assert found.whiteness.outside <= 4
+    assert found.whiteness.white
 
 
 @pytest.mark.long
@@ -157,6 +160,47 @@ def test_without_friction_none_is_claimed(tmp_path):
     save(done, tmp_path / "log", {"run": done.motion})
     rolling = by_name(identify(read(tmp_path / "log"), ("rolling",)))["rolling"]
     assert rolling.value < 0.003
+
+
+def logged(folder, scenario, *settings):
+    done = run(load(scenario, settings))
+    save(done, folder, {"run": done.motion})
+    return read(folder)
+
+
+@pytest.mark.long
+def test_friction_that_grows_with_speed_is_offered_where_the_log_shows_it(tmp_path):
+    exact = ("plant.kind=lagrange", *SETTINGS[1:], "duration=40")
+    log = logged(tmp_path, "excite", *exact, "plant.friction.viscous_mm=0.8")
+    found = identify(log, DEFAULT)
+    each = by_name(found)
+    assert any("viscous friction fitted along" in note for note in found.notes)
+    assert each["viscous"].value == pytest.approx(0.8, rel=0.1)
+    assert each["rolling"].low <= TRUTH["rolling"] <= each["rolling"].high
+
+
+@pytest.mark.long
+def test_on_an_uneven_screen_values_have_no_interval_and_are_written_nowhere(tmp_path):
+    exact = ("plant.kind=lagrange", *SETTINGS[1:], "duration=40")
+    found = identify(logged(tmp_path, "excite", *exact, "plant.surface.slope_deg=0.05"), DEFAULT)
+    for name, each in by_name(found).items():
+        if name != "servo":
+            assert (each.word, each.low, each.high) == ("model rejected", None, None)
+            assert each.value is not None
+    text = parameters(found)
+    assert "bandwidth_hz" in text
+    assert "friction" not in text
+    assert "model rejected" in page(found)
+    assert any("the log rejects the model" in sentence for sentence in sentences(found))
+
+
+@pytest.mark.long
+def test_the_corner_of_the_servo_is_right_on_a_run_of_the_cure(tmp_path):
+    settings = ("duration=14", "metrics.start=5", "plant.servo.bandwidth_hz=10", "seed=7")
+    drives = fit_drives(prepare(logged(tmp_path, "cure", *settings)))
+    servo = _servo(drives)
+    assert servo.word == "identified"
+    assert servo.low <= 10 <= servo.high
 
 
 @pytest.mark.long

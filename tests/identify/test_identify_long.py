@@ -93,7 +93,8 @@ TOO_NARROW = pytest.mark.xfail(strict=True, reason="the interval of the dead tim
 def test_the_95_percent_interval_covers_the_truth_in_at_least_36_of_40_trials(found, name):
     rows = [row for each, _ in found for row in each if row[0] == name]
     assert len(rows) == 40
-    covered = sum(low <= true <= high for _, true, _, low, high in rows)
+    # a model that is rejected, which the true one seldom is, claims no interval
+    covered = sum(low is not None and low <= true <= high for _, true, _, low, high in rows)
     assert covered >= 36
 
 

@@ -125,13 +125,13 @@ def level(log: Path, *, as_json: bool) -> int:
 
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
-        found = identify(recorded, ("level",), 1.0, advance)
+        levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
     if as_json:
-        print_json([each.as_dict() for each in found.verdicts])
+        print_json([each.as_dict() for each in levels])
     else:
-        for each, foot in zip(found.verdicts, FEET, strict=True):
+        for each, foot in zip(levels, FEET, strict=True):
             console.print(f"{each.name}: {advice(each, foot)}", markup=False)
-    return int(any(each.word != IDENTIFIED for each in found.verdicts))
+    return int(any(each.word != IDENTIFIED for each in levels))
 
 
 def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:

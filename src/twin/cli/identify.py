@@ -66,12 +66,8 @@ def identify(
 
 
 def _show(found: Identification) -> None:
-    from twin.identify.report import digits, interval, sentences
+    from twin.identify.report import HEADS, rows, sentences
 
-    rows = []
-    for each in found.verdicts:
-        name = each.name if each.name in {"level_phi", "level_theta"} else each.about.name
-        rows.append((name, digits(each.value), interval(each), each.about.unit, each.word))
-    print_table(("parameter", "value", "95 % interval", "unit", "verdict"), rows, right=slice(1, 3))
+    print_table(HEADS, rows(found), right=slice(1, 3))
     say(*(f"{each.about.name}: {each.why}" for each in found.verdicts if each.why))
-    say(*sentences(found)[-2:], *(f"note: {note}" for note in found.notes))
+    say(*sentences(found), *(f"note: {note}" for note in found.notes))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from twin.errors import LogError
 from twin.identify.log import Log
 from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import SHARE, fitted
-from twin.identify.plate_motion import fit_lag
+from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import FitResult, search
 from twin.identify.validation import Horizons, hold_out
@@ -19,6 +20,8 @@ from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5
 """Longest window in s: long enough for friction to add up, short enough to forget a bad start."""
+NOTHING = math.radians(0.005)
+"""Lost motion in rad up to which there is none: what wheels and joints of a good rig make."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Identification:
             "parameters": [each.as_dict() for each in self.verdicts],
             "replay_error": None if horizons is None else horizons.as_dict(),
             "residuals": self.whiteness.as_dict(),
-            "fit": self.fit.termination.as_dict(),
+            "fit": asdict(self.fit.termination),
             "notes": list(self.notes),
         }
 
@@ -79,8 +82,8 @@ def identify(
     usable = prepare(log)
     check_motion(usable)
     known, unknown = usable.split(share) if share < 1 else (usable, None)
-    drives = fit_lag(known)
-    lag = 0.0 if drives is None else float(drives.value[0])
+    drives = fit_drives(known)
+    lag = 0.0 if drives is None else drives.lag
     progress(0.1)
     windows = cut(known, lag, LONGEST, moving_spans)
     if windows is None or len(windows) < 3:
@@ -93,7 +96,18 @@ def identify(
         fits.append(search(usable.model, windows, fitted(names), grip))
         progress(0.1 + 0.8 * len(fits) / len(usable.grips))
     fit = min(fits, key=lambda each: each.cost)
-    notes = list(usable.notes)
+    notes, white = list(usable.notes), whiteness(fit)
+    if not white.white and "viscous" not in names:
+        richer = search(usable.model, windows, fitted((*names, "viscous")), fit.problem.grip)
+        if whiteness(richer).white:
+            fit, white, names = richer, whiteness(richer), (*names, "viscous")
+            notes.append("viscous friction fitted along: without it the log is not explained")
+    if drives is not None and drives.play - drives.play_half_width > NOTHING:
+        lost, half = (math.degrees(each) for each in (drives.play, drives.play_half_width))
+        notes.append(
+            f"drives fitted with lost motion of {lost:.3f} deg (95 %: +-{half:.3f}): play, "
+            "hysteresis or friction; ballplate calibrate lost-motion tells which"
+        )
     if len(fits) > 1:
         kind = "softened as in the mechanism" if fit.problem.grip else "sharp as in Coulomb's law"
         notes.append(f"friction at rest taken to be {kind}, which fits better")
@@ -113,8 +127,8 @@ def identify(
         log=usable,
         fitted_time=known.length,
         fit=fit,
-        verdicts=verdicts(names, fit, fit.estimate(), drives),
+        verdicts=verdicts(names, fit, drives, white=white.white),
         horizons=horizons,
-        whiteness=whiteness(fit),
+        whiteness=white,
         notes=tuple(notes),
     )

@@ -7,9 +7,8 @@ candidates and all finite differences in one batch makes a fit some twenty times
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +18,9 @@ from twin.identify.problem import Linearisation, Problem
 
 TOLERANCE = 1e-5
 """Relative decrease of the cost below which a step counts as none."""
-
-
-class StopReason(StrEnum):
-    """Why a minimisation stopped."""
-
-    CONVERGED = "converged"
-    STEP_LIMIT = "step limit reached"
+SETTLED = 1e-4
+"""Change of a window's misfit, in noise variances, below which its starts suit it."""
+CONVERGED, STEP_LIMIT = "converged", "step limit reached"
 
 
 @dataclass(frozen=True)
@@ -33,41 +28,31 @@ class Termination:
     """How a minimisation ended for its best candidate.
 
     Attributes:
-        reason: Converged: in the last two steps its cost fell by no more than ``TOLERANCE``.
+        reason: ``converged``: in the last two steps its cost fell by no more than ``TOLERANCE``;
+            or ``step limit reached``.
         steps: Steps taken, rejected ones included.
         step_limit: Most steps it might have taken.
-        rejected: Steps that were rejected since its cost would have risen.
-        decrease: By how much the last accepted step lowered the cost, relative to it.
+        rejected_steps: Steps that were rejected since its cost would have risen.
+        last_decrease: By how much the last accepted step lowered the cost, relative to it.
     """
 
-    reason: StopReason
+    reason: str
     steps: int
     step_limit: int
-    rejected: int
-    decrease: float
+    rejected_steps: int
+    last_decrease: float
 
     def __str__(self) -> str:
         """In words."""
-        if self.reason is StopReason.CONVERGED:
+        if self.reason == CONVERGED:
             return f"the fit converged after {self.steps} steps"
         return (
             f"the fit stopped at its limit of {self.step_limit} steps; the last accepted one "
-            f"lowered its cost by {100 * self.decrease:.2g} %"
+            f"lowered its cost by {100 * self.last_decrease:.2g} %"
         )
 
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return {
-            "reason": self.reason.value,
-            "steps": self.steps,
-            "step_limit": self.step_limit,
-            "rejected_steps": self.rejected,
-            "last_decrease": self.decrease,
-        }
 
-
-@dataclass(frozen=True)
-class Minimum:
+class Minimum(NamedTuple):
     """What a minimisation of C candidates found.
 
     Attributes:
@@ -85,32 +70,41 @@ class Minimum:
     termination: Termination
 
 
-def fit_starts(
-    problem: Problem, theta: Array, starts: Array, step_limit: int
-) -> tuple[Array, Linearisation]:
-    """The inner problem: the best starts for fixed parameters, every window for itself.
+def fit_starts(problem: Problem, theta: Array, starts: Array, step_limit: int) -> Array:
+    """The best starts for fixed parameters, by damped Gauss-Newton steps, shape (4, C, W).
+
+    Windows share nothing, so one whose starts suit it is not replayed again.
 
     Args:
         problem: What is fitted.
-        theta: Parameters, shape (C, P).
+        theta: Parameters, shape (C, P), or (C, W, P) if they differ from window to window.
         starts: First guess, shape (4, C, W).
-        step_limit: Damped Gauss-Newton steps.
-
-    Returns:
-        The starts, and the residuals there.
+        step_limit: Most steps.
     """
+    theta = np.broadcast_to(
+        theta if theta.ndim > 2 else theta[:, None], (*starts.shape[1:], theta.shape[-1])
+    )
+    found = starts.copy()
+    left = np.arange(len(problem.windows))
     current = problem.linearise(theta, starts, slopes=False)
     misfit = problem.misfit(current.r)
     damping = np.ones_like(misfit)
     for _ in range(step_limit):
         moved = starts - current.start_step(damping)
         trial = problem.linearise(theta, moved, slopes=False)
-        better = problem.misfit(trial.r) < misfit
+        reached = problem.misfit(trial.r)
+        better = reached < misfit
         starts = np.where(better, moved, starts)
-        current = trial.where(better, current)
-        misfit = problem.misfit(current.r)
-        damping = np.where(better, damping / 3, damping * 30)
-    return starts, current
+        found[..., left] = starts
+        going = np.asarray((np.abs(misfit - reached) >= SETTLED).any(axis=0))
+        if not going.any():
+            break
+        current = trial.where(better, current).take(going)
+        misfit = np.where(better, reached, misfit)[:, going]
+        damping = np.where(better, damping / 3, damping * 30)[:, going]
+        starts, theta, left = starts[..., going], theta[:, going], left[going]
+        problem = replace(problem, windows=problem.windows.take(going))
+    return found
 
 
 def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> Minimum:
@@ -156,6 +150,6 @@ def minimise(problem: Problem, theta: Array, starts: Array, step_limit: int) -> 
         rejected += ~better
         idle = np.where(gained, 0, idle + 1)
     best = int(np.argmin(cost))
-    reason = StopReason.CONVERGED if idle[best] >= 2 else StopReason.STEP_LIMIT
+    reason = CONVERGED if idle[best] >= 2 else STEP_LIMIT
     termination = Termination(reason, steps, step_limit, int(rejected[best]), float(decrease[best]))
     return Minimum(theta, starts, cost, current, termination)

@@ -5,23 +5,19 @@ A header may give a column's unit, as ``measured_x [mm]``; without one it is the
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.run.csv_columns import read_csv, scale
+from twin.run.csv_columns import read_columns
 from twin.run.folders import is_record
-from twin.run.record_file import stored
 from twin.run.sources import log_file
 
 
@@ -56,6 +52,7 @@ COLUMNS = {
 }
 """What ``identify`` reads; a log may have more columns."""
 UNITS = {name: column.unit for name, column in COLUMNS.items()}
+NEEDED = tuple(name for name, column in COLUMNS.items() if column.required)
 
 MECHANISM_LAG = 0.0025
 """Lag in s of the mechanism's own servos: fitted to runs of it without a bandwidth limit."""
@@ -100,16 +97,9 @@ class Log:
 
     def rows(self, chosen: Mask | NDArray[np.intp] | slice) -> Log:
         """Some of its rows."""
-        return replace(
-            self,
-            time=self.time[chosen],
-            ball=self.ball[chosen],
-            plate=self.plate[chosen],
-            age=self.age[chosen],
-            touched=self.touched[chosen],
-            command=None if self.command is None else self.command[chosen],
-            late=None if self.late is None else self.late[chosen],
-        )
+        names = ("time", "ball", "plate", "age", "touched", "command", "late")
+        every = {name: getattr(self, name) for name in names}
+        return replace(self, **{k: v[chosen] for k, v in every.items() if v is not None})
 
 
 def read(path: Path) -> Log:
@@ -119,53 +109,9 @@ def read(path: Path) -> Log:
         LogError: If the file cannot be read, lacks a column, or holds another unit or no numbers.
     """
     path = log_file(path)
-    try:
-        table = path.suffix == ".parquet" or is_record(path)
-        columns, metadata = _parquet(path) if table else _csv(path)
-    except (OSError, pa.ArrowException, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path.name}: cannot be read: {error}") from error
     run = path.resolve().parent.name
     source = f"{run}/{path.name}" if is_record(path) else path.name
-    return of_columns(columns, metadata, source)
-
-
-def _parquet(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    table = stored(path)
-    schema = table.schema
-    names = [name for name in schema.names if name in COLUMNS]
-    _require(schema.names, path.name)
-    if "rig" in schema.names and len(table):
-        rigs = table["rig"].to_numpy()
-        table = table.filter(pa.array(rigs == rigs[0]))
-    columns: dict[str, Array] = {}
-    for name in names:
-        try:
-            values = np.asarray(table[name].to_numpy(), dtype=float)
-        except (KeyError, TypeError, ValueError):
-            raise LogError(f"{path.name}: {name}: is not one column of numbers") from None
-        unit = (schema.field(name).metadata or {}).get(b"unit")
-        factor = 1.0
-        if name in COLUMNS:
-            factor = scale(name, unit.decode() if unit else None, UNITS[name], path.name)
-        columns[name] = factor * values
-    raw = (schema.metadata or {}).get(b"ballplate", b"{}")
-    try:
-        return columns, json.loads(raw)
-    except (ValueError, RecursionError):
-        raise LogError(f"{path.name}: its metadata is not that of a run") from None
-
-
-def _csv(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
-    return read_csv(path, UNITS, lambda names: _require(names, path.name)), {}
-
-
-def _require(names: list[str], source: str) -> None:
-    missing = [name for name, column in COLUMNS.items() if column.required and name not in names]
-    if missing:
-        raise LogError(
-            f"{source}: no column {', '.join(missing)} "
-            f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
-        )
+    return of_columns(*read_columns(path, UNITS, NEEDED), source)
 
 
 def of_columns(columns: Mapping[str, Array], metadata: dict[str, Any], source: str) -> Log:

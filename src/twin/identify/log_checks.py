@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from controllers.arrays import Array
 from twin.errors import LogError
@@ -140,11 +141,6 @@ def _gain(log: PreparedLog, axis: int) -> float | None:
 
 
 def _double_integral(values: Array, period: float) -> Array:
-    once = _integral(values, period)
-    return _integral(once, period)
-
-
-def _integral(values: Array, period: float) -> Array:
     """From zero, by the trapezoidal rule."""
-    steps = (values[1:] + values[:-1]) * (period / 2)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    once = cumulative_trapezoid(values, dx=period, initial=0)
+    return np.asarray(cumulative_trapezoid(once, dx=period, initial=0))

@@ -52,9 +52,7 @@ class Segment:
     @property
     def even_ball(self) -> Array:
         """Ball at the equally spaced times, m, shape (K, 2)."""
-        return np.stack(
-            [np.interp(self.time, self.sampled, self.ball[:, axis]) for axis in (0, 1)], axis=-1
-        )
+        return interpolated(self.time, self.sampled, self.ball)
 
     @property
     def length(self) -> float:
@@ -161,6 +159,11 @@ def prepare(log: Log) -> PreparedLog:
     )
 
 
+def interpolated(at: Array, time: Array, values: Array) -> Array:
+    """Values (K, 2) at times (K,) in s by straight lines at others, shape (..., 2)."""
+    return np.stack([np.interp(at, time, values[:, axis]) for axis in (0, 1)], axis=-1)
+
+
 def runs(mask: Mask) -> list[tuple[int, int]]:
     """First index and one past the last of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
@@ -209,14 +212,10 @@ def _segment(log: Log, fresh: Mask, rows: slice, period: float) -> Segment:
     """These rows with plate and command at equally spaced times."""
     time, new = log.time[rows], fresh[rows]
     even = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
-
-    def at_even(values: Array) -> Array:
-        return np.stack([np.interp(even, time, values[rows, axis]) for axis in (0, 1)], axis=-1)
-
     return Segment(
         even,
-        at_even(log.plate),
-        None if log.command is None else at_even(log.command),
+        interpolated(even, time, log.plate[rows]),
+        None if log.command is None else interpolated(even, time, log.command[rows]),
         (time - log.age[rows])[new],
         log.ball[rows][new],
     )

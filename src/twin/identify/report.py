@@ -13,24 +13,27 @@ from twin.html import inline, render
 from twin.identify.identify import Identification
 from twin.identify.search import FitResult
 from twin.identify.validation import Horizons
-from twin.identify.verdict import IDENTIFIED, ParameterVerdict, Whiteness
+from twin.identify.verdict import BOUNDED, IDENTIFIED, NOT, REJECTED, ParameterVerdict, Whiteness
 from twin.identify.windows import LOOKBACK
 from twin.run.overview_plot import COLOURS, LOOK
 from twin.writing import write_whole
 
 SHOWN = 6
 """This many windows of the fit are drawn."""
+HEADS = ("parameter", "value", "95 % interval", "unit", "verdict")
 
 
 def sentences(found: Identification) -> list[str]:
     """The verdict in words."""
-    good = [each.about.name for each in found.verdicts if each.word == IDENTIFIED]
-    rest = [each.about.name for each in found.verdicts if each.word != IDENTIFIED]
     words = []
-    if good:
-        words.append(f"Identified: {', '.join(dict.fromkeys(good))}.")
-    if rest:
-        words.append(f"Not identified from this log: {', '.join(dict.fromkeys(rest))}.")
+    for said, among in (
+        ("Identified", (IDENTIFIED,)),
+        ("Fitted, but the log rejects the model, so that no error is known", (REJECTED,)),
+        ("Not identified from this log", (BOUNDED, NOT)),
+    ):
+        names = dict.fromkeys(each.about.name for each in found.verdicts if each.word in among)
+        if names:
+            words.append(f"{said}: {', '.join(names)}.")
     horizons = found.horizons
     if horizons is not None:
         k = int(abs(horizons.ahead - 1.0).argmin())
@@ -48,39 +51,15 @@ def sentences(found: Identification) -> list[str]:
 def page(found: Identification) -> str:
     """The report as one HTML file."""
     horizons = found.horizons
-    rows = [
-        {
-            "key": _name(each),
-            "value": digits(each.value),
-            "interval": interval(each),
-            "unit": each.about.unit,
-            "verdict": each.word,
-            "why": each.why,
-        }
-        for each in found.verdicts
-    ]
-    steps = []
-    if horizons is not None:
-        steps = [
-            (f"{ahead:g}", *(f"{1000 * value:.2f}" for value in values), str(count))
-            for ahead, *values, count in zip(
-                horizons.ahead,
-                horizons.twin,
-                horizons.frictionless,
-                horizons.still,
-                horizons.replays,
-                strict=True,
-            )
-        ]
     return render(
         "identify/report.html.j2",
         title=f"Identification from {found.log.source}",
         good=any(each.word == IDENTIFIED for each in found.verdicts),
         sentences=sentences(found),
-        rows=rows,
-        horizons=steps,
+        heads=HEADS,
+        rows=[(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)],
+        horizons=horizons,
         horizon_figure=inline(_horizon_figure(horizons)) if horizons is not None else "",
-        noise=f"{1000 * horizons.noise:.2f}" if horizons is not None else "",
         fit_figure=inline(_fit_figure(found.fit)),
         white_figure=inline(_white_figure(found.whiteness)),
         whiteness=found.whiteness.words,
@@ -93,12 +72,20 @@ def page(found: Identification) -> str:
     )
 
 
-def parameters(found: Identification) -> str:
-    """The identified parameters as TOML that a scenario may name."""
+def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
+    """The verdicts as a table under ``HEADS``."""
+    return [
+        (_name(each), digits(each.value), interval(each), each.about.unit, each.word)
+        for each in found.verdicts
+    ]
+
+
+def parameters(found: Identification, words: tuple[str, ...] = (IDENTIFIED,)) -> str:
+    """Parameters as TOML that a scenario may name, those with one of these verdicts."""
     tables: dict[str, list[str]] = {}
     levels: dict[str, ParameterVerdict] = {}
     for each in found.verdicts:
-        if each.word != IDENTIFIED or each.value is None:
+        if each.word not in words or each.value is None:
             continue
         if each.name.startswith("level_"):
             levels[each.name] = each

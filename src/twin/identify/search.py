@@ -69,7 +69,7 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
     starts = np.repeat(problem.initial_starts(), len(guesses), axis=1)
-    starts, _ = fit_starts(problem, guesses, starts, 3)
+    starts = fit_starts(problem, guesses, starts, 3)
     found = minimise(problem, guesses, starts, 12)
     while True:
         best = np.argsort(found.cost)[:1]
@@ -105,7 +105,7 @@ def _fit_rolling(whole: Problem) -> Array:
     theta = np.array([[BALL[name].start for name in smooth]]).repeat(4, axis=0)
     theta[:, smooth.index("rolling")] = (1e-4, 1e-4, 4e-4, 4e-4)
     theta[:, smooth.index("delay")] = (0.02, 0.07, 0.02, 0.07)
-    starts, _ = fit_starts(problem, theta, np.repeat(problem.initial_starts(), 4, axis=1), 2)
+    starts = fit_starts(problem, theta, np.repeat(problem.initial_starts(), 4, axis=1), 2)
     minimum = minimise(problem, theta, starts, 8)
     for k, name in enumerate(smooth):
         first[:, names.index(name)] = minimum.theta[np.argmin(minimum.cost), k]
@@ -121,5 +121,5 @@ def _scan_breakaway(problem: Problem, guesses: Array) -> Array:
     tried = np.repeat(guesses, len(BREAKAWAY_RATIOS), axis=0)
     tried[:, names.index("breakaway")] = np.tile(BREAKAWAY_RATIOS, len(guesses))
     starts = np.repeat(at_rest.initial_starts(), len(tried), axis=1)
-    _, linearisation = fit_starts(at_rest, tried, starts, 1)
-    return np.asarray(tried[np.argsort(at_rest.cost(linearisation.r))[:FITTED_GUESSES]])
+    fitted = at_rest.linearise(tried, fit_starts(at_rest, tried, starts, 1), slopes=False)
+    return np.asarray(tried[np.argsort(at_rest.cost(fitted.r))[:FITTED_GUESSES]])

@@ -121,6 +121,6 @@ def _overlapping_spans(_: Segment, begin: float, end: float, longest: float) -> 
 def _replayed(problem: Problem, theta: Array, delay: float) -> Array:
     """What the screen would have reported, m, shape (W, B, 2)."""
     values = theta[None]
-    starts, _ = fit_starts(problem, values, problem.initial_starts(), 6)
+    starts = fit_starts(problem, values, problem.initial_starts(), 6)
     places, speeds = problem.replayed(values, starts)
     return np.asarray(problem.windows.at_samples(places, speeds, np.full((1, 1), delay))[0][0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,13 @@ import numpy as np
 from controllers.arrays import Array
 from twin.identify.bootstrap import Estimate
 from twin.identify.parameters import BALL, HIDDEN, SERVO, IdentifiedParameter
+from twin.identify.plate_motion import Drives
+from twin.identify.problem import START_PRIOR
 from twin.identify.search import FitResult
 
 IDENTIFIED, BOUNDED, NOT = "identified", "bounded", "not identifiable"
+REJECTED = "model rejected"
+"""What is fitted to a log that the model does not explain: a value, but nothing known of it."""
 FASTEST = 1000.0
 """Largest corner frequency in Hz that a scenario takes; drives beyond are as good as ideal."""
 CORRELATED = 0.95
@@ -30,19 +34,20 @@ class ParameterVerdict:
         about: Which.
         name: Its name on the command line; of the level each axis has one.
         value: Fitted value in the unit of its key; None if the log says nothing.
-        low: Lower end of the 95 % interval, in the same unit.
+        low: Lower end of the 95 % interval, in the same unit; None if unknown.
         high: Upper end.
-        word: ``identified``, ``bounded`` (only a bound is known) or ``not identifiable``.
+        word: ``identified``, ``bounded`` (only a bound is known), ``model rejected`` (the value
+            is the best fit, and has no interval) or ``not identifiable``.
         why: What is wrong and what experiment would show it; empty if identified.
     """
 
     about: IdentifiedParameter
     name: str
-    value: float | None
-    low: float | None
-    high: float | None
-    word: str
-    why: str
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    word: str = NOT
+    why: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -78,9 +83,14 @@ class Whiteness:
         return int((np.abs(self.correlation) > self.band).sum())
 
     @property
+    def white(self) -> bool:
+        """Whether the model explains the log: if not, no interval holds."""
+        return self.outside <= 3 and self.misfit < 1.3
+
+    @property
     def words(self) -> str:
         """The verdict in words."""
-        if self.outside <= 3 and self.misfit < 1.3:
+        if self.white:
             return "the residuals look like the screen's noise"
         return (
             f"the residuals are not white: {self.outside} of {LAGS} lags outside the band, "
@@ -94,47 +104,50 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: FitResult, ball: Estimate, drives: Estimate | None
+    names: tuple[str, ...], fit: FitResult, drives: Drives | None, *, white: bool
 ) -> tuple[ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
     Args:
         names: What was asked for.
         fit: The fit of the ball's motion.
-        ball: Its parameters and their uncertainty.
-        drives: The time constant of the drives in s; None if no command was recorded.
+        drives: How they follow; None if no command was recorded.
+        white: Whether the fit explains the log.
     """
-    found = []
+    found, ball = [], fit.estimate()
     for name in names:
         if name in HIDDEN:
             why = f"neither ball nor plate positions show it; {HIDDEN[name].experiment}"
-            found.append(_unknown(HIDDEN[name], name, why))
+            found.append(ParameterVerdict(about=HIDDEN[name], name=name, why=why))
         elif name == "servo":
             found.append(_servo(drives))
         else:
             axes = ("level_phi", "level_theta") if name == "level" else (name,)
-            found += [_ball(each, fit, ball) for each in axes]
+            found += [_ball(each, fit, ball, white=white) for each in axes]
     return tuple(found)
 
 
 def whiteness(fit: FitResult) -> Whiteness:
-    """How white the residuals of a fit are."""
-    windows = fit.problem.windows
-    r = fit.linearisation.r[0].reshape(len(windows), -1, 2)
-    present = np.asarray((windows.weight > 0).all(axis=-1))
+    """How white the residuals of a fit are.
+
+    What the starts fitted along take out of white noise is known, and is not held against it.
+    """
+    windows, every = fit.problem.windows, fit.linearisation
     products, counts = np.zeros(LAGS + 1), np.zeros(LAGS + 1)
-    for row, mask in zip(r, present, strict=True):
-        values = row[mask] - row[mask].mean(axis=0)
-        for lag in range(min(LAGS + 1, len(values))):
-            products[lag] += float((values[lag:] * values[: len(values) - lag]).sum())
-            counts[lag] += 2 * (len(values) - lag)
+    for r, Z, weight in zip(every.r[0], every.by_start[0], windows.weight, strict=True):  # noqa: N806
+        there = np.repeat((weight > 0).all(axis=-1), 2)
+        r, Z = r[there], Z[there]  # noqa: N806, PLW2901
+        taken = Z @ np.linalg.solve(Z.T @ Z + START_PRIOR, Z.T)
+        for lag in range(min(LAGS + 1, len(r) // 2)):
+            alike = r[2 * lag :] @ r[: len(r) - 2 * lag]
+            products[lag] += alike + (np.trace(taken, 2 * lag) if lag else 0.0)
+            counts[lag] += len(r) - 2 * lag
     variance = products[0] / max(counts[0], 1)
     correlation = products[1:] / np.maximum(counts[1:], 1) / max(variance, 1e-300)
-    # fitting the mean and start of each window removes some of what is white
     return Whiteness(
         correlation,
         1.96 / float(np.sqrt(max(counts[0], 1))),
-        float(fit.problem.misfit(fit.linearisation.r).mean()),
+        float(fit.problem.misfit(every.r).mean()),
     )
 
 
@@ -143,56 +156,45 @@ def corner_frequency(lag: float) -> float:
     return float(1 / (2 * np.pi * lag))
 
 
-def _ball(name: str, fit: FitResult, ball: Estimate) -> ParameterVerdict:
+def _ball(name: str, fit: FitResult, ball: Estimate, *, white: bool) -> ParameterVerdict:
     about, k = BALL[name], fit.problem.names.index(name)
     value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
-    if name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any():
-        return _unknown(about, name, f"the ball never rests; {about.experiment}")
-    if not math.isfinite(half):
-        return _unknown(about, name, f"the log does not show it; {about.experiment}")
+    never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()
+    if never or not math.isfinite(half):
+        why = "the ball never rests" if never else "the log does not show it"
+        return ParameterVerdict(about=about, name=name, why=f"{why}; {about.experiment}")
+    found = ParameterVerdict(about=about, name=name, value=about.factor * value)
+    if not white:
+        why = "best fit only: the log holds motion that the twin does not explain"
+        return replace(found, word=REJECTED, why=why)
     low, high = max(value - half, about.least), min(value + half, about.most)
-    ends = {"value": about.factor * value, "low": about.factor * low, "high": about.factor * high}
+    found = replace(found, low=about.factor * low, high=about.factor * high)
     if half <= max(about.tolerance, about.relative * abs(value)):
-        return ParameterVerdict(about=about, name=name, **ends, word=IDENTIFIED, why="")
-    correlated = [
-        other
-        for j, other in enumerate(fit.problem.names)
-        if j != k and abs(ball.correlation[k, j]) > CORRELATED
-    ]
-    why = (
-        f"cannot be told from {', '.join(correlated)}" if correlated else "its interval is too wide"
-    )
+        return replace(found, word=IDENTIFIED)
+    alike = np.abs(ball.correlation[k]) > CORRELATED
+    others = [other for other, same in zip(fit.problem.names, alike, strict=True) if same]
+    others.remove(name)
+    why = f"cannot be told from {', '.join(others)}" if others else "its interval is too wide"
     at_edge = value <= about.least + half or value >= about.most - half
     word = BOUNDED if at_edge and high - low < about.most - about.least else NOT
-    return ParameterVerdict(
-        about=about, name=name, **ends, word=word, why=f"{why}; {about.experiment}"
-    )
+    return replace(found, word=word, why=f"{why}; {about.experiment}")
 
 
-def _servo(drives: Estimate | None) -> ParameterVerdict:
+def _servo(drives: Drives | None) -> ParameterVerdict:
+    found = ParameterVerdict(about=SERVO, name="servo")
     if drives is None:
-        return _unknown(SERVO, "servo", f"no commanded rates in the log; {SERVO.experiment}")
-    lag, half = float(drives.value[0]), max(float(drives.half_width[0]), SERVO.floor)
+        return replace(found, why=f"no commanded rates in the log; {SERVO.experiment}")
+    lag, half = drives.lag, max(drives.half_width, SERVO.floor)
     if not math.isfinite(half):
-        return _unknown(SERVO, "servo", f"the plate hardly moves; {SERVO.experiment}")
+        return replace(found, why=f"the plate hardly moves; {SERVO.experiment}")
+    low = corner_frequency(lag + half)
     if lag <= half or corner_frequency(lag) > FASTEST:
-        corner = corner_frequency(lag + half)
-        why = f"faster than the log shows: above {corner:.3g} Hz; {SERVO.experiment}"
-        return ParameterVerdict(
-            about=SERVO, name="servo", value=None, low=corner, high=None, word=BOUNDED, why=why
-        )
-    ends = {
-        "value": corner_frequency(lag),
-        "low": corner_frequency(lag + half),
-        "high": corner_frequency(lag - half),
-    }
+        why = f"faster than the log shows: above {low:.3g} Hz; {SERVO.experiment}"
+        return replace(found, low=low, word=BOUNDED, why=why)
+    value, high = corner_frequency(lag), corner_frequency(lag - half)
     good = half <= max(SERVO.tolerance, SERVO.relative * lag)
     why = "" if good else f"its interval is too wide; {SERVO.experiment}"
+    if not drives.agree:
+        why = "angles and rates of the plate do not give the same: the interval holds both"
     word = IDENTIFIED if good else NOT
-    return ParameterVerdict(about=SERVO, name="servo", **ends, word=word, why=why)
-
-
-def _unknown(about: IdentifiedParameter, name: str, why: str) -> ParameterVerdict:
-    return ParameterVerdict(
-        about=about, name=name, value=None, low=None, high=None, word=NOT, why=why
-    )
+    return replace(found, value=value, low=low, high=high, word=word, why=why)

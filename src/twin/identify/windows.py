@@ -11,7 +11,7 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.plate_motion import PlateMotion, plate_motion
-from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.prepare import PreparedLog, Segment, interpolated
 from twin.identify.replay import STEP, AccelerationField
 from twin.identify.rests import ROLL, SPEED_SPAN, paces, rests, speed
 
@@ -78,8 +78,7 @@ class Windows:
         begin = spans.begin - LOOKBACK
         grid = begin[:, None] + STEP * np.arange(round((LOOKBACK + longest) / STEP) + 1)
         angle, rate = (
-            np.stack([np.interp(grid, motion.time, values[:, axis]) for axis in (0, 1)], axis=-1)
-            for values in (motion.angle, motion.rate)
+            interpolated(grid, motion.time, values) for values in (motion.angle, motion.rate)
         )
         bins = round(longest / BIN)
         place = np.floor((segment.sampled - spans.begin[:, None]) / BIN + 1e-6).astype(int)

@@ -1,17 +1,20 @@
-"""Reads a CSV file with named columns, each with its unit in the header or in SI."""
+"""Reads logs: a CSV file with named columns, their units in the header or in SI, or a run."""
 
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import LogError
+from twin.run.folders import is_record
 
 SCALES = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -65,6 +68,69 @@ def read_csv(
         ]
     values = np.array(data, dtype=float).reshape(len(data), len(used))
     return {name: values[:, k] * factor for k, (_, name, factor) in enumerate(used)}
+
+
+def read_columns(
+    path: Path, units: Mapping[str, str], needed: Sequence[str]
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    """The columns of a log or a run in SI units, shape (K,) each, and the run's metadata.
+
+    Args:
+        path: A CSV file, which has no metadata, or a Parquet file; of several rigs the first.
+        units: Name to SI unit; columns of other names are left out.
+        needed: Names that have to be there.
+
+    Raises:
+        LogError: If it cannot be read, lacks a column, or holds another unit or no numbers.
+    """
+
+    def look(names: list[str]) -> None:
+        if missing := [name for name in needed if name not in names]:
+            raise LogError(
+                f"{path.name}: no column {', '.join(missing)} "
+                f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
+            )
+
+    try:
+        if path.suffix == ".parquet" or is_record(path):
+            return _read_table(path, units, look)
+        return read_csv(path, units, look), {}
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise LogError(f"{path.name}: cannot be read: {error}") from error
+
+
+def _read_table(
+    path: Path, units: Mapping[str, str], look: Callable[[list[str]], object]
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    import pyarrow as pa  # noqa: PLC0415  heavy: a CSV file does without
+
+    from twin.run.record_file import stored  # noqa: PLC0415
+
+    try:
+        table = stored(path)
+    except pa.ArrowException as error:
+        raise LogError(f"{path.name}: cannot be read: {error}") from error
+    schema = table.schema
+    look(schema.names)
+    if "rig" in schema.names and len(table):
+        rigs = table["rig"].to_numpy()
+        table = table.filter(pa.array(rigs == rigs[0]))
+    columns: dict[str, Array] = {}
+    for name in units:
+        if name not in schema.names:
+            continue
+        try:
+            values = np.asarray(table[name].to_numpy(), dtype=float)
+        except (KeyError, TypeError, ValueError):
+            raise LogError(f"{path.name}: {name}: is not one column of numbers") from None
+        unit = (schema.field(name).metadata or {}).get(b"unit")
+        columns[name] = values * scale(
+            name, unit.decode() if unit else None, units[name], path.name
+        )
+    try:
+        return columns, json.loads((schema.metadata or {}).get(b"ballplate", b"{}"))
+    except (ValueError, RecursionError):
+        raise LogError(f"{path.name}: its metadata is not that of a run") from None
 
 
 def scale(name: str, unit: str | None, known: str, source: str) -> float:

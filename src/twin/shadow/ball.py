@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from controllers.arrays import Array, Mask
+from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Linearisation
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.evidence import Evidence, log_evidence
 from twin.shadow.gaps import clear
-from twin.shadow.starts import settled
 from twin.shadow.unevenness import products, unknown_motion
 
 LONGEST = 2.0
@@ -72,7 +72,7 @@ def ball_evidence(windows: Windows, belief: Belief, theta: Array | None = None) 
 def _expanded(windows: Windows, belief: Belief, theta: Array) -> Evidence:
     """Evidence of windows around parameters, shape (1, P)."""
     problem = belief.problem(windows)
-    starts = settled(problem, theta, problem.initial_starts(), STEPS)
+    starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
     squares, score, information = _without_start(problem.linearise(theta, starts), windows, belief)
     counted = windows.weight[..., :1] > 0
     last = np.where(counted[..., 0], windows.time, 0.0).max(axis=1)

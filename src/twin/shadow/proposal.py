@@ -17,7 +17,7 @@ from twin.identify.log import Log
 from twin.identify.parameters import SHARE
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters
-from twin.identify.verdict import IDENTIFIED
+from twin.identify.verdict import IDENTIFIED, REJECTED
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief
 from twin.shadow.gaps import gaps
@@ -32,6 +32,8 @@ AHEAD = 1.0
 """Horizon in s of that error."""
 OFTEN = 0.25
 """Seconds between the starts of its replays."""
+FITTED = (IDENTIFIED, REJECTED)
+"""Verdicts on parameters that may be proposed: what was held out decides, not their intervals."""
 NAMES = ("rolling", "breakaway", "delay", "servo", "level")
 
 
@@ -80,7 +82,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     last = replace(log, model=belief.model).rows(log.time >= begin)
     try:
         found = identify(last, NAMES, SHARE)
-        text = parameters(found)
+        text = parameters(found, FITTED)
         settings = _settings(parse_toml(text))
         _, held_out = prepare(last).split(SHARE)
     except LogError as error:
@@ -102,7 +104,7 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     if gain < LEAST_GAIN:
         why = f"No proposal: the replay error would go from {numbers}, a gain below 5 %"
         return Proposal("", {}, before, after, why)
-    names = [each.about.key for each in found.verdicts if each.word == IDENTIFIED]
+    names = [each.about.key for each in found.verdicts if each.word in FITTED]
     why = f"the replay error falls from {numbers} ({100 * gain:.0f} %)"
     head = [
         f"# Proposed by `ballplate shadow`: {why}.",

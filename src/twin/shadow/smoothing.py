@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.arrays import Array
+from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
 from twin.identify.windows import Windows
 from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
 from twin.shadow.friction_map import Known, unresolved
-from twin.shadow.starts import settled
 from twin.shadow.unevenness import (
     FINE,
     THINNED,
@@ -60,7 +60,7 @@ class Lead:
     def of(cls, windows: Windows, belief: Belief) -> Lead:
         """What windows say of their twin."""
         problem, theta = belief.problem(windows), belief.theta
-        starts = settled(problem, theta, problem.initial_starts(), STEPS)
+        starts = fit_starts(problem, theta, problem.initial_starts(), STEPS)
         line = problem.linearise(theta, starts)
         end, slopes, places, speeds = _end_state(problem, theta, starts)
         pushes, friction = forces(belief, speeds), braking(belief, speeds)
