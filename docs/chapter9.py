@@ -1,7 +1,7 @@
 """The page on chapter 9 of the thesis, experiments.md, and what the program keeps of its fit.
 
 uv run python docs/chapter9.py                    # the page and its figure
-uv run python docs/chapter9.py --keep FIT.json    # adds the searches of a fit of chapter_9 first
+uv run python docs/chapter9.py --keep FIT.json    # adds a fit of chapter_9 to those kept, first
 
 """
 
@@ -216,9 +216,17 @@ def _panel(ax: Axes, cells: list[Row], number: str) -> None:
 
 
 def keep(found: Path) -> None:
-    """Add the searches of a fit to what the program keeps, each with the goals it comes to."""
+    """Add a fit to those that the program keeps, each with the goals it comes to."""
     new, about = json.loads(found.read_text(encoding="utf-8")), read("chapter_9")
-    searches = [*(stored()["searches"] if KEPT.exists() else []), *new["searches"]]
+    search: dict[str, Any] = {
+        "chi2": new["chi2"],
+        "parameters": {each["name"]: each["value"] for each in new["parameters"]},
+        "without": {
+            group: {"chi2": new["chi2_without"][group], "parameters": numbers}
+            for group, numbers in new["without"].items()
+        },
+    }
+    searches = [*(stored()["searches"] if KEPT.exists() else []), search]
     ends = [[chapter9.ended(each, e.own_group)[1] for e in about.experiments] for each in searches]
     wanted = [(sample, k) for end in ends for k, sample in enumerate(end)]
     values = chapter9.carried(about, wanted, cores(), lambda _: None)
@@ -243,7 +251,7 @@ def keep(found: Path) -> None:
 @click.command()
 @click.option("--keep", "found", type=click.Path(path_type=Path, exists=True))
 def main(found: Path | None) -> None:
-    """Write the page; with --keep add the searches of a fit to what the program keeps first."""
+    """Write the page; with --keep add a fit to those that the program keeps first."""
     if found is not None:
         keep(found)
     cells = chapter9.rows(processes=cores())
