@@ -1,7 +1,7 @@
 """The page on chapter 9 of the thesis, experiments.md, and what the program keeps of its fit.
 
 uv run python docs/chapter9.py                    # the page and its figure
-uv run python docs/chapter9.py --keep FIT.json    # adds the searches of a fit of chapter_9 first
+uv run python docs/chapter9.py --keep FIT.json    # adds a fit of chapter_9 to those kept, first
 
 """
 
@@ -56,7 +56,6 @@ reference minus estimate, angles those of the encoders.
 - *Held out*: each cell with numbers that were fitted without its table. The explanation is judged
   by these alone. Its ingredients were chosen with all tables in sight ([how](explained.md));
   leaving a table out guards the numbers, not the choice of the ingredients.
-
 """
 
 
@@ -97,12 +96,12 @@ def _numbers() -> list[str]:
                 each["verdict"],
             )
         )
-    ends = ", ".join(f"{search['chi2']:.1f}" for search in known["searches"])
+    ends = ", ".join(f"{search['chi2']:.1f} ({search['by']})" for search in known["searches"])
     text = (
-        f"{len(known['searches'])} searches with different random numbers ended at chi-squared "
-        f"{ends} of {len(numbers_of(about))} numbers; the lowest is used, with all tables and "
-        "without each. Scales: 2 points, 0.35 in the logarithm of a maximum, and for Table 9.1 "
-        "6 mm, 2 %, 0.2 and 0.1. They were chosen near what remains, so chi-squared compares "
+        f"{len(known['searches'])} searches that began otherwise ended at chi-squared {ends} of "
+        f"{len(numbers_of(about))} numbers; the lowest end is used, with all tables and without "
+        "each. Scales: 2 points, 0.35 in the logarithm of a maximum, and for Table 9.1 6 mm, 2 %, "
+        "0.2 and 0.1. They were chosen near what remains, so chi-squared compares "
         "models and tests none.\n"
     )
     head = ("number", "value", "95 %, bootstrap", "without one table", "unit", "verdict")
@@ -189,11 +188,11 @@ def draw(path: Path, cells: list[Row]) -> None:
             _panel(axes[line, column], cells, number)
             fitted = " (fitted)" if number == "9.3" else ""
             axes[line, column].set_title(f"{law}, {number}{fitted}", fontsize=10)
-            axes[line, column].set_ylim(0)
     for line, side in enumerate(("without predictor", "with Smith predictor")):
         axes[line, 0].set_ylabel(f"{side}\ntracking error [%]")
     for ax in axes[1]:
         ax.set_xlabel("ω [rad/s]")
+    axes[0, 0].set_ylim(0)  # of all, and after all are drawn
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
     write_whole(path, lambda target: figure.savefig(target, dpi=110, metadata={"Software": None}))
@@ -216,9 +215,18 @@ def _panel(ax: Axes, cells: list[Row], number: str) -> None:
 
 
 def keep(found: Path) -> None:
-    """Add the searches of a fit to what the program keeps, each with the goals it comes to."""
+    """Add a fit to those that the program keeps, each with the goals it comes to."""
     new, about = json.loads(found.read_text(encoding="utf-8")), read("chapter_9")
-    searches = [*(stored()["searches"] if KEPT.exists() else []), *new["searches"]]
+    search: dict[str, Any] = {
+        "by": "CMA-ES",
+        "chi2": new["chi2"],
+        "parameters": {each["name"]: each["value"] for each in new["parameters"]},
+        "without": {
+            group: {"chi2": new["chi2_without"][group], "parameters": numbers}
+            for group, numbers in new["without"].items()
+        },
+    }
+    searches = [*(stored()["searches"] if KEPT.exists() else []), search]
     ends = [[chapter9.ended(each, e.own_group)[1] for e in about.experiments] for each in searches]
     wanted = [(sample, k) for end in ends for k, sample in enumerate(end)]
     values = chapter9.carried(about, wanted, cores(), lambda _: None)
@@ -243,7 +251,7 @@ def keep(found: Path) -> None:
 @click.command()
 @click.option("--keep", "found", type=click.Path(path_type=Path, exists=True))
 def main(found: Path | None) -> None:
-    """Write the page; with --keep add the searches of a fit to what the program keeps first."""
+    """Write the page; with --keep add a fit to those that the program keeps first."""
     if found is not None:
         keep(found)
     cells = chapter9.rows(processes=cores())

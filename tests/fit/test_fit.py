@@ -12,9 +12,9 @@ from twin.errors import ScenarioError
 from twin.fit.fit import fit
 from twin.fit.indicators import UNITS
 from twin.fit.misfit import LOST, cells
-from twin.fit.runs import Runs, rounded, shares
+from twin.fit.runs import Runs, rounded
 from twin.fit.schema import FitTable, FittedParameter, read, shipped
-from twin.fit.search import Descent, best_of, descend, design
+from twin.fit.search import Descent, Search, searched
 from twin.fit.uncertainty import bootstrap, correlation, estimates
 from twin.run.batch import simulate
 from twin.run.metrics import Metrics
@@ -95,7 +95,7 @@ def test_known_effects_are_found_again_within_their_spread(made, folder):
         assert each.verdict == "seen"
     assert found.chi2 < 2
     assert np.isfinite(found.held_out).all()
-    assert set(found.folds) == {"a", "b", "c"}
+    assert set(found.folds) == set(found.chi2_without) == {"a", "b", "c"}
 
 
 @pytest.mark.long
@@ -233,8 +233,6 @@ def test_what_the_rigs_computer_sees_is_judged_not_the_truth(made, folder):
 class Bowl:
     """Runs of a formula: two indicators that are known functions of two parameters."""
 
-    finished = 0
-
     def __init__(self, table):
         self.table = table
 
@@ -266,33 +264,14 @@ def bowl(parameters=("p", "q")):
     )
 
 
-def test_the_search_finds_the_bottom_of_a_formula_from_a_design_drawn_before_any_data():
+def test_both_searches_find_the_bottom_of_a_formula():
     table = bowl()
-    numbers, runs = cells(table), Bowl(table)
-    drawn = design(table, 1)
-    assert len(drawn) == 512  # the power of two that holds 60 times 8
-    assert design(table, 1) == drawn != design(table, 2)
-    found = np.array([shares(sample, table) for sample in drawn])
-    assert (np.histogram(found[:, 0], 16, (0, 1))[0] == 32).all()
-    start = best_of(drawn, numbers, runs)
-    assert start == pytest.approx((0.5, 0.7), abs=0.2)
-    descent = Descent(table, numbers, (1.5, 1.5))
-    descend([descent], runs)
+    search = Search(table, cells(table), 1)
+    searched([search], Bowl(table))
+    assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
+    descent = Descent(table, cells(table), (1.5, 1.5))
+    searched([descent], Bowl(table))
     assert descent.best == pytest.approx((0.5, 0.7), abs=0.02)
-
-
-def test_a_fit_takes_the_lowest_of_its_searches_with_all_cells_and_without_each_group():
-    table = bowl().model_copy(update={"generations": 1, "restarts": 3})
-    found = fit(table, Bowl(table))
-    assert found.best == pytest.approx((0.5, 0.7), abs=0.02)
-    assert len(found.searches) == 3
-    for group in ("", "0", "1", "2"):
-        ends = [search[group] for search in found.searches]
-        used = found.folds[group] if group else found.best
-        assert used == min(ends)[1]
-    as_json = found.as_dict()["searches"][0]
-    assert set(as_json) == {"chi2", "parameters", "without"}
-    assert set(as_json["without"]) == {"0", "1", "2"}
 
 
 def test_the_shipped_tables_can_be_run(folder):

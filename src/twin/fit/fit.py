@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,8 @@ from controllers.arrays import Array
 from twin.fit.misfit import Cell, cells, computed, residuals
 from twin.fit.runs import Runs, Sample
 from twin.fit.schema import FitTable
-from twin.fit.search import Descent, best_of, descend, design
+from twin.fit.search import Descent, Search, searched
 from twin.fit.uncertainty import Estimate, correlation, estimates, jacobian
-
-ALL = ""
-"""The group that is left out of a fit to all cells."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +25,13 @@ class FitResult:
         cells: The measured numbers.
         best: The parameters fitted to all of them.
         folds: Group to the parameters fitted without it; empty if none was left out.
+        chi2_without: Group to the sum of squared residuals of all other cells with these.
         computed: What the best parameters give for the cells, shape (cells,).
         held_out: What those fitted without a cell's group give for it, shape (cells,); nan
             without folds.
         estimates: Every parameter with its spread and verdict.
         correlation: Of the parameters, shape (parameters, parameters).
-        searches: Of every search chi-squared and parameters at its end, by the group that was left
-            out; of all cells under ``ALL``.
+        ends: Chi-squared and parameters at the end of every search of all groups.
         runs: How many runs it took.
     """
 
@@ -42,11 +39,12 @@ class FitResult:
     cells: tuple[Cell, ...]
     best: Sample
     folds: dict[str, Sample]
+    chi2_without: dict[str, float]
     computed: Array
     held_out: Array
     estimates: list[Estimate]
     correlation: Array
-    searches: list[dict[str, tuple[float, Sample]]]
+    ends: list[tuple[float, Sample]]
     runs: int
 
     @property
@@ -57,10 +55,7 @@ class FitResult:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-
-        def named(sample: Sample) -> dict[str, float]:
-            return dict(zip(self.table.parameters, sample, strict=True))
-
+        names = list(self.table.parameters)
         return {
             "title": self.table.title,
             "chi2": self.chi2,
@@ -69,18 +64,13 @@ class FitResult:
             "parameters": [each.as_dict() for each in self.estimates],
             "correlation": self.correlation.tolist(),
             "searches": [
-                {
-                    "chi2": search[ALL][0],
-                    "parameters": named(search[ALL][1]),
-                    "without": {
-                        group: {"chi2": chi2, "parameters": named(sample)}
-                        for group, (chi2, sample) in search.items()
-                        if group != ALL
-                    },
-                }
-                for search in self.searches
+                {"chi2": chi2, "parameters": dict(zip(names, sample, strict=True))}
+                for chi2, sample in self.ends
             ],
-            "without": {group: named(sample) for group, sample in self.folds.items()},
+            "without": {
+                group: dict(zip(names, sample, strict=True)) for group, sample in self.folds.items()
+            },
+            "chi2_without": self.chi2_without,
             "cells": [
                 {
                     "experiment": cell.label,
@@ -122,28 +112,24 @@ def fit(
         TwinError: If a run cannot be carried out.
     """
     numbers = cells(table)
-    kept = {ALL: numbers}
-    for group in table.groups if leave_out and len(table.groups) > 1 else ():
-        own = tuple(cell for cell in numbers if cell.group != group)
-        if len(own) >= len(table.parameters):
-            kept[group] = own
-    drawn = [design(table, seed) for seed in range(1, table.restarts + 1)]
-    runs.indicators((x, i) for some in drawn for x in some for i in range(len(table.experiments)))
-    advance(0.4)
-    searches = [
-        {group: Descent(table, own, best_of(some, own, runs)) for group, own in kept.items()}
-        for some in drawn
-    ]
-    descend(
-        [one for search in searches for one in search.values()],
-        runs,
-        lambda share: advance(0.4 + 0.55 * share),
-    )
-    left = {
-        group: min((search[group] for search in searches), key=lambda one: one.chi2).best
-        for group in kept
+    whole = [Search(table, numbers, seed, f"all {seed}") for seed in range(1, table.restarts + 1)]
+    searched(whole, runs, lambda share: advance(0.5 * share))
+    ahead = min(whole, key=lambda search: search.chi2)
+    near = {
+        group: Search(table, own, 1, f"without {group}", _start(own, whole, runs))
+        for group in (table.groups if leave_out and len(table.groups) > 1 else ())
+        if len(own := [c for c in numbers if c.group != group]) >= len(table.parameters)
     }
-    best = left.pop(ALL)
+    if near:
+        searched([*near.values()], runs, lambda share: advance(0.5 + 0.3 * share))
+    refined = Descent(table, numbers, ahead.best, "all")
+    folds = {
+        group: Descent(table, search.cells, search.best, search.name)
+        for group, search in near.items()
+    }
+    searched([refined, *folds.values()], runs, lambda share: advance(0.8 + 0.15 * share))
+    best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
+    left = {group: search.best for group, search in folds.items()}
     found = runs.indicators(
         (sample, cell.experiment)
         for cell in numbers
@@ -164,6 +150,7 @@ def fit(
         cells=numbers,
         best=best,
         folds=left,
+        chi2_without={group: search.chi2 for group, search in folds.items()},
         computed=values,
         held_out=held_out,
         estimates=estimates(
@@ -175,8 +162,22 @@ def fit(
             list(left.values()),
         ),
         correlation=correlation(derivatives),
-        searches=[
-            {group: (one.chi2, one.best) for group, one in search.items()} for search in searches
-        ],
+        ends=[(search.chi2, search.best) for search in whole],
         runs=runs.finished,
     )
+
+
+def _start(own: Sequence[Cell], whole: Sequence[Search], runs: Runs) -> Sample:
+    """Where the fit to some cells begins: the best, by these, of what was drawn before any data.
+
+    So nothing that is left out has a say.
+    """
+    numbers = tuple(own)
+    drawn = [sample for search in whole for sample in search.first]
+    places = dict.fromkeys(cell.experiment for cell in numbers)
+    found = runs.indicators((sample, place) for sample in drawn for place in places)
+
+    def misfit(sample: Sample) -> float:
+        return float((residuals(numbers, computed(numbers, sample, found)) ** 2).sum())
+
+    return min(drawn, key=misfit)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.fit.fit import ALL, FitResult
+from twin.fit.fit import FitResult
 from twin.fit.uncertainty import Estimate
 from twin.html import inline, render
 from twin.writing import write_json, write_whole
@@ -29,7 +29,7 @@ def sentences(found: FitResult) -> list[str]:
         + f" ({each.low:.4g} to {each.high:.4g}), {each.verdict}."
         for each in found.estimates
     ]
-    ends = [search[ALL][0] for search in found.searches]
+    ends = [chi2 for chi2, _ in found.ends]
     if len(ends) > 1:
         lines.append(
             f"{len(ends)} searches with different random numbers ended at chi-squared "

@@ -13,9 +13,6 @@ from twin.fit.indicators import factor
 from twin.shipped import chosen, shipped_in
 from twin.validation import LENIENT, read_model
 
-POPULATION = 8
-"""Samples of a generation where a table names none."""
-
 
 class FittedParameter(BaseModel):
     """A number to be found.
@@ -107,9 +104,9 @@ class FitTable(BaseModel):
         set: Overrides ``key=value`` of all experiments.
         parameters: By name; those that are ``relative`` after what they are relative to.
         experiments: At least one.
-        population: Samples drawn per generation; 0 for 8.
-        generations: So many times that are drawn over the whole ranges before least squares begins.
-        restarts: Searches that begin with different random numbers.
+        population: Samples of a generation; 0 for what the method recommends.
+        generations: Most of a search.
+        restarts: Searches of all experiments that begin with different random numbers.
     """
 
     model_config = LENIENT
@@ -143,11 +140,6 @@ class FitTable(BaseModel):
                         f"parameters.{name}.groups: no '{group}'{nearest(group, self.groups)}"
                     )
         return self
-
-    @property
-    def draws(self) -> int:
-        """Samples that a search draws over the whole ranges."""
-        return (self.population or POPULATION) * self.generations
 
     @property
     def groups(self) -> tuple[str, ...]:
