@@ -156,3 +156,11 @@ def test_a_warning_of_a_library_is_one_line(ballplate):
         patch.setattr("ballplate.catalogue.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
         patch.setattr("twin.cli.scenarios.print_titles", lambda *_, **__: None)
         assert ballplate("list")[2] == "ballplate: warning: a b\n"
+
+
+def test_the_old_option_resume_is_taken_and_begins_anew(ballplate):
+    assert ballplate("run", "circle", *SHORT)[0] == 0
+    before = bp.load("kept")["true_x"]
+    code, _, err = ballplate("run", "circle", *SHORT, "--resume")
+    assert (code, err.count("--resume: runs are exact again")) == (0, 1)
+    assert (bp.load("kept")["true_x"] == before).all()
