@@ -35,7 +35,7 @@ def run(
     scenario: str | Path,
     settings: Settings = (),
     *,
-    beside: Sequence[str | Path] = (),
+    beside: str | Path | Sequence[str | Path] = (),
     out: str | Path | None = None,
     on: str | None = None,
     reset: bool = False,
@@ -68,10 +68,11 @@ def run(
     report = reporter or default()
     find(str(scenario))  # a wrong name is told before anything heavy is imported
     changed = changes_of(settings, changes)
-    for name in beside:
+    others = [beside] if isinstance(beside, str | Path) else beside
+    for name in others:
         find(str(name))
     chosen = scenario_of(scenario, changed)
-    further = {Path(name).stem: scenario_of(name, changed) for name in beside}
+    further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess
     from twin.run.folders import free

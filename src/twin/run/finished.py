@@ -247,8 +247,8 @@ class Run(Signals):
 
 def columns(rows: Mapping[str, Array], kind: str) -> Array:
     """The state columns ``true_...`` or ``estimated_...`` as states of (5.5), shape (K, 8)."""
-    names = ("x", "x_rate", "phi", "phi_rate", "y", "y_rate", "theta", "theta_rate")
-    return np.stack([rows[f"{kind}_{name}"] for name in names], axis=1)
+    names = CHANNELS["state" if kind == "true" else "estimate"].columns
+    return np.stack([rows[name] for name in names], axis=1)
 
 
 def states_of(rows: Mapping[str, Array]) -> Array:
