@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ballplate.notebook import page, png_image, showable, table
+from ballplate.notebook import indicators, page, png_image, showable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -132,9 +132,5 @@ class Comparison(Mapping[str, "Result"]):
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""
-        from twin.report.numbers import rows
-
-        found = rows(list(self._runs.values()))
-        lines = [(row.label, *row.values, row.unit) for row in found]
-        shown = table(("", *self.headings.values(), "unit"), lines)
-        return page(self.title, shown, png_image(self.plot()))
+        runs = {self.headings[label]: each for label, each in self._runs.items()}
+        return page(self.title, indicators(runs), png_image(self.plot()))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ballplate.notebook import page, paragraphs, table
@@ -71,7 +70,7 @@ class Identified:
 
 def identify(
     log: str | Path | Result,
-    parameters: Iterable[str] = (),
+    parameters: str | Iterable[str] = (),
     *,
     hold_out: float = HOLD_OUT,
     reporter: Reporter | None = None,
@@ -94,7 +93,8 @@ def identify(
 
     if not 0 <= hold_out <= 0.8:
         raise ScenarioError(f"hold_out: must be 0 to 0.8, got {hold_out:g}")
-    wanted = chosen(",".join(parameters) or None)
+    names = [parameters] if isinstance(parameters, str) else parameters
+    wanted = chosen(",".join(names) or None)
     recorded = _recorded(log)
     report = reporter or default()
     with report.progress(f"identifying from {recorded.source}", 1.0) as advance:
@@ -103,14 +103,13 @@ def identify(
 
 def _recorded(log: str | Path | Result) -> Log:
     from ballplate.results import Result
-    from twin.identify.log import read
-    from twin.run.record_file import write_run
+    from twin.identify.log import COLUMNS, of_columns, read
 
     if not isinstance(log, Result):
         return read(Path(log))
-    if log.record is None or log.folder is not None:
-        return read(log.folder or Path())
-    with TemporaryDirectory() as folder:
-        scenario = log.scenario.model_dump(mode="json")
-        write_run(Path(folder), log.record, {"scenario": scenario})
-        return read(Path(folder))
+    if log.folder is not None:
+        return read(log.folder)
+    scenario = log.scenario.model_dump(mode="json")
+    return of_columns(
+        {name: log[name] for name in COLUMNS if name in log}, {"scenario": scenario}, log.name
+    )

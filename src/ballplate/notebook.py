@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from twin.run.finished import Run
 
 DPI = 80
 """Resolution of pictures in a notebook."""
@@ -50,6 +52,14 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f"<th>{escape(text)}</th>" for text in headings)
     body = "".join(f"<tr>{_cells(row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def indicators(runs: Mapping[str, Run]) -> str:
+    """The indicators of runs as a table, a column for each by its heading."""
+    from twin.report.numbers import rows
+
+    lines = [(row.label, *row.values, row.unit) for row in rows(list(runs.values()))]
+    return table(("", *runs, "unit"), lines)
 
 
 def png_image(figure: Figure) -> str:

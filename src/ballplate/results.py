@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballplate.notebook import page, png_image, showable, table
+from ballplate.notebook import indicators, page, png_image, showable
 from twin.errors import RecordError
 from twin.run.finished import Run
 
@@ -123,13 +123,7 @@ class Result(Run):
 
     def _repr_html_(self) -> str:
         """For a notebook: title, indicators and picture."""
-        from twin.report.numbers import rows
-
-        shown = self.shown
-        found = rows(list(shown.values()))
-        headings = ("", *(label for label in shown), "unit")
-        lines = [(row.label, *row.values, row.unit) for row in found]
-        return page(self.title, table(headings, lines), png_image(self.plot()))
+        return page(self.title, indicators(self.shown), png_image(self.plot()))
 
     def __repr__(self) -> str:
         error = self.metrics.get("tracking_error_percent")

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Unpack
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.hardware import connected, streamed, tell_timing
 from ballplate.reporter import Reporter, default
-from twin.errors import ScenarioError
 from twin.shipped import find
 from twin.writing import check_writable, written_alone
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
     from twin.run.finished import Run
-    from twin.run.past import Past
     from twin.run.record import Recorder
     from twin.scenario.schema import Scenario
 
@@ -35,11 +33,10 @@ def run(
     scenario: str | Path,
     settings: Settings = (),
     *,
-    beside: Sequence[str | Path] = (),
+    beside: str | Path | Sequence[str | Path] = (),
     out: str | Path | None = None,
     on: str | None = None,
     reset: bool = False,
-    resume: bool = False,
     watch: Callable[[Scenario], AbstractContextManager[Attach]] | None = None,
     reporter: Reporter | None = None,
     **changes: Unpack[Changes],
@@ -58,7 +55,6 @@ def run(
             that is finished there, and goes to the next free folder of the name.
         on: Rig file, or ``emulated`` for the virtual rig; simulated by default.
         reset: Whether faults found in the drives of a rig are reset when switching on.
-        resume: Whether to go on with the interrupted run that is in the folder to save in.
         watch: Makes the context of the run, which is given the recorder to observe.
         reporter: Who is told progress and warnings; a notebook has its own.
         changes: What is changed of it, by tables: ``plant={"friction": {"rolling_mm": 0}}``.
@@ -70,10 +66,11 @@ def run(
     report = reporter or default()
     find(str(scenario))  # a wrong name is told before anything heavy is imported
     changed = changes_of(settings, changes)
-    for name in beside:
+    others = [beside] if isinstance(beside, str | Path) else beside
+    for name in others:
         find(str(name))
     chosen = scenario_of(scenario, changed)
-    further = {Path(name).stem: scenario_of(name, changed) for name in beside}
+    further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess
     from twin.run.folders import free
@@ -81,7 +78,6 @@ def run(
     from twin.run.replay import holds_finished
 
     folder = None if out is None else Path(out)
-    past = _past(folder, chosen, on, report) if resume else None
     if folder is not None:
         check_writable(folder, report.name_of("out"))
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
@@ -96,7 +92,7 @@ def run(
             observed = attach
             if real is not None and folder is not None:
                 observed = written.enter_context(streamed(chosen, free(folder), attach))
-            done = one_run(chosen, label, report, observed, real, past)
+            done = one_run(chosen, label, report, observed, real)
         if real is not None:
             tell_timing(real, report)
         clean = None
@@ -112,23 +108,9 @@ def run(
                 result.beside[other] = Result.from_run(one_run(its, other, report), other)
         if folder is None:
             return result
-        if done.interrupted and past is None and holds_finished(folder):
+        if done.interrupted and holds_finished(folder):
             folder = free(folder)  # what is finished is worth more than a beginning
         return kept(result, folder, second)
-
-
-def _past(folder: Path | None, scenario: Scenario, on: str | None, reporter: Reporter) -> Past:
-    """What the interrupted run in a folder has simulated already."""
-    from twin.run.execute import versions
-    from twin.run.past import interrupted
-
-    name = reporter.name_of("resume")
-    if on is not None:
-        rig = reporter.name_of("on")
-        raise ScenarioError(f"{name}: only a simulated run can be gone on with; leave out {rig}")
-    if folder is None:
-        raise ScenarioError(f"{name}: needs the folder of the run, {reporter.name_of('out')}")
-    return interrupted(folder, scenario, versions())
 
 
 def one_run(
@@ -137,7 +119,6 @@ def one_run(
     reporter: Reporter,
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
-    past: Past | None = None,
     *,
     warn: bool = True,
 ) -> Run:
@@ -149,7 +130,6 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
-        past: What has been simulated already.
         warn: Whether nobody has warned of its dangers yet.
 
     Raises:
@@ -160,7 +140,7 @@ def one_run(
     if warn:
         warn_of_dangers(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
-        return execute.run(scenario, advance, attach, rig, past)
+        return execute.run(scenario, advance, attach, rig)
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
+from ballplate.comparing import cases_of
 from ballplate.reporter import Reporter, default
 from ballplate.running import importable
 from ballplate.swept import Sweep
@@ -57,14 +58,7 @@ def sweep(
         raise ScenarioError("vary: name at least one key, each with at least one value")
     report = reporter or default()
     title = scenario_of(scenario, base, titled=False).title
-    cases = [
-        scenario_of(
-            scenario,
-            [*base, *changes_of((), dict(zip(varied, values, strict=True)))],
-            titled=False,
-        )
-        for values in itertools.product(*varied.values())
-    ]
+    cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
     if out is not None:
         check_writable(Path(out), report.name_of("out"))
     count = processes or jobs.cores()

@@ -12,6 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from runpy import run_path
@@ -152,22 +153,34 @@ class _Pool(ProcessPoolExecutor):
     they are forks, which have what this process has imported.
     """
 
+    def __init__(self, processes: int, method: str) -> None:
+        context = multiprocessing.get_context(method)
+        super().__init__(processes, context, run_path, (str(WORKER),))
+        self._forks = method == "fork"
+
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
         with program_left_out():
             return self._handed(work, *args, **kwargs)
 
     def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
-        with undisturbed(*_ENDING):
+        with undisturbed(*_ENDING, forks=self._forks):
             return super().submit(work, *args, **kwargs)
 
 
 @contextmanager
-def undisturbed(*more: signal.Signals) -> Iterator[None]:
-    """Ctrl-C and more signals leave alone what is begun within, even before it runs a line."""
+def undisturbed(*more: signal.Signals, forks: bool = False) -> Iterator[None]:
+    """Ctrl-C and more signals leave alone what is begun within, even before it runs a line.
+
+    Args:
+        more: Further signals.
+        forks: Whether it is a fork of this process.
+    """
     if sys.platform == "win32":
         yield
         return
+    if not forks:
+        resource_tracker.ensure_running()  # when it is started, it lets Ctrl-C through again
     # a process keeps the mask it is started with
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *more})
     try:
@@ -191,8 +204,7 @@ def program_left_out() -> Iterator[None]:
 def pool(processes: int) -> Iterator[_Pool]:
     """Processes that end, whatever they are at, when this context is left."""
     before = set(multiprocessing.active_children())
-    context = multiprocessing.get_context(_start_method())
-    executor = _Pool(processes, context, run_path, (str(WORKER),))
+    executor = _Pool(processes, _start_method())
     try:
         yield executor
     finally:

@@ -224,3 +224,12 @@ def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_p
     assert np.array_equal(found["circle"].ball, done.ball)
     with pytest.raises(ballplate.TwinError, match="names, files and results, got <Comparison"):
         ballplate.compare(found)
+
+
+@pytest.mark.long
+def test_a_run_that_was_just_made_is_identified_as_the_one_that_was_saved(tmp_path):
+    made = ballplate.run("excite", duration=16, baseline=False, plant={"kind": "lagrange"})
+    words = [ballplate.identify(made, "rolling").found.as_dict()]
+    made.save(tmp_path / made.name)
+    words.append(ballplate.identify(tmp_path / made.name, ["rolling"]).found.as_dict())
+    assert words[0]["parameters"] == words[1]["parameters"]

@@ -314,7 +314,7 @@ def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, mine, text, al
     mine.write_text(mine.read_text().replace(first, bad, 1))
     forget()
     Path("t.toml").write_text({"tune": TUNE, "fit": FIT}[command])
-    code, out, err = ballplate(command, "t.toml", "--processes", "1")
+    code, out, err = ballplate(command, "t.toml", "--processes", "2" if always else "1")
     said = " ".join((out + err).split())
     # what does not answer at all is no law, which is told before anything runs
     probed = always and command == "tune" and "zeros" in text

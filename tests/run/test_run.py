@@ -149,7 +149,7 @@ def test_a_reference_outside_the_operating_area_is_refused(scenario):
 
 
 def test_a_controller_that_refuses_its_settings_is_one_line(scenario):
-    with pytest.raises(ScenarioError, match="controller: rho"):
+    with pytest.raises(ScenarioError, match=r"controller\.rho"):
         run(scenario("controller.rho=-1"))
 
 

@@ -188,8 +188,8 @@ def invoke(*arguments):
 def test_an_interrupted_future_is_not_written(run, tmp_path, monkeypatch):
     def cut(*given):
         (found,) = futures(*given)
-        outcome = replace(found.run.outcome, reason=INTERRUPTED)
-        return [replace(found, run=replace(found.run, outcome=outcome))]
+        found.run.metrics["reason"] = INTERRUPTED
+        return [found]
 
     monkeypatch.setattr("twin.whatif.futures.futures", cut)
     result = invoke(run, "--at", AT, "--for", 0.1, "--out", tmp_path / "out")
@@ -288,11 +288,11 @@ def changed(name, change):
     ("change", "says"),
     [
         (without("applied_phi_acc"), "no commands"),
-        (changed("measured_x", lambda x: 30 * x), "is it of another rig, or in another unit"),
-        (changed("measured_phi", np.degrees), "the plate reaches"),
+        (changed("measured_x", lambda x: 30 * x), "where the screen ends at"),
+        (changed("measured_phi", np.degrees), "which no such plate does"),
         (changed("time", lambda t: 5 * t), "a row every 10 ms, but the scenario has rig.period"),
         (changed("time", lambda t: t[::-1]), "must rise from row to row"),
-        (changed("touched", lambda t: 0 * t), "never seen"),
+        (changed("touched", lambda t: 0 * t), "never detected the ball"),
         (
             changed("touched", lambda t: np.where(np.abs(np.arange(len(t)) - 600) < 100, 0, t)),
             "has a gap from",

@@ -9,12 +9,10 @@ import click
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, SETTING
-from twin.cli.output import console, print_json, progress
+from twin.cli.output import console, print_json, print_table, progress
 from twin.shipped import find
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from controllers.ballplate import BallPlate
     from twin.scenario import Scenario
 
@@ -102,43 +100,45 @@ def _print_poles(rows: Sequence[Numbers]) -> None:
     from controllers.analysis.plain import DEAD_TIME
 
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
-    columns = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
-    table = _table("Closed-loop poles in 1/s about the level plate, full state", *columns)
+    lines = []
     for row in rows:
         slowest = row["slowest_pole_with_observer_and_dead_time"]
-        table.add_row(
-            row["table"],
-            _name(row),
-            _poles(row["thesis_poles"] or []),
-            _poles(row["poles_flat_model"]),
-            _poles(row["poles_linear_model"]),
-            _poles([[slowest[0], abs(slowest[1])]]),
+        four = (
+            row["thesis_poles"] or [],
+            row["poles_flat_model"],
+            row["poles_linear_model"],
+            [[slowest[0], abs(slowest[1])]],
         )
-    console.print(table)
+        lines.append((row["table"], _name(row), *map(_poles, four)))
+    print_table(
+        ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late),
+        lines,
+        title="Closed-loop poles in 1/s about the level plate, full state",
+    )
     console.print("The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44).")
 
 
 def _print_margins(rows: Sequence[Numbers], cut: str, title: str) -> None:
-    table = _table(f"Margins: {title}", "table", "", *MARGINS)
-    for row in rows:
-        table.add_row(row["table"], _name(row), *_margins(row["margins"][cut]))
-    console.print(table)
+    lines = ((row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows)
+    print_table(("table", "", *MARGINS), lines, title=f"Margins: {title}")
 
 
 def _print_neglected(found: Numbers, title: str) -> None:
     columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
-    table = _table(f"Terms the flat model leaves out, Figure 8.6: {title}, clean model", *columns)
-    for when in ("whole", "steady"):
-        label = "whole run" if when == "whole" else f"from {found['from']:g} s on"
-        for row in found[when]:
-            table.add_row(
-                f"({row['equation']})",
-                TERMS[row["terms"]],
-                label,
-                *(_shown(row[key]) for key in ("main_max", "max")),
-                *(_shown(row[key], 100) for key in ("peak_ratio", "rms_ratio")),
-            )
-    console.print(table)
+    title = f"Terms the flat model leaves out, Figure 8.6: {title}, clean model"
+    whens = {"whole": "whole run", "steady": f"from {found['from']:g} s on"}
+    lines = (
+        (
+            f"({row['equation']})",
+            TERMS[row["terms"]],
+            label,
+            *(_shown(row[key]) for key in ("main_max", "max")),
+            *(_shown(row[key], 100) for key in ("peak_ratio", "rms_ratio")),
+        )
+        for when, label in whens.items()
+        for row in found[when]
+    )
+    print_table(columns, lines, title=title)
 
 
 def _print_loop(found: Numbers) -> None:
@@ -150,10 +150,8 @@ def _print_loop(found: Numbers) -> None:
     if found["reason"]:
         console.print(f"{title}: {found['reason']}")
         return
-    table = _table(title, "cut at", *MARGINS)
-    for cut, row in found["margins"].items():
-        table.add_row(cut, *_margins(row))
-    console.print(table)
+    lines = ((cut, *_margins(row)) for cut, row in found["margins"].items())
+    print_table(("cut at", *MARGINS), lines, title=title)
     console.print(f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}")
     if not found["stable"]:
         console.print("[bold red]this loop is unstable[/bold red]")
@@ -170,12 +168,6 @@ def _margins(row: Numbers | None) -> list[str]:
     gain = f"{_shown(row['gain_down'] or 0.0)} to {_shown(row['gain_up'])}"
     rest = (("phase", 1), ("disk", 1), ("delay", 1000), ("crossover", 1))
     return [gain, *(_shown(row[key], scale) for key, scale in rest)]
-
-
-def _table(title: str, *columns: str) -> Table:
-    from rich.table import Table
-
-    return Table(*columns, title=title, title_justify="left", header_style="bold")
 
 
 def _name(row: Numbers) -> str:

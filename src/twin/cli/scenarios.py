@@ -52,7 +52,7 @@ def list_scenarios(*, as_json: bool) -> None:
 )
 @RIG
 @RESET
-@click.option("--resume", is_flag=True, help="Go on with the run in the run folder, interrupted.")
+@click.option("--resume", is_flag=True, hidden=True)
 @click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
 @VIEWING
 @ALL
@@ -74,12 +74,14 @@ def run(
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     find(scenario)  # a wrong name is told before anything heavy is imported
+    if resume:
+        warn("--resume: runs are exact again; it begins anew")
     from twin.run.folders import former, free, run_folder
     from twin.run.replay import of_other_class
 
     changed = with_plant(overrides, plant)
     named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
-    own = out is None and not resume and rig is None
+    own = out is None and rig is None
     other = own and of_other_class(named, lambda: load_scenario(scenario, changed))
     folder = out or (free(named) if other or rig is not None else named)
     replaced, named_out = former(folder), folder
@@ -92,7 +94,6 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
-        resume=resume,
         watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
         reporter=terminal,
     )

@@ -61,7 +61,10 @@ def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
     come_forward()
     with VirtualRig(scenario, protocol) as rig:
-        pipe.send(rig.tables())
+        try:
+            pipe.send(rig.tables())
+        except OSError:
+            return  # the host has ended meanwhile
         listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
         listener.start()
         rig.server.run()

@@ -18,10 +18,9 @@ from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.metadata import classes_of
 from twin.run.metrics import Motion
-from twin.run.past import SNAPSHOTS, Past
 from twin.run.record import Recorder
 from twin.run.record_file import write_run
-from twin.run.snapshot import Keeper, packed
+from twin.run.snapshot import SNAPSHOTS, Keeper, packed
 from twin.scenario.schema import Scenario
 from twin.writing import write_json, write_whole
 
@@ -32,7 +31,6 @@ def run(
     progress: Callable[[float], None] = lambda _: None,
     watch: Callable[[Recorder], None] = lambda _: None,
     rig: Rig | None = None,
-    past: Past | None = None,
 ) -> Run:
     """Run a scenario with one rig.
 
@@ -41,7 +39,6 @@ def run(
         progress: Called with the simulated time now and then.
         watch: Called with the recorder before the run, to observe it.
         rig: A real rig, not switched on; simulated by default.
-        past: What has been simulated already, to go on from there.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
@@ -55,21 +52,9 @@ def run(
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
-    if past is not None and keeper is not None:
-        record.begin_with(past.columns)
-        keeper.snapshots += past.snapshots
-    before = record.length
     watch(record)
     begin = time.perf_counter()
-    (outcome,) = drive(
-        rig,
-        controller,
-        scenario.duration,
-        record,
-        progress,
-        begin=None if past is None else partial(past.restore, rig, controller),
-        keep=keeper,
-    )
+    (outcome,) = drive(rig, controller, scenario.duration, record, progress, keep=keeper)
     spent = time.perf_counter() - begin
     return Run.of(
         scenario,
@@ -78,7 +63,7 @@ def run(
         controller.reference,
         journal=rig.journal,
         account=rig.account(),
-        real_time_factor=(record.length - before) * period / spent,
+        real_time_factor=record.length * period / spent,
         snapshots=tuple(keeper.snapshots) if keeper else (),
     )
 

@@ -11,6 +11,7 @@ import json
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from twin.errors import RecordError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note
 from twin.run.changes import Changes
+from twin.run.record_file import read_beside
 from twin.run.saved_state import Node, SnapshotError, restore, saved, value_of
 from twin.sim.rig import SimulatedRig
 
@@ -30,6 +32,8 @@ EVERY = 5.0
 """Time in s from one snapshot that a run keeps to the next."""
 MOST = 20
 """Snapshots that a run keeps at most, so that its record stays small."""
+SNAPSHOTS = "ballplate_snapshots"
+"""Metadata of a record that holds its snapshots."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,16 @@ class Keeper:
         """Keep one if it is time."""
         if tick and tick % self._ticks == 0:
             self.snapshots.append(Snapshot.take(self._rig, self._controller, measurement))
+
+
+def snapshots_of(file: Path) -> list[Snapshot]:
+    """The snapshots that a record keeps; none if it has none.
+
+    Raises:
+        RecordError: If they are damaged, or there is no record.
+    """
+    content = read_beside(file, SNAPSHOTS)
+    return unpacked(content, str(file)) if content else []
 
 
 def packed(snapshots: Sequence[Snapshot]) -> bytes:

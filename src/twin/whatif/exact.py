@@ -15,9 +15,8 @@ from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.finished import Run
 from twin.run.loop import drive
-from twin.run.past import snapshots_of
 from twin.run.record import Recorder
-from twin.run.snapshot import Snapshot
+from twin.run.snapshot import Snapshot, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import LOOK_BACK, Moment, Recorded
 

@@ -9,8 +9,8 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
-from twin.hal.interface import SCREEN
 from twin.identify.log import Log
+from twin.identify.log_checks import check_ranges
 from twin.scenario.schema import Scenario
 from twin.whatif.smooth import path, touches
 
@@ -19,10 +19,6 @@ MISSED = 0.05
 leaves the last command in force, which is known."""
 UNSEEN = 0.1
 """Time in s between two touches from which on the ball's path has a gap."""
-BEYOND = 1.05
-"""Share of the screen that a calibration may be off."""
-TILT = 2.0
-"""Plate angle over the limit of the scenario that no such rig reaches."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +73,8 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
         at: The moment from which to go on, s.
 
     Raises:
-        RecordError: If it has no commands, is of another rig, or does not know the moment.
+        RecordError: If it has no commands, or does not know the moment.
+        LogError: If it is of another rig, or in another unit.
     """
     if log.command is None:
         raise RecordError(
@@ -87,7 +84,7 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
     whole = np.isfinite(np.column_stack((log.time, log.plate, log.command))).all(axis=1)
     time, period = log.time[whole], scenario.rig.period
     _check_rows(log, time, period)
-    _check_rig(log, scenario, whole)
+    check_ranges(log.rows(whole))
     if not time[0] - period / 2 <= at <= time[-1] + period / 2:
         raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
     samples = touches(log, scenario.sensors.touch.dead_time)
@@ -134,25 +131,6 @@ def _check_rows(log: Log, time: Array, period: float) -> None:
         raise RecordError(
             f"{log.source}: a row every {1000 * own:.3g} ms, but the scenario has rig.period = "
             f"{period:g} s; is it a log of this rig?"
-        )
-
-
-def _check_rig(log: Log, scenario: Scenario, whole: Mask) -> None:
-    felt = whole & log.touched & np.isfinite(log.ball).all(axis=1)
-    if not felt.any():
-        raise RecordError(f"{log.source}: the ball is never seen")
-    far = np.abs(log.ball[felt]).max(axis=0)
-    if (far > BEYOND * np.array(SCREEN) / 2).any():
-        raise RecordError(
-            f"{log.source}: reaches |x|, |y| = {far[0]:.3g}, {far[1]:.3g} m; the screen ends at "
-            f"{SCREEN[0] / 2:g}, {SCREEN[1] / 2:g} m: is it of another rig, or in another unit?"
-        )
-    steep = float(np.degrees(np.abs(log.plate[whole]).max()))
-    limit = scenario.rig.limits.angle_deg
-    if steep > TILT * limit:
-        raise RecordError(
-            f"{log.source}: the plate reaches {steep:.3g} deg; rig.limits.angle_deg is {limit:g}: "
-            "is it of another rig, or in another unit?"
         )
 
 
