@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from twin.report.numbers import LABELS
 from twin.run.overview_plot import LOOK, style
-from twin.study import interaction
 from twin.study.answers import Answer, Curve, SensitivityIndex
 from twin.study.design import Design
 from twin.study.family import Point
@@ -48,9 +47,6 @@ def figures(study: Study, found: Sequence[Answer], design: Design) -> dict[str, 
         out["spread"] = _spread(study, found)
         if len(study.parameters) > 1 and any(answer.indices for answer in found):
             out["map"] = _map(study, found, design)
-            numeric = [key for key in ranked(study, found) if design.numeric(key)]
-            if len(numeric) > 1:
-                out["interaction"] = _interaction(study, found, design, *numeric[:2])
         for figure in out.values():
             # text is laid out when drawn: now, while these settings hold
             figure.draw_without_rendering()
@@ -241,21 +237,4 @@ def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
     figure.colorbar(dots, ax=panels, label=metric_label(study))
     figure.supxlabel(parameter_label(study, first), fontsize=9)
     figure.supylabel(parameter_label(study, second), fontsize=9)
-    return figure
-
-
-def _interaction(
-    study: Study, found: Sequence[Answer], design: Design, first: str, second: str
-) -> Figure:
-    """The metric over one parameter, for low, middle and high values of another one."""
-    figure, panels = _panels(found)
-    x, y = design.columns[first], design.columns[second]
-    for panel, answer in zip(panels, found, strict=True):
-        label = second if panel is panels[0] else None
-        interaction.draw(panel, interaction.lines(x, y, answer.values), label)
-        panel.set_title(answer.variant, fontsize=9)
-    figure.supxlabel(parameter_label(study, first), fontsize=9)
-    figure.supylabel(metric_label(study), fontsize=9)
-    # above, since a legend below would lie on the label there
-    figure.legend(loc="outside upper center", ncols=min(3, len(found)), fontsize=8)
     return figure

@@ -26,7 +26,6 @@ HEADINGS = {
     "indices": "Which parameters matter",
     "curves": "Over each parameter",
     "map": "Over the two parameters that matter most, and where runs fail",
-    "interaction": "Whether these two interact: parallel lines if not (mean and its 95 % interval)",
 }
 NAMES = {
     "sobol": ("total index", "first-order index"),

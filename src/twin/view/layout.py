@@ -1,17 +1,13 @@
-"""How the viewer opens: two tabs, one for showing (3D large), one for tuning (plots large)."""
+"""How the viewer opens: mechanism and plate on the left, plots on the right."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import rerun.blueprint as rrb
 
 from twin.hal.interface import SCREEN
 from twin.view.signals import GROUPS, ORANGE, WORDS
-
-Layout = Literal["showing", "tuning"]
-LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
 
 Words = Mapping[str, str]
 """Entity of a plot to which line of it has which colour."""
@@ -20,15 +16,37 @@ Ranges = Mapping[str, tuple[float, float]]
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
-_KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg", "twin_score", "twin_error_mm")
-"""The plots next to the mechanism."""
+TABS = {
+    "ball and plate": (
+        "position_x_mm",
+        "position_y_mm",
+        "error_mm",
+        "angle_deg",
+        "twin_score",
+        "twin_error_mm",
+    ),
+    "effort and forces": (
+        "rate_deg_per_s",
+        "effort_rad_per_s2",
+        "wheel_force_N",
+        "ball_force_N",
+        "torque_Nm",
+    ),
+    "estimates and time": (
+        "estimation_error_mm",
+        "friction_mm_per_s2",
+        "tilt_gain_percent",
+        "delay_ms",
+        "timing_ms",
+    ),
+}
+"""The plots, by the tab they stand in."""
 
 
 def blueprint(
     roots: Sequence[str],
     groups: Words,
     timeline: str,
-    layout: Layout = "showing",
     *,
     live: bool = False,
     ranges: Ranges | None = None,
@@ -40,24 +58,9 @@ def blueprint(
         groups: Entities of the plots there are, below each root, and which line has which colour.
             A legend would cover the lines, so that stands in the titles.
         timeline: Name of the time line.
-        layout: Which tab is open.
         live: Whether a run in progress is watched: then dropped rows are plotted, too.
         ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
-    axes = ranges or {}
-    return rrb.Blueprint(
-        rrb.Tabs(
-            _showing(roots, groups, axes),
-            _tuning(roots, groups, axes, live=live),
-            active_tab=LAYOUTS.index(layout),
-        ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline),
-    )
-
-
-def _showing(roots: Sequence[str], groups: Words, axes: Ranges) -> rrb.Container:
     worlds = [_world(root, len(roots) > 1) for root in roots]
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
@@ -68,28 +71,16 @@ def _showing(roots: Sequence[str], groups: Words, axes: Ranges) -> rrb.Container
         ),
         row_shares=[3, 2],
     )
-    right = rrb.Vertical(*_plots(roots, groups, _KEY, axes))
-    return rrb.Horizontal(left, right, column_shares=[3, 2], name="showing")
-
-
-def _tuning(roots: Sequence[str], groups: Words, axes: Ranges, *, live: bool) -> rrb.Container:
-    plots = _plots(roots, groups, tuple(group.entity for group in GROUPS), axes)
+    tabs = {name: _plots(roots, groups, wanted, ranges or {}) for name, wanted in TABS.items()}
     if live:
-        plots.append(rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]"))
-    half = (len(plots) + 1) // 2
-    side = rrb.Vertical(
-        _plate(roots, groups),
-        _world(roots[0], len(roots) > 1),
-        _state(roots),
-        _events(roots),
-        row_shares=[3, 3, 1, 2],
-    )
-    return rrb.Horizontal(
-        rrb.Vertical(*plots[:half]),
-        rrb.Vertical(*plots[half:]),
-        side,
-        column_shares=[3, 3, 2],
-        name="tuning",
+        missed = rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]")
+        tabs["estimates and time"].append(missed)
+    right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline),
     )
 
 
@@ -146,7 +137,7 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
         background=rrb.Background(color=SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=(-0.64, 0.54, 0.30), look_target=(0.0, 0.0, -0.07), eye_up=(0, 0, 1)
+            position=(-0.75, 0.63, 0.32), look_target=(0.0, 0.0, -0.12), eye_up=(0, 0, 1)
         ),
     )
 
