@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import rerun.blueprint as rrb
 
 from twin.hal.interface import SCREEN
-from twin.view.signals import GROUPS, ORANGE, WORDS
+from twin.view.signals import ORANGE, PLOTS, WORDS
 
 Words = Mapping[str, str]
 """Entity of a plot to which line of it has which colour."""
@@ -16,31 +16,6 @@ Ranges = Mapping[str, tuple[float, float]]
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
-TABS = {
-    "ball and plate": (
-        "position_x_mm",
-        "position_y_mm",
-        "error_mm",
-        "angle_deg",
-        "twin_score",
-        "twin_error_mm",
-    ),
-    "effort and forces": (
-        "rate_deg_per_s",
-        "effort_rad_per_s2",
-        "wheel_force_N",
-        "ball_force_N",
-        "torque_Nm",
-    ),
-    "estimates and time": (
-        "estimation_error_mm",
-        "friction_mm_per_s2",
-        "tilt_gain_percent",
-        "delay_ms",
-        "timing_ms",
-    ),
-}
-"""The plots, by the tab they stand in."""
 
 
 def blueprint(
@@ -71,7 +46,7 @@ def blueprint(
         ),
         row_shares=[3, 2],
     )
-    tabs = {name: _plots(roots, groups, wanted, ranges or {}) for name, wanted in TABS.items()}
+    tabs = {name: _plots(roots, groups, titles, ranges or {}) for name, titles in PLOTS.items()}
     if live:
         missed = rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]")
         tabs["estimates and time"].append(missed)
@@ -85,29 +60,21 @@ def blueprint(
 
 
 def _plots(
-    roots: Sequence[str],
-    groups: Words,
-    wanted: Sequence[str],
-    axes: Ranges,
+    roots: Sequence[str], groups: Words, titles: Mapping[str, str], axes: Ranges
 ) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
-            origin="/" if len(roots) > 1 else f"{roots[0]}/{group.entity}",
-            contents=_lines(roots, group.entity),
-            name=f"{group.title}{_ends(axes.get(group.entity))}: {groups[group.entity]}",
+            origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
+            contents=_lines(roots, entity),
+            name=f"{title}: {groups[entity]}",
             background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-            axis_y=rrb.ScalarAxis(range=axes[group.entity]) if group.entity in axes else None,
+            axis_y=rrb.ScalarAxis(range=axes[entity]) if entity in axes else None,
         )
-        for group in GROUPS
-        if group.entity in groups and group.entity in wanted
+        for entity, title in titles.items()
+        if entity in groups
     ]
-
-
-def _ends(shown: tuple[float, float] | None) -> str:
-    """Where the axis of a plot begins and ends, of which its few ticks may tell little."""
-    return "" if shown is None else f", {shown[0]:g} to {shown[1]:g}"
 
 
 def _lines(roots: Sequence[str], group: str) -> list[str]:

@@ -12,10 +12,9 @@ from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
 from twin.run.replay import Replay
-from twin.view.axis import shown_range
 from twin.view.layout import blueprint
 from twin.view.saved_twin import saved_twin
-from twin.view.signals import explained
+from twin.view.signals import explained, shown_range
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS, Scores, TwinStream
 from twin.view.viewer import headless
