@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from twin.run.execute import run, save
 from twin.run.replay import open_runs
 from twin.scenario import load
-from twin.view.layout import LAYOUTS
 from twin.view.recording import screenshot, write
 
 HERE = Path(__file__).parent
@@ -24,10 +23,8 @@ def main() -> None:
             done = run(load("circle", overrides))
             save(done, root / name, {name: done.motion})
         both = (root / "even-screen", root / "uneven-screen")
-        pictures = [(f"view-{layout}.png", both[:1], layout) for layout in LAYOUTS]
-        pictures.append(("view-compare.png", both, "showing"))
-        for name, runs, layout in pictures:
-            write(root / "view.rrd", open_runs(runs), layout)
+        for name, runs in (("view-showing.png", both[:1]), ("view-compare.png", both)):
+            write(root / "view.rrd", open_runs(runs))
             screenshot(root / "view.rrd", HERE / name, at=7.0)
 
 

@@ -3,8 +3,15 @@
 import pytest
 
 from twin.play.events import End
-from twin.play.pace import AtOnce
+from twin.play.pace import Pace
 from twin.play.session import Session
+
+
+class AtOnce(Pace):
+    """No clock at all: simulated as fast as it can."""
+
+    def early(self, time):
+        return 0.0
 
 
 @pytest.fixture(scope="session")

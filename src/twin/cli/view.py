@@ -18,7 +18,6 @@ from twin.errors import TwinError, ViewError
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
-    from twin.view.layout import Layout
 
 LAYOUTS = ("showing", "tuning")
 
@@ -30,9 +29,9 @@ LAYOUTS = ("showing", "tuning")
 @click.option(
     "--layout",
     type=click.Choice(LAYOUTS),
-    default="showing",
-    show_default=True,
-    help="Tab that opens: the mechanism large, or the plots.",
+    expose_value=False,
+    hidden=True,
+    help="Of an earlier version, which had two; now nothing.",
 )
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
@@ -43,7 +42,6 @@ def view(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
-    layout: Layout,
     rrd: Path | None,
     picture: Path | None,
     at: float | None,
@@ -60,18 +58,18 @@ def view(
     from twin.view.recording import forward, screenshot, write
 
     if connect is not None:
-        forward(reach(address(connect)), opened, layout)
+        forward(reach(address(connect)), opened)
         console.print(f"sent to {connect}")
         return 0
     if rrd is not None:
-        write(rrd, opened, layout)
+        write(rrd, opened)
         console.print(f"written to {rrd}")
         if picture is None:
             return 0
     with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
         recording = rrd or Path(folder) / "view.rrd"
         if rrd is None:
-            write(recording, opened, layout)
+            write(recording, opened)
         if picture is not None:
             screenshot(recording, picture, _instant(opened, at))
             console.print(f"written to {picture}")

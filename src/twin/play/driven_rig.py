@@ -10,7 +10,6 @@ from controllers.stack import Controller, SampledReference
 from twin.play.driven import Driven
 from twin.play.ghost import Ghost, push
 from twin.play.kept import Kept
-from twin.play.sight import picture
 from twin.run.assemble import assemble
 from twin.run.changes import Changes
 from twin.run.snapshot import Snapshot
@@ -89,7 +88,7 @@ class DrivenRig:
     def picture(
         self, time: float, driven: Driven, applied: Array | None, factor: float
     ) -> tuple[float, ...]:
-        """The numbers of a picture.
+        """The numbers of a picture, in the order of ``sight.COLUMNS``.
 
         Args:
             time: Of it, s.
@@ -98,13 +97,11 @@ class DrivenRig:
             factor: Simulated seconds a second of the clock.
         """
         desired = self.controller.reference(time)[0].ravel()
-        goals, ghost = driven.goals, self.ghost
-        return picture(
-            time,
-            self.rig.devices.state[0],
-            goal=desired if goals is None else np.array(goals.points[-1][1:]),
-            desired=desired,
-            ghost=ghost.state if ghost.on_plate else None,
-            applied=applied,
-            factor=factor,
-        )
+        goal = desired if driven.goals is None else np.array(driven.goals.points[-1][1:])
+        state = self.rig.devices.state[0]
+        ball, plate = state[0::4], state[2::4]
+        clean = self.ghost.state[0::4] if self.ghost.on_plate else np.full(2, np.nan)
+        errors = np.hypot(*(np.stack((ball, clean)) - desired).T)
+        effort = np.nan if applied is None else np.sqrt((applied**2).mean())
+        numbers = ([time], ball, plate, goal, desired, clean, errors, [effort, factor])
+        return tuple(np.concatenate(numbers).tolist())

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hmac
 import ipaddress
 from collections.abc import Awaitable, Callable, MutableMapping
-from http.cookies import SimpleCookie
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+if TYPE_CHECKING:
+    from starlette.requests import HTTPConnection
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
@@ -15,6 +17,7 @@ Send = Callable[[Any], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 COOKIE = "ballplate_token"
+REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
 
 
 def is_loopback(host: str) -> bool:
@@ -42,30 +45,33 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, refuse, or do what is no answer to anybody."""
+        from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
+        from starlette.responses import PlainTextResponse  # noqa: PLC0415
+
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
-        elif not self._may(scope):
-            await _refuse(scope, send)
+            return
+        asked = HTTPConnection(scope)
+        token = asked.query_params.get("token", "")
+        if self._may(asked, token):
+            marked = self._token and token and scope["type"] == "http"
+            await self._app(scope, receive, self._marking(send) if marked else send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
         else:
-            await self._app(scope, receive, self._marked(scope, send))
+            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
 
-    def _may(self, scope: Scope) -> bool:
-        headers = {
-            name.decode("latin-1"): text.decode("latin-1") for name, text in scope["headers"]
-        }
-        host, origin = headers.get("host", ""), headers.get("origin")
+    def _may(self, asked: HTTPConnection, token: str) -> bool:
+        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
         if origin is not None and urlsplit(origin).netloc != host:
             return False
         if not self._token:
             return is_loopback(urlsplit(f"//{host}").hostname or "")
-        cookies = SimpleCookie(headers.get("cookie", ""))
-        given = [cookies[COOKIE].value] if COOKIE in cookies else []
-        return any(hmac.compare_digest(each, self._token) for each in (*given, *_asked(scope)))
+        given = (asked.cookies.get(COOKIE, ""), token)
+        return any(hmac.compare_digest(each.encode(), self._token.encode()) for each in given)
 
-    def _marked(self, scope: Scope, send: Send) -> Send:
+    def _marking(self, send: Send) -> Send:
         """Sends a cookie along to who has come with the token in the address."""
-        if not (self._token and scope["type"] == "http" and _asked(scope)):
-            return send
         cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
 
         async def sent(message: Any) -> None:
@@ -75,18 +81,3 @@ class Guard:
             await send(message)
 
         return sent
-
-
-def _asked(scope: Scope) -> list[str]:
-    """The tokens in an address."""
-    return parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-
-
-async def _refuse(scope: Scope, send: Send) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    text = b"refused: the address needs ?token=..., as ballplate play has printed it\n"
-    kind = [(b"content-type", b"text/plain; charset=utf-8")]
-    await send({"type": "http.response.start", "status": 403, "headers": kind})
-    await send({"type": "http.response.body", "body": text})

@@ -49,12 +49,3 @@ class Pace:
             return 1.0
         (wall, time), (wall_now, time_now) = self._passed[0], self._passed[-1]
         return (time_now - time) / (wall_now - wall)
-
-
-class AtOnce(Pace):
-    """No clock at all: simulated as fast as it can, for tests and scripts."""
-
-    def early(self, time: float) -> float:
-        """Nothing to wait for."""
-        del time
-        return 0.0

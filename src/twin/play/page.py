@@ -130,14 +130,23 @@ class Page:
         if value != value_in(self._status.tables, key):
             self._do(Settings({key: value}))
 
+    def _bar(
+        self, label: str, name: str, ends: tuple[float, float, float], caption: str = ""
+    ) -> tuple[Any, Any]:
+        """A slider from an end to another in steps, under its label and beside it its value."""
+        if caption:
+            ui.label(caption).style("font-size:.72rem;line-height:1.25;color:#5b6770")
+        with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
+            ui.label(label)
+            text = ui.label()
+        low, high, step = ends
+        bar = ui.slider(min=low, max=high, step=step, value=min(max(0.0, low), high))
+        return bar.props(f'dense data-testid="{name}"'), text
+
     def _slider(self, slider: Slider) -> None:
-        with ui.column().style("width:100%;gap:0"):
-            with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
-                ui.label(slider.label).tooltip(slider.help)
-                text = ui.label()
-            name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
-            bar = ui.slider(min=slider.low, max=slider.high, step=slider.step, value=slider.low)
-            bar.props(f"dense data-testid={name}")
+        name = f"{slider.key}" + ("" if slider.entry is None else f".{slider.entry}")
+        with ui.column().style("width:100%;gap:0").tooltip(slider.help):
+            bar, text = self._bar(slider.label, name, (slider.low, slider.high, slider.step))
 
         def act(event: Any) -> None:
             self._touched = monotonic()
@@ -158,13 +167,9 @@ class Page:
         column.clear()
         with column:
             for gain in found:
-                if gain.help:
-                    ui.label(gain.help).style("font-size:.72rem;line-height:1.25;color:#5b6770")
-                with ui.row().classes("justify-between").style("width:100%;font-size:.85rem"):
-                    ui.label(gain.label)
-                    text = ui.label(f"{gain.value:.4g}")
-                bar = ui.slider(min=-WIDEST, max=WIDEST, step=0.1, value=0.0)
-                bar.props(f'dense data-testid="{gain.label}"')
+                ends = (-WIDEST, WIDEST, 0.1)
+                bar, text = self._bar(gain.label, gain.label, ends, gain.help)
+                text.text = f"{gain.value:.4g}"
 
                 def told(event: Any, text: Any = text, value: float = gain.value) -> None:
                     text.text = f"{value * 2 ** float(event.args):.4g}"

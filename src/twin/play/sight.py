@@ -6,10 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from controllers.arrays import Array
-
 COLUMNS = (
     "time",
     "x",
@@ -29,35 +25,6 @@ COLUMNS = (
 )
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
-
-
-def picture(
-    time: float,
-    state: Array,
-    *,
-    goal: Array,
-    desired: Array,
-    ghost: Array | None,
-    applied: Array | None,
-    factor: float,
-) -> tuple[float, ...]:
-    """The numbers of a picture.
-
-    Args:
-        time: Of it, s.
-        state: True state of the rig in the order of (5.5), shape (8,).
-        goal: Where the ball shall go, m, shape (2,).
-        desired: Where it shall be now, m, shape (2,).
-        ghost: State of the clean model; None if its ball is off the plate.
-        applied: Plate accelerations since the picture before, rad/s^2; None at the beginning.
-        factor: Simulated seconds a second of the clock.
-    """
-    ball, plate = state[0::4], state[2::4]
-    clean = np.full(2, np.nan) if ghost is None else ghost[0::4]
-    errors = np.hypot(*(np.stack((ball, clean)) - desired).T)
-    effort = np.nan if applied is None else np.sqrt((applied**2).mean())
-    numbers = ([time], ball, plate, goal, desired, clean, errors, [effort, factor])
-    return tuple(np.concatenate(numbers).tolist())
 
 
 class Errors:

@@ -119,9 +119,13 @@ def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -
 
 def _arranged(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
     """The picture laid out, for the settings in force."""
-    figure = Figure(dpi=DPI)
+    figure = Figure(dpi=DPI, figsize=(WIDE / INCH, PANELS / INCH))
     FigureCanvasAgg(figure)
-    panels = {name: figure.add_axes((0.1, 0.1, 0.4, 0.1)) for name in PLACES}
+    # of their true size from the start, on which it depends which ticks there are
+    panels = {
+        name: figure.add_axes((left / WIDE, low / PANELS, wide / WIDE, high / PANELS))
+        for name, (left, low, wide, high) in PLACES.items()
+    }
     _plate(panels["plate"], area)
     smooth = len(runs) > FEW
     for index, (label, motion) in enumerate(runs.items()):

@@ -1,17 +1,13 @@
-"""How the viewer opens: two tabs, one for showing (3D large), one for tuning (plots large)."""
+"""How the viewer opens: mechanism and plate on the left, plots on the right."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import rerun.blueprint as rrb
 
 from twin.hal.interface import SCREEN
-from twin.view.signals import GROUPS, ORANGE, WORDS
-
-Layout = Literal["showing", "tuning"]
-LAYOUTS: tuple[Layout, ...] = ("showing", "tuning")
+from twin.view.signals import ORANGE, PLOTS, WORDS
 
 Words = Mapping[str, str]
 """Entity of a plot to which line of it has which colour."""
@@ -20,15 +16,12 @@ Ranges = Mapping[str, tuple[float, float]]
 GROUND, SKY = (16, 18, 22), (30, 33, 38)
 """Colours of the ground of plots and plate and of the mechanism's, whatever theme a viewer has: no
 recording and no blueprint can choose it, and lines that are seen on this are not on white."""
-_KEY = ("position_x_mm", "position_y_mm", "error_mm", "angle_deg", "twin_score", "twin_error_mm")
-"""The plots next to the mechanism."""
 
 
 def blueprint(
     roots: Sequence[str],
     groups: Words,
     timeline: str,
-    layout: Layout = "showing",
     *,
     live: bool = False,
     ranges: Ranges | None = None,
@@ -40,24 +33,9 @@ def blueprint(
         groups: Entities of the plots there are, below each root, and which line has which colour.
             A legend would cover the lines, so that stands in the titles.
         timeline: Name of the time line.
-        layout: Which tab is open.
         live: Whether a run in progress is watched: then dropped rows are plotted, too.
         ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
-    axes = ranges or {}
-    return rrb.Blueprint(
-        rrb.Tabs(
-            _showing(roots, groups, axes),
-            _tuning(roots, groups, axes, live=live),
-            active_tab=LAYOUTS.index(layout),
-        ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline),
-    )
-
-
-def _showing(roots: Sequence[str], groups: Words, axes: Ranges) -> rrb.Container:
     worlds = [_world(root, len(roots) > 1) for root in roots]
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
@@ -68,55 +46,35 @@ def _showing(roots: Sequence[str], groups: Words, axes: Ranges) -> rrb.Container
         ),
         row_shares=[3, 2],
     )
-    right = rrb.Vertical(*_plots(roots, groups, _KEY, axes))
-    return rrb.Horizontal(left, right, column_shares=[3, 2], name="showing")
-
-
-def _tuning(roots: Sequence[str], groups: Words, axes: Ranges, *, live: bool) -> rrb.Container:
-    plots = _plots(roots, groups, tuple(group.entity for group in GROUPS), axes)
+    tabs = {name: _plots(roots, groups, titles, ranges or {}) for name, titles in PLOTS.items()}
     if live:
-        plots.append(rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]"))
-    half = (len(plots) + 1) // 2
-    side = rrb.Vertical(
-        _plate(roots, groups),
-        _world(roots[0], len(roots) > 1),
-        _state(roots),
-        _events(roots),
-        row_shares=[3, 3, 1, 2],
-    )
-    return rrb.Horizontal(
-        rrb.Vertical(*plots[:half]),
-        rrb.Vertical(*plots[half:]),
-        side,
-        column_shares=[3, 3, 2],
-        name="tuning",
+        missed = rrb.TimeSeriesView(origin="/view", name="rows the view missed [1]")
+        tabs["estimates and time"].append(missed)
+    right = rrb.Tabs(*(rrb.Vertical(*plots, name=name) for name, plots in tabs.items() if plots))
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline),
     )
 
 
 def _plots(
-    roots: Sequence[str],
-    groups: Words,
-    wanted: Sequence[str],
-    axes: Ranges,
+    roots: Sequence[str], groups: Words, titles: Mapping[str, str], axes: Ranges
 ) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
-            origin="/" if len(roots) > 1 else f"{roots[0]}/{group.entity}",
-            contents=_lines(roots, group.entity),
-            name=f"{group.title}{_ends(axes.get(group.entity))}: {groups[group.entity]}",
+            origin="/" if len(roots) > 1 else f"{roots[0]}/{entity}",
+            contents=_lines(roots, entity),
+            name=f"{title}: {groups[entity]}",
             background=rrb.archetypes.PlotBackground(color=GROUND),
             plot_legend=rrb.PlotLegend(visible=False),
             axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-            axis_y=rrb.ScalarAxis(range=axes[group.entity]) if group.entity in axes else None,
+            axis_y=rrb.ScalarAxis(range=axes[entity]) if entity in axes else None,
         )
-        for group in GROUPS
-        if group.entity in groups and group.entity in wanted
+        for entity, title in titles.items()
+        if entity in groups
     ]
-
-
-def _ends(shown: tuple[float, float] | None) -> str:
-    """Where the axis of a plot begins and ends, of which its few ticks may tell little."""
-    return "" if shown is None else f", {shown[0]:g} to {shown[1]:g}"
 
 
 def _lines(roots: Sequence[str], group: str) -> list[str]:
@@ -146,7 +104,7 @@ def _world(root: str, several: bool) -> rrb.Spatial3DView:
         background=rrb.Background(color=SKY),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
-            position=(-0.64, 0.54, 0.30), look_target=(0.0, 0.0, -0.07), eye_up=(0, 0, 1)
+            position=(-0.75, 0.63, 0.32), look_target=(0.0, 0.0, -0.12), eye_up=(0, 0, 1)
         ),
     )
 

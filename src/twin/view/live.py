@@ -16,7 +16,7 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
 from twin.jobs import orphaned
 from twin.scenario.schema import Scenario
-from twin.view.layout import Layout, blueprint
+from twin.view.layout import blueprint
 from twin.view.live_process import Address, LiveProcess, step_back
 from twin.view.recording import new_stream, send
 from twin.view.shared_ring_buffer import SharedRingBuffer
@@ -38,7 +38,6 @@ def show(
     url: str,
     *,
     rigs: tuple[int, ...] = (0,),
-    layout: Layout = "showing",
     recording: str | None = None,
     twin: bool = False,
 ) -> LiveProcess:
@@ -49,12 +48,11 @@ def show(
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
         rigs: Which of N rigs are shown, over each other.
-        layout: Which tab is open.
         recording: Identity of the recording, if another process adds to it.
         twin: Whether that is the run's twin, which then has plots.
     """
     names = (name,) if len(rigs) == 1 else tuple(f"{name}-rig-{rig}" for rig in rigs)
-    return LiveProcess(work, (scenario, names, url, layout, recording, twin), rigs)
+    return LiveProcess(work, (scenario, names, url, recording, twin), rigs)
 
 
 def address(text: str) -> str:
@@ -89,7 +87,6 @@ def work(
     scenario: Scenario,
     names: tuple[str, ...],
     url: str,
-    layout: Layout,
     recording: str | None,
     twin: bool,
 ) -> None:
@@ -97,7 +94,7 @@ def work(
     step_back()
     os.environ.update(environment())
     with closing(SharedRingBuffer(*buffer)) as ring:
-        sender = partial(_begin, url=url, layout=layout, twin=twin)
+        sender = partial(_begin, url=url, twin=twin)
         _send_rows(ring, scenario, new_stream(names[0], recording), names, sender)
 
 
@@ -146,7 +143,6 @@ def _begin(
     block: dict[str, Array],
     *,
     url: str,
-    layout: Layout,
     twin: bool,
 ) -> None:
     """Connect, and send what does not change."""
@@ -156,7 +152,7 @@ def _begin(
     groups |= TWIN_WORDS if twin else {}
     ranges = TWIN_RANGES if twin else {}
     roots = [each.root for each in runs]
-    plan = blueprint(roots, groups, TIMELINE, layout, live=True, ranges=ranges)
+    plan = blueprint(roots, groups, TIMELINE, live=True, ranges=ranges)
     stream.connect_grpc(url, default_blueprint=plan)
     if twin:  # whose process may have come first, and the viewer made a plan of its own
         stream.send_blueprint(plan, make_active=True, make_default=True)

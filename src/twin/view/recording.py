@@ -12,10 +12,9 @@ from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
 from twin.run.finished import Run
-from twin.view.axis import shown_range
-from twin.view.layout import Layout, blueprint
+from twin.view.layout import blueprint
 from twin.view.saved_twin import saved_twin
-from twin.view.signals import explained
+from twin.view.signals import explained, shown_range
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS, Scores, TwinStream
 from twin.view.viewer import headless
@@ -64,32 +63,32 @@ def add_twin(
         send(stream, batch)
 
 
-def write(path: Path, runs: Sequence[Run], layout: Layout = "showing") -> None:
+def write(path: Path, runs: Sequence[Run]) -> None:
     """Write runs side by side on one time line into an ``.rrd`` file.
 
     Raises:
         RecordError: If the file cannot be written.
         TwinError: If a run's scenario cannot be assembled, or what is saved of its twin is damaged.
     """
-    content = encoded(runs, layout)
+    content = encoded(runs)
     write_whole(path, lambda target: target.write_bytes(content))
 
 
-def encoded(runs: Sequence[Run], layout: Layout = "showing") -> bytes:
+def encoded(runs: Sequence[Run]) -> bytes:
     """The content of an ``.rrd`` file of runs side by side.
 
     Made in memory, because the library's own file writer only logs that a disk is full.
     """
     stream = new_stream(runs[0].name)
     memory = stream.memory_recording()
-    _send_all(stream, runs, layout)
+    _send_all(stream, runs)
     stream.flush()
     content: bytes = memory.drain_as_bytes()
     stream.disconnect()
     return content
 
 
-def forward(url: str, runs: Sequence[Run], layout: Layout = "showing") -> None:
+def forward(url: str, runs: Sequence[Run]) -> None:
     """Send runs to the viewer that listens at an address.
 
     Raises:
@@ -98,13 +97,13 @@ def forward(url: str, runs: Sequence[Run], layout: Layout = "showing") -> None:
     stream = new_stream("view")
     stream.connect_grpc(url, default_blueprint=None)
     try:
-        _send_all(stream, runs, layout)
+        _send_all(stream, runs)
         stream.flush(timeout_sec=30.0)
     except (RuntimeError, ValueError) as error:
         raise ViewError(f"the viewer at {url} does not answer: {error}") from error
 
 
-def _send_all(stream: rr.RecordingStream, runs: Sequence[Run], layout: Layout) -> None:
+def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     together = len(runs) > 1
     streams = [
         RunStream(run.name, run.scenario, i if together else None, run.followed)
@@ -119,7 +118,7 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run], layout: Layout) -
     twins = [saved_twin(run) for run in runs]
     if any(twins):
         groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
-    plan = blueprint([each.root for each in streams], groups, TIMELINE, layout, ranges=ranges)
+    plan = blueprint([each.root for each in streams], groups, TIMELINE, ranges=ranges)
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
         for entity, shape in (*each.fixed(), *each.styles(run.rows)):

@@ -37,6 +37,12 @@ WORDS = {
 """What a person calls these, on the dark ground of the viewer."""
 
 
+ROOM = 0.05
+"""Room above and below the lines of a plot, as a share of its height."""
+LEAST = 0.05
+"""Least half of the height of a plot, in its unit."""
+
+
 @dataclass(frozen=True)
 class Signal:
     """One line of a plot: its values (K,), colour, width, and whether it is drawn as points."""
@@ -66,32 +72,31 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
     return found
 
 
-@dataclass(frozen=True)
-class Group:
-    """One plot: its entity, and its title with the unit."""
-
-    entity: str
-    title: str
-
-
-GROUPS = (
-    Group("position_x_mm", "x [mm]"),
-    Group("position_y_mm", "y [mm]"),
-    Group("error_mm", "tracking error [mm]"),
-    Group("angle_deg", "plate angles [deg]"),
-    Group("rate_deg_per_s", "plate rates [deg/s]"),
-    Group("effort_rad_per_s2", "plate acceleration [rad/s²]"),
-    Group("estimation_error_mm", "estimation error [mm]"),
-    Group("friction_mm_per_s2", "friction, disturbance [mm/s²]"),
-    Group("tilt_gain_percent", "tilt gain error [%]"),
-    Group("twin_score", "score of the twin"),
-    Group("twin_error_mm", "error of the twin [mm]"),
-    Group("delay_ms", "touch screen [ms]"),
-    Group("timing_ms", "loop timing [ms]"),
-    Group("wheel_force_N", "wheels on cams [N]"),
-    Group("ball_force_N", "ball on screen [N]"),
-    Group("torque_Nm", "motor torques [N m]"),
-)
+PLOTS = {
+    "ball and plate": {
+        "position_x_mm": "x [mm]",
+        "position_y_mm": "y [mm]",
+        "error_mm": "tracking error [mm]",
+        "angle_deg": "plate angles [deg]",
+        "twin_score": "score of the twin",
+        "twin_error_mm": "error of the twin [mm]",
+    },
+    "effort and forces": {
+        "rate_deg_per_s": "plate rates [deg/s]",
+        "effort_rad_per_s2": "plate acceleration [rad/s²]",
+        "wheel_force_N": "wheels on cams [N]",
+        "ball_force_N": "ball on screen [N]",
+        "torque_Nm": "motor torques [N m]",
+    },
+    "estimates and time": {
+        "estimation_error_mm": "estimation error [mm]",
+        "friction_mm_per_s2": "friction, disturbance [mm/s²]",
+        "tilt_gain_percent": "tilt gain error [%]",
+        "delay_ms": "touch screen [ms]",
+        "timing_ms": "loop timing [ms]",
+    },
+}
+"""Entity of each plot and its title with the unit, by the tab it stands in."""
 
 FORCES = (
     ("wheel_force_N", "wheel_", "_N"),
@@ -197,6 +202,24 @@ def explained(plots: Sequence[Mapping[str, Signal]], names: Sequence[str]) -> st
         for name, signal in lines.items()
         if not name.endswith("_saturated")
     )
+
+
+def shown_range(plots: Sequence[Mapping[str, Signal]]) -> tuple[float, float]:
+    """What the axis of a plot of one or several runs shows: its lines, but not their limits.
+
+    Of several runs the tracking error is drawn as a distance alone.
+    """
+    only = "distance" if len(plots) > 1 and "distance" in plots[0] else ""
+    lines = [
+        signal.values[np.isfinite(signal.values)]
+        for plot in plots
+        for name, signal in plot.items()
+        if not name.startswith("limit") and only in ("", name)
+    ]
+    values = np.concatenate([*lines, np.zeros(0 if any(map(len, lines)) else 1)])
+    low, high = float(values.min()), float(values.max())
+    room = max(ROOM * (high - low), LEAST - (high - low) / 2)
+    return low - room, high + room
 
 
 def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
