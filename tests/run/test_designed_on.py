@@ -1,6 +1,7 @@
 """The ball that law, observer and predictor are designed on is the one their designer knows."""
 
 import json
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
@@ -13,8 +14,10 @@ from twin.run.execute import record_run, run
 from twin.run.replay import open_run
 from twin.scenario import load
 from twin.scenario.changing import at_time
+from twin.scenario.schema import Scenario
 from twin.shipped import shipped
 from twin.study.build import Builder
+from twin.tune.fragment import settings, toml
 
 SOLID, HOLLOW = 5 / 7 * 9.81, 3 / 5 * 9.81
 """k1 of a solid ball and of a thin shell in m/s^2: g / (1 + J / (m r^2))."""
@@ -44,6 +47,26 @@ def k1(scenario):
 )
 def test_a_controller_is_designed_on_the_ball_that_the_scenario_describes(overrides, expected):
     assert k1(load("circle", overrides)) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "known", ['"scenario"', '"nominal"', "{mass=0.1}", '{kind="nominal", mass=0.1, radius=0.02}']
+)
+def test_what_is_known_is_written_in_short_and_read_as_it_was(known):
+    scenario = load("circle", (f"controller.model={known}",))
+    written = json.loads(scenario.model_dump_json())
+    assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
+    if known.startswith('"'):
+        assert written["controller"]["model"] == json.loads(known)
+
+
+@pytest.mark.parametrize("known", ['"nominal"', '{kind="nominal", mass=0.1}'])
+def test_what_is_known_is_among_the_keys_of_a_tuned_controller(known, tmp_path):
+    scenario = load("circle", (f"controller.model={known}", STEEL))
+    keys = settings(SimpleNamespace(scenario=lambda *_: scenario), {})
+    (tmp_path / "tuned.toml").write_text(toml(keys, []), encoding="utf-8")
+    again = load("circle", (f"parameters={tmp_path / 'tuned.toml'}", STEEL))
+    assert again.designed_on == scenario.designed_on
 
 
 def test_the_plant_of_a_scenario_has_its_ball_whatever_the_designer_believes():

@@ -7,7 +7,15 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
@@ -124,6 +132,11 @@ class KnownBall(Section):
     @classmethod
     def _by_name(cls, value: Any) -> Any:
         return {"kind": value} if isinstance(value, str) else value
+
+    @model_serializer(mode="wrap")
+    def _in_short(self, whole: SerializerFunctionWrapHandler) -> str | dict[str, Any]:
+        given = {key: value for key, value in whole(self).items() if value is not None}
+        return self.kind if given.keys() == {"kind"} else given
 
 
 class ControllerChoice(Choice):

@@ -23,7 +23,8 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for table in CONTROLLER:
         for key, value in (scenario[table] or {}).items():
-            found[f"{table}.{key}"] = value
+            inner = value if isinstance(value, dict) else {"": value}
+            found |= {f"{table}.{key}.{name}".rstrip("."): each for name, each in inner.items()}
     for field in fields:
         parts = field.split(".")
         key = ".".join(parts[:-1] if parts[-1].isdigit() else parts)
