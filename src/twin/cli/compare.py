@@ -12,6 +12,7 @@ from twin.cli.options import ALL, JSON, LAW, PLANT, PROCESSES, SETTING, VARY, wi
 from twin.cli.output import print_json, print_metrics, print_reasons, say
 from twin.cli.terminal import Terminal
 from twin.report.numbers import own_settings, ranking
+from twin.shipped import find
 
 
 @click.command()
@@ -42,6 +43,10 @@ def compare(
     SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
     what the twin predicts for the scenario beside them.
     """
+    from twin.run.sources import sorted_out
+
+    for name in sorted_out(sources).scenarios:
+        find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.comparing import compare as compare_sources
     from twin.run.folders import run_folder
     from twin.run.log_run import distances
