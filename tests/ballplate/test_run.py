@@ -87,7 +87,7 @@ def test_a_law_by_class_is_all_of_its_settings_not_those_of_the_scenario():
     )
     assert given["requested_phi_acc"].tobytes() == kept["requested_phi_acc"].tobytes()
     assert default.scenario.controller.settings == {}
-    with pytest.raises(ballplate.TwinError, match="nominal model"):
+    with pytest.raises(ballplate.TwinError, match=r"controller\.model"):
         ballplate.run("circle", controller=ballplate.laws.LQR(model=heavy()), **QUICK)
 
 

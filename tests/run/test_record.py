@@ -120,7 +120,7 @@ def test_a_stream_opens_as_a_run_that_was_killed_and_goes_when_the_run_is_kept(s
     assert found.metrics["outcome"] == "aborted"
     assert found.metrics["reason"].startswith("killed")
     assert found.metrics["outcome_time"] == pytest.approx(done.record.end)
-    assert found.metrics["rms_error"] == pytest.approx(done.metrics.rms_error)
+    assert found.metrics["rms_error"] == pytest.approx(done.metrics["rms_error"])
     save(done, folder, {"run": done.motion})
     assert not (folder / STREAM).exists()
     assert open_run(folder)[0].metrics["outcome"] == "finished"

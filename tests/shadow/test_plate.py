@@ -11,7 +11,7 @@ from twin.shadow.belief import DRIVES, PARAMETERS, believed
 from twin.shadow.plate import plate_angles, plate_evidence, whitened
 from twin.shadow.simulated import logs
 
-SHAKEN = ("duration=5", "seed=3", "controller.dither_deg=0.1", "plant.servo.backlash_deg=0.1")
+SHAKEN = ("duration=5", "seed=3", "plant.servo.backlash_deg=0.1")
 
 
 def recorded(*more):

@@ -1,21 +1,26 @@
+from pathlib import Path
+from runpy import run_path
+
 import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
-from twin.thesis.reproduce.figures import MECHANISM, _panels, _style, _write
 
 from twin.run.overview_plot import COLOURS
+
+CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
 
 
 def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path):
     time = np.linspace(0, 25, 2000)
-    with _style():
-        figure, panels = _panels(3, "Three laws, and the mechanism over them")
+    page = run_path(str(CHAPTER_8))
+    with page["_style"]():
+        figure, panels = page["_panels"](3, "Three laws, and the mechanism over them")
         for panel in panels.flat:
             for index, colour in enumerate(COLOURS[:3]):
                 values = 10 * time * np.exp(-time * (index + 1) / 2) + np.sin(time / 3)
                 panel.plot(time, values, color=colour)
-                panel.plot(time, values, zorder=4, **MECHANISM)
-        _write(figure, tmp_path / "few.png")
+                panel.plot(time, values, zorder=4, **page["MECHANISM"])
+        page["_write"](figure, tmp_path / "few.png")
     with Image.open(tmp_path / "few.png") as picture:
         shown = np.array(picture.convert("RGB"), float).reshape(-1, 3)
     for colour in COLOURS[:3]:
