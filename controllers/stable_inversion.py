@@ -1,19 +1,355 @@
-"""Preview by the stable inverse of the reference, friction fed forward, feedback by LQR."""
+"""A motion of ball and plate that makes the ball follow a reference, laid ahead in slices.
+
+Stable inverse of a plant that first moves the wrong way, from an input known ahead.
+
+What a ball is to do, some time ahead: a reference asked slice by slice, its jumps spread.
+
+Linear-quadratic feedback about a motion of ball and plate that is laid ahead.
+
+Preview by the stable inverse of the reference, friction fed forward, feedback by LQR.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 
-from controllers.about_motion import AboutMotion
 from controllers.arrays import Array
-from controllers.interfaces import Feedback, Reference
-from controllers.motion import Slices, inverse
-from controllers.preview import Preview
-from controllers.ranges import NotNegative, Positive
-from controllers.two_sided import Tilts
+from controllers.ballplate import SIGN, BallPlate
+from controllers.interfaces import Feedback, Law, NotNegative, Positive, Reference
+
+
+class DesiredMotion(NamedTuple):
+    """What ball and plate are to do at one tick."""
+
+    position: Array
+    """Of the ball, m, shape (..., 2)."""
+    velocity: Array
+    """Of the ball, m/s, shape (..., 2)."""
+    slope: Tilts
+    """Of the plate, (phi, -theta), rad."""
+
+
+class Slices(ABC):
+    """What is laid ahead slice by slice and asked for tick by tick, for one run.
+
+    Args:
+        preview: Where the path ahead comes from; a slice has as many ticks as it advances.
+        period: Control period in s.
+    """
+
+    def __init__(self, preview: Preview, period: float) -> None:
+        self._preview, self._period = preview, period
+        self._first = -preview.count
+        self._advance()
+
+    def _tick(self, t: float) -> int:
+        """Where in its slice a time in s stands that does not lie before the one asked for last."""
+        tick = round(t / self._period) - self._first
+        while tick >= self._preview.count:
+            self._advance()
+            tick -= self._preview.count
+        return tick
+
+    def _advance(self) -> None:
+        self._lay(*self._preview.advance())
+        self._first += self._preview.count
+
+    @abstractmethod
+    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Lay the next slice from the path of its ticks and of all that are previewed."""
+
+
+class MotionPlan(Slices):
+    """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
+
+    Args:
+        model: Ball and plate.
+        x: State at the start, shape (..., 8).
+        reference: Path of the ball.
+        period: Control period in s.
+        preview: How far the reference is asked ahead, s.
+        spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
+    """
+
+    def __init__(
+        self,
+        model: BallPlate,
+        x: Array,
+        reference: Reference,
+        period: float,
+        preview: float,
+        spread: float,
+    ) -> None:
+        self._k1 = model.k1
+        ahead = Preview(reference, x[..., 0::4], period, preview, spread)
+        self._inverse = inverse(model, ahead, period)
+        super().__init__(ahead, period)
+
+    def at(self, t: float) -> DesiredMotion:
+        """What is wanted at a time in s that does not lie before the one asked for last."""
+        tick = self._tick(t)
+        position, velocity, slope = self._laid
+        return DesiredMotion(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
+
+    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
+        count = self._preview.count
+        slope = self._inverse.lay(acceleration / self._k1)
+        self._laid = DesiredMotion(position[:count], velocity[:count], slope)
+
+
+def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:
+    """The inverse of a plant for the windows of a preview."""
+    return TwoSided(math.sqrt(model.k1 / model.c2), period, preview.count, preview.length)
+
+
+class Tilts(NamedTuple):
+    """Slope of the plate and its two time derivatives, all of one shape."""
+
+    angle: Array
+    rate: Array
+    acceleration: Array
+
+
+class TwoSided:
+    """The bounded solution a of a - a'' / Z^2 = w for a w that is known some time ahead.
+
+    The ball's x'' = k1 phi - c2 phi'' has a zero in the right half plane at Z = sqrt(k1 / c2), so
+    that the slope for a wished x'' = k1 w has a pole there, whose bounded answer comes before its
+    cause:
+
+        a = (p + q) / 2,    p' = Z (w - p) forward in time,    q' = Z (q - w) backward.
+
+    Between two samples w is a straight line; beyond the last one known it stays as it is.
+
+    Args:
+        Z: Zero of the plant in rad/s.
+        period: Time from one sample to the next, s.
+        count: Samples of a slice.
+        length: Samples of a window.
+    """
+
+    def __init__(self, Z: float, period: float, count: int, length: int) -> None:
+        self._Z, self._count = Z, count
+        step = Z * period
+        decay = math.exp(-step)
+        # weights of the two ends of a straight line, the nearer one first
+        self._far = (1 - decay) / step - decay
+        self._near = 1 - decay - self._far
+        self._decay = decay
+        self._powers = decay ** np.arange(length + 1)
+        self._p: Array | None = None
+
+    def lay(self, w: Array) -> Tilts:
+        """a, a' and a'' of a slice, each shape (count, ...), from a window that begins with it.
+
+        Every sample makes use of the same time ahead, that of the slice's last one.
+
+        Args:
+            w: The window, shape (length, ...).
+        """
+        count, near, far = self._count, self._near, self._far
+        powers = self._powers.reshape(-1, *[1] * (w.ndim - 1))
+        reach = len(w) - count
+        total = np.zeros_like(w)
+        np.cumsum(powers[: len(w) - 1] * (near * w[:-1] + far * w[1:]), axis=0, out=total[1:])
+        q = (total[reach:] - total[:count]) / powers[:count] + powers[reach] * w[reach:]
+        begin = w[0] if self._p is None else self._p
+        following = w[1 : count + 1]
+        if reach == 0:
+            following = np.concatenate((following, w[-1:]))
+        ends = near * following + far * w[:count]
+        grown = np.cumsum(ends / powers[1 : count + 1], axis=0)
+        after = powers[1 : count + 1] * (begin + grown)
+        p = np.concatenate((begin[None], after[:-1]))
+        self._p = after[-1]
+        a = (p + q) / 2
+        return Tilts(a, self._Z * (q - p) / 2, self._Z**2 * (a - w[:count]))
+
+
+SLICE = 25
+"""Control periods that are laid at once: few, so that none of them takes long."""
+JUMP = 2e-3
+"""Distance in m from one period to the next, beyond what the speed covers, that is a jump."""
+LENGTH = 0.15
+"""Length of a jump in m to which its time refers."""
+
+
+class _Jump(NamedTuple):
+    """A jump that is spread: when it comes in s, what it is in m, and over how long in s."""
+
+    time: float
+    way: Array
+    duration: Array
+
+
+class Preview:
+    """Position, velocity and acceleration of a reference over a window that moves with time.
+
+    A jump of the reference is taken in smoothly after it, over a time that grows with the root of
+    its length; so is the way from where the ball is at the start.
+
+    Args:
+        reference: The path.
+        start: Where the ball is at the start, m, shape (..., 2).
+        period: Control period in s.
+        horizon: How far the reference is asked ahead, s; 0 for not at all.
+        spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
+    """
+
+    def __init__(
+        self, reference: Reference, start: Array, period: float, horizon: float, spread: float
+    ) -> None:
+        self._reference, self._period, self._spread = reference, period, spread
+        ahead = math.floor(horizon / period + 1e-9)
+        self.count = min(SLICE, ahead + 1)
+        """Ticks of a slice."""
+        self.length = ahead + 1
+        """Ticks of the window."""
+        self._known = 0
+        self._window = np.empty((3, 0, *start.shape))
+        self._jumps: list[_Jump] = []
+        self._last = np.stack((start, 0 * start))
+
+    def advance(self) -> Array:
+        """The window of the next slice: it begins with it and ends the horizon after its begin.
+
+        Returns:
+            Position, velocity, acceleration, in m and s, shape (3, K, ..., 2).
+        """
+        kept = self._window[:, self.count :]
+        new = self._asked(self.length - kept.shape[1])
+        self._window = np.concatenate((kept, new), axis=1)
+        return self._window
+
+    def _asked(self, count: int) -> Array:
+        """Further samples of the reference, their jumps spread, shape (3, count, ..., 2)."""
+        T, first = self._period, self._known
+        times = (first + np.arange(count)) * T
+        r = self._reference(times)[:3]
+        rigs = self._window.shape[2:-1]
+        r = r.reshape(3, count, *r.shape[2:-1] or [1] * len(rigs), 2)
+        r = np.array(np.broadcast_to(r, (3, count, *rigs, 2)))
+        self._known += count
+        if not self._spread:
+            return r
+        position = np.concatenate((self._last[:1], r[0]))
+        velocity = np.concatenate((self._last[1:], r[1]))
+        self._last = np.stack((r[0, -1], r[1, -1]))
+        way = np.diff(position, axis=0)
+        if first:
+            way -= T / 2 * (velocity[1:] + velocity[:-1])
+        else:
+            way[1:] -= T / 2 * (velocity[2:] + velocity[1:-1])
+        for i in np.flatnonzero((np.abs(way) > JUMP).reshape(count, -1).any(axis=1)).tolist():
+            length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
+            duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
+            self._jumps.append(_Jump(float(times[i]), way[i], duration))
+        for jump in self._jumps:
+            r += _left(times - jump.time, jump)
+        ended = times[-1]
+        self._jumps = [each for each in self._jumps if each.time + each.duration.max() > ended]
+        return r
+
+
+def _left(time: Array, jump: _Jump) -> Array:
+    """What is left of a spread jump some time after it: 0 before, then from the whole to nothing.
+
+    Args:
+        time: Since the jump, s, shape (K,).
+        jump: The jump.
+
+    Returns:
+        Position, velocity, acceleration, shape (3, K, ..., 2).
+    """
+    time = time.reshape(-1, *[1] * jump.way.ndim)
+    t = np.minimum(np.maximum(time / jump.duration, 0.0), 1.0)
+    share = np.stack(
+        (
+            1 - t**3 * (10 - 15 * t + 6 * t * t),
+            -30 * t * t * (1 - t) ** 2 / jump.duration,
+            -60 * t * (1 - t) * (1 - 2 * t) / jump.duration**2,
+        )
+    )
+    left: Array = np.where(time >= 0, -share * jump.way, 0.0)
+    return left
+
+
+@dataclass(frozen=True, kw_only=True)
+class AboutMotion(Law):
+    """What laws that follow a motion (r, a*) of ball and plate have in common.
+
+    With the slopes a = (phi, -theta) the flat output eta = x + c2 a of the linear model (5.35)
+    obeys eta'' = k1 a, and the law is
+
+        a'' = a*'' - K (eta - r - c2 a*, eta' - r' - c2 a*', a - a*, a' - a*')
+
+    with K of the linear-quadratic regulator. Jumps of the reference are spread.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (20000.0, 2000.0, 100.0, 10.0)
+    """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
+    preview: NotNegative = 1.4
+    """How far the reference is asked ahead, s; 0 for not at all."""
+    spread: NotNegative = 1.3
+    """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
+    jumps as they are."""
+
+    K: Array = field(init=False, repr=False, compare=False)
+    """Gain from eta, its rate, slope and its rate to the slope's acceleration, shape (4,)."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and compute the gain once."""
+        super().__post_init__()
+        if not self.Q[0] > 0:
+            raise ValueError(f"Q must have a positive weight of eta, got {list(self.Q)}")
+        object.__setattr__(self, "K", self._gain())
+
+    def _gain(self) -> Array:
+        """K, shape (4,)."""
+        A, B = flat_axis(self.model)
+        P = scipy.linalg.solve_continuous_are(A, B, np.diag(self.Q), np.eye(1))
+        gain: Array = P[3]
+        return gain
+
+    def start(self, x: Array, reference: Reference, period: float) -> Any:
+        """The motion of ball and plate, its first slice laid."""
+        return MotionPlan(self.model, x, reference, period, self.preview, self.spread)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""
+        return self.about(now.equivalent, *now.plan.at(now.time))
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """The same without a plan: the flat model's slope."""
+        r = reference(t)
+        k1 = self.model.k1
+        return self.about(x, r[0], r[1], Tilts(r[2] / k1, r[3] / k1, r[4] / k1))
+
+    def about(self, x: Array, position: Array, velocity: Array, wanted: Tilts) -> Array:
+        """Feedback about a motion, rad/s^2, shape (..., 2)."""
+        c2, K = self.model.c2, self.K
+        slope, rate = SIGN * x[..., 2::4] - wanted.angle, SIGN * x[..., 3::4] - wanted.rate
+        eta = x[..., 0::4] - position + c2 * slope
+        eta_rate = x[..., 1::4] - velocity + c2 * rate
+        u = wanted.acceleration - K[0] * eta - K[1] * eta_rate - K[2] * slope - K[3] * rate
+        out: Array = SIGN * u
+        return out
+
+
+def flat_axis(model: BallPlate) -> tuple[Array, Array]:
+    """A, shape (4, 4), and B, shape (4, 1), of (eta, eta', a, a') under a''."""
+    A, B = np.eye(4, k=1), np.eye(4)[:, 3:]
+    A[1, 2] = model.k1
+    return A, B
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,7 +88,7 @@ def take_in(monkeypatch):
     """Takes a law, observer or reference into the catalog."""
 
     def take(cls):
-        monkeypatch.setattr(f"controllers.state_feedback.{cls.__name__}", cls, raising=False)
+        monkeypatch.setattr(f"controllers.linear.{cls.__name__}", cls, raising=False)
         forget()
 
     yield take

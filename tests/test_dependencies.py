@@ -31,7 +31,7 @@ def changed(path):
         (TABLES, "src/twin/thesis/reproduce/sampled.py"),
         (TABLES, "src/twin/thesis/reproduce/data/full_state.toml"),
         (TABLES, "src/twin/sim/plant/rolling.py"),  # through several others
-        (TABLES, "controllers/sliding_mode.py"),  # by name, through the catalog
+        (TABLES, "controllers/nonlinear.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),
         (TRIALS, "src/twin/identify/levenberg_marquardt.py"),
         (TRIALS, "scenarios/excite.toml"),

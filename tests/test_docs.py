@@ -200,7 +200,7 @@ def test_a_law_that_ran_fewer_candidates_is_named(tuned, plan, found):
         "src/twin/tune/margins.py",
         "src/twin/study/family.py",
         "src/twin/run/metrics.py",
-        "controllers/analysis/margins.py",
+        "controllers/analysis/loops.py",
         "models/ballplate.xml",
     ],
 )

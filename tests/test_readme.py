@@ -60,7 +60,7 @@ def test_the_readmes_laws_settings_are_checked_like_all_others(snippet, scenario
 
 def test_an_outside_package_contributes_by_an_entry_point(tmp_path, monkeypatch):
     (tmp_path / "outside_laws.py").write_text(
-        "from controllers.state_feedback import LQR\nclass Outside(LQR):\n    name = 'outside'\n",
+        "from controllers.linear import LQR\nclass Outside(LQR):\n    name = 'outside'\n",
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)

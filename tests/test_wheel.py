@@ -37,7 +37,7 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
         "twin/models/ballplate.xml",
         "twin/models/cams.json",
         "scenarios/circle.toml",
-        "controllers/stack.py",
+        "controllers/controller.py",
         "twin/cli/__init__.py",
         "twin/devices/lumio/70-ballplate-touch.rules",
     } <= names

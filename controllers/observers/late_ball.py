@@ -1,20 +1,278 @@
-"""What observers of a rolling ball that make up for the dead time have in common."""
+"""Motion of balls with rolling friction under plates whose angles were measured.
+
+Everything is calculated from components, plain numbers for one rig, which is several times faster,
+and arrays with one entry per rig for several.
+
+Plate angle and rate for feedback: what was commanded, drawn slowly to what is measured.
+
+What observers of a rolling ball that make up for the dead time have in common.
+"""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from controllers.arrays import ARRAYS, NUMBERS, Array, Mask, some
-from controllers.ballplate import SIGN
-from controllers.interfaces import DelayedObserver, Measurement
-from controllers.observers.rolling_ball import RollingBall, Tilt, components, together
-from controllers.observers.slow_plate import SlowPlate
-from controllers.ranges import Positive
+from controllers.ballplate import SIGN, BallPlate
+from controllers.interfaces import DelayedObserver, Measurement, Positive
+
+SUBSTEP = 0.011
+"""Longest time in s over which the friction's heading is taken as constant while carried."""
+
+
+def components(values: Array) -> Any:
+    """The columns of an array, shape (N, k): k numbers for one rig, else k arrays (N,)."""
+    return values[0].tolist() if len(values) == 1 else values.T.copy()
+
+
+def together(values: Sequence[Any], rigs: int) -> Array:
+    """The reverse, shape (N, k)."""
+    return np.array([values]) if rigs == 1 else np.array(values).T.copy()
+
+
+def _sin(angle: float) -> float:
+    """Sine that, as numpy's, has none for an angle that has run away."""
+    return math.sin(angle) if math.isfinite(angle) else math.nan
+
+
+def _cos(angle: float) -> float:
+    return math.cos(angle) if math.isfinite(angle) else math.nan
+
+
+class Tilt(NamedTuple):
+    """The plate at one time, and what it has done to balls since the start."""
+
+    phi: Any
+    theta: Any
+    phi_rate: Any
+    """As commanded, rad/s."""
+    theta_rate: Any
+    """As commanded, rad/s."""
+    speed_x: Any
+    """Integral of the acceleration that it gives a ball without friction, m/s."""
+    speed_y: Any
+    way_x: Any
+    """Integral of that, m."""
+    way_y: Any
+
+    def towards(self, other: Tilt, share: float) -> Tilt:
+        """On the straight line to another time."""
+        return Tilt(*[a + share * (b - a) for a, b in zip(self, other, strict=True)])
+
+
+class Derivatives(NamedTuple):
+    """What a period does to the velocity (eta_x', eta_y')."""
+
+    slope: tuple[Any, Any, Any]
+    """Derivatives by the velocity less the identity: xx, xy = yx, yy."""
+    friction: tuple[Any, Any]
+    """Derivatives by the friction, s."""
+    gain: tuple[Any, Any]
+    """Derivatives by the tilt gain, m/s."""
+
+
+class RollingBall:
+    """Keeps what the plate did over a dead time, and moves balls by it.
+
+    States are (eta_x, eta_y, eta_x', eta_y', d_x, d_y, kappa_x, kappa_y, F) as components.
+
+    Args:
+        model: The ball.
+        smooth: Speed over which friction changes its sign, m/s.
+        period: Control period in s.
+        delay: Dead time in s.
+        x: States (5.5) to begin with, shape (N, 8).
+    """
+
+    def __init__(
+        self, model: BallPlate, smooth: float, period: float, delay: float, x: Array
+    ) -> None:
+        self._model, self._smooth, self._period = model, smooth * smooth, period
+        one = len(x) == 1
+        self._sqrt = (NUMBERS if one else ARRAYS).sqrt
+        self._sin: Any
+        self._cos: Any
+        self._sin, self._cos = (_sin, _cos) if one else (np.sin, np.cos)
+        self._back = math.floor(delay / period + 1e-9)
+        self._share = delay / period - self._back
+        if self._share < 1e-9:
+            self._share = 0.0
+        count = math.ceil(delay / SUBSTEP)
+        self._marks = [round(self._back * (count - 1 - i) / count) for i in range(count)]
+        ends = [self._back + self._share, *self._marks]
+        self._steps = [period * (a - b) for a, b in zip(ends, self._marks, strict=False)]
+        state = components(x)
+        _, _, phi, phi_rate, _, _, theta, theta_rate = state
+        none = 0.0 * phi
+        self._free = self._accelerated((phi, theta), (phi_rate, theta_rate), none, state)
+        now = Tilt(phi, theta, phi_rate, theta_rate, none, none, none, none)
+        # before the start the plate has been as it is, and the ball at rest
+        self._past = deque([now] * (self._back + 2), maxlen=self._back + 2)
+        self._then = now
+
+    def measured(self, angle: Any, rate: Any, state: Any) -> tuple[Tilt, Tilt]:
+        """Take in the plate of now; the plate a dead time ago, and that a period before.
+
+        Args:
+            angle: Measured angles (phi, theta), rad.
+            rate: Commanded rates (phi', theta'), rad/s.
+            state: State (5.5) estimated last, for the terms of second order.
+        """
+        T, (ax, ay), last = self._period, self._free, self._past[-1]
+        u2 = (rate[1] - last.theta_rate) / T
+        free = bx, by = self._accelerated(angle, rate, u2, state)
+        half, sixth = T / 2, T * T / 6
+        self._free = free
+        self._past.append(
+            Tilt(
+                angle[0],
+                angle[1],
+                rate[0],
+                rate[1],
+                last.speed_x + half * (ax + bx),
+                last.speed_y + half * (ay + by),
+                last.way_x + T * last.speed_x + sixth * (2 * ax + bx),
+                last.way_y + T * last.speed_y + sixth * (2 * ay + by),
+            )
+        )
+        begin, then = self._then, self._past[-1 - self._back]
+        if self._share:
+            then = then.towards(self._past[-2 - self._back], self._share)
+        self._then = then
+        return begin, then
+
+    def _accelerated(self, angle: Any, rate: Any, u2: Any, state: Any) -> tuple[Any, Any]:
+        """Acceleration of eta without friction and disturbance, m/s^2, (5.9)."""
+        model, (phi, theta), (wy, w8) = self._model, angle, rate
+        x1, x2, _, _, x5, x6, _, _ = state
+        s3, c3 = self._sin(phi), self._cos(phi)
+        wx, wz = w8 * c3, w8 * s3
+        along = x1 * (wz * wz + wy * wy) - model.d * wx * wz + 2 * x6 * wz + x5 * s3 * u2
+        across = x5 * w8 * w8 - wy * (model.c3 * wz + 2 * x1 * wx) - 2 * x2 * wz - x1 * s3 * u2
+        return (
+            model.c1 * along + model.k1 * s3 * self._cos(theta),
+            model.c1 * across - model.k1 * self._sin(theta) + model.c2 * (c3 - 1) * u2,
+        )
+
+    def velocity(self, s: Any, tilt: Tilt) -> tuple[Any, Any]:
+        """Velocity of the ball on the plate, m/s."""
+        c2 = self._model.c2
+        return s[2] - c2 * tilt.phi_rate, s[3] + c2 * tilt.theta_rate
+
+    def position(self, s: Any, tilt: Tilt) -> tuple[Any, Any]:
+        """Position of the ball on the plate, m."""
+        c2 = self._model.c2
+        return s[0] - c2 * tilt.phi, s[1] + c2 * tilt.theta
+
+    def _heading(self, vx: Any, vy: Any) -> tuple[Any, Any, Any]:
+        """V / sqrt(|v|^2 + vs^2) along x and y, and that root in m/s."""
+        length = self._sqrt(vx * vx + vy * vy + self._smooth)
+        return vx / length, vy / length, length
+
+    def step(self, s: Any, begin: Tilt, then: Tilt) -> tuple[list[Any], Derivatives]:
+        """The state a period on, from the plate at its time and a period later."""
+        T = self._period
+        ex, ey, vx, vy, dx, dy, kx, ky, F = s
+        hx, hy, length = self._heading(*self.velocity(s, begin))
+        ax, ay = dx - F * hx, dy - F * hy
+        sx, sy = then.speed_x - begin.speed_x, then.speed_y - begin.speed_y
+        wx = then.way_x - begin.way_x - T * begin.speed_x
+        wy = then.way_y - begin.way_y - T * begin.speed_y
+        half = T * T / 2
+        after = [
+            ex + T * vx + (1 + kx) * wx + half * ax,
+            ey + T * vy + (1 + ky) * wy + half * ay,
+            vx + (1 + kx) * sx + T * ax,
+            vy + (1 + ky) * sy + T * ay,
+            *s[4:],
+        ]
+        stiff = T * F / length
+        slope = stiff * (hx * hx - 1), stiff * hx * hy, stiff * (hy * hy - 1)
+        return after, Derivatives(slope, (-T * hx, -T * hy), (sx, sy))
+
+    def carry(self, s: Any) -> tuple[Any, Any, Any, Any]:
+        """Eta and eta' of now from the filter's state a dead time ago."""
+        ex, ey, vx, vy, dx, dy, kx, ky, F = s
+        kx, ky, c2, begin = 1 + kx, 1 + ky, self._model.c2, self._then
+        for mark, h in zip(self._marks, self._steps, strict=True):
+            end = self._past[-1 - mark]
+            sx, sy = kx * (end.speed_x - begin.speed_x), ky * (end.speed_y - begin.speed_y)
+            hx, hy, _ = self._heading(vx - c2 * begin.phi_rate, vy + c2 * begin.theta_rate)
+            # friction along the heading in the middle
+            mx = vx + (sx + h * (dx - F * hx)) / 2
+            my = vy + (sy + h * (dy - F * hy)) / 2
+            hx, hy, _ = self._heading(mx - c2 * end.phi_rate, my + c2 * end.theta_rate)
+            ax, ay = dx - F * hx, dy - F * hy
+            ex = ex + h * vx + kx * (end.way_x - begin.way_x - h * begin.speed_x) + h * h / 2 * ax
+            ey = ey + h * vy + ky * (end.way_y - begin.way_y - h * begin.speed_y) + h * h / 2 * ay
+            vx, vy = vx + sx + h * ax, vy + sy + h * ay
+            begin = end
+        return ex, ey, vx, vy
+
+    def equivalent(self, s: Any, state: Any) -> tuple[Any, Any, Any, Any]:
+        """(phi, phi', theta, theta') that would move a ball without friction alike.
+
+        Args:
+            s: The filter's state.
+            state: State (5.5) of now.
+        """
+        _, vx, phi, phi_rate, _, vy, theta, theta_rate = state
+        _, _, _, _, dx, dy, kx, ky, F = s
+        k1 = self._model.k1
+        hx, hy, length = self._heading(vx, vy)
+        phi = (1 + kx) * phi + (dx - F * hx) / k1
+        theta = (1 + ky) * theta - (dy - F * hy) / k1
+        along = hx * phi - hy * theta
+        turn = F / length
+        return (
+            phi,
+            phi_rate - turn * (phi - hx * along),
+            theta,
+            theta_rate - turn * (theta + hy * along),
+        )
+
+
+class SlowPlate:
+    """Angle and rate of N plates from the commanded rate, with a bias learnt from the encoders.
+
+    phi' = w + b with the commanded rate w, both corrected by the measured angle with two equal
+    poles. The measured rate would feed the resonance of plate and spring (13 and 19 Hz) back; the
+    commanded one alone drifts, as disturbances of the motors add up.
+
+    Args:
+        pole: Both poles of the error, as a rate in 1/s.
+        period: Control period in s.
+        x: States to begin with, shape (N, 8).
+    """
+
+    def __init__(self, pole: float, period: float, x: Array) -> None:
+        self.angle: Array = x[:, 2::4].copy()
+        self.commanded: Array = x[:, 3::4].copy()
+        """Plate rates commanded last, rad/s, shape (N, 2)."""
+        self._bias: Array = 0 * self.angle
+        self._period = period
+        self._gain = 2 * pole * period, pole * pole * period
+
+    def correct(self, measured: Array) -> tuple[Array, Array]:
+        """Angles in rad and rates in rad/s, shape (N, 2), once the angles have been measured."""
+        error = measured - self.angle
+        self.angle = self.angle + self._gain[0] * error
+        self._bias = self._bias + self._gain[1] * error
+        return self.angle, self.commanded + self._bias
+
+    def predict(self, u: Array) -> None:
+        """One period under the applied accelerations in rad/s^2, shape (N, 2)."""
+        before = self.commanded
+        self.commanded = before + self._period * u
+        self.angle = self.angle + self._period * (before + self.commanded) / 2
+        self.angle += self._period * self._bias
 
 
 @dataclass(kw_only=True)

@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Reference
-from controllers.ranges import Positive
+from controllers.interfaces import Array, Positive, Reference
 
 ORDER = 5
 """Of the filter: position and four derivatives are continuous."""

@@ -5,19 +5,13 @@ on the ball that the scenario describes; on its own ``control(t, x, reference, q
 accelerations.
 """
 
-from controllers.backstepping import Backstepping
 from controllers.ballplate import BallPlate
-from controllers.feedback_linearization import AFL, AFLIntegral
-from controllers.feedforward import Feedforward
 from controllers.interfaces import Array, Feedback, Law, Reference
-from controllers.internal_model import InternalModel
-from controllers.iterative_learning import IterativeLearning
-from controllers.pid import Pid
-from controllers.predictive import Predictive
-from controllers.sliding_mode import SlidingMode
+from controllers.linear import LQR, Feedforward, Pid, PolePlacement
+from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
+from controllers.optimal import Predictive, TimeVaryingLQR
+from controllers.repetitive import InternalModel, IterativeLearning
 from controllers.stable_inversion import StableInversion
-from controllers.state_feedback import LQR, PolePlacement
-from controllers.time_varying_lqr import TimeVaryingLQR
 
 __all__ = [
     "AFL",

@@ -20,9 +20,7 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
-from controllers.observers.disturbance_observer import DisturbanceObserver
-from controllers.observers.friction_kalman import FrictionKalman
-from controllers.observers.friction_map_kalman import FrictionMapKalman
+from controllers.observers.friction import DisturbanceObserver, FrictionKalman, FrictionMapKalman
 
 __all__ = [
     "Array",

@@ -117,7 +117,7 @@ def test_the_scenario_and_the_study_it_writes_are_whole(folder):
         (("law", "My-Law"), "must be small letters, digits and _"),
         (("law", "lambda"), "must be small letters, digits and _"),
         (("law", "../x"), "must be small letters, digits and _"),
-        (("law", "afl"), "law 'afl': the name is taken by controllers.feedback_linearization"),
+        (("law", "afl"), "law 'afl': the name is taken by controllers.nonlinear"),
         (("observer", "afl"), "observer 'afl': the name is taken by"),
     ],
 )
@@ -190,7 +190,7 @@ def test_a_file_that_cannot_be_taken_in_is_one_line(name, content, expected, fol
 def test_a_name_that_is_taken_is_told_and_the_first_one_stays(folder):
     (folder / "laws").mkdir()
     (folder / "laws" / "afl.py").write_text(law("afl"))
-    assert catalog(Law)["afl"].__module__ == "controllers.feedback_linearization"
+    assert catalog(Law)["afl"].__module__ == "controllers.nonlinear"
     (line,) = broken()
     assert "laws/afl.py" in line
     assert "the name 'afl' is taken by" in line

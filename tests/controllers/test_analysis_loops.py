@@ -11,12 +11,12 @@ from controllers.analysis import (
     sampled_loop,
     state_feedback_loop,
 )
-from controllers.analysis.linearise import System, linear_law
-from controllers.analysis.loops import STATES, close
-from controllers.backstepping import Backstepping
+from controllers.analysis.loops import STATES, System, close, linear_law
 from controllers.ballplate import BallPlate
-from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.design import sample
 from controllers.interfaces import Measurement
+from controllers.linear import LQR, PolePlacement
+from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.observers import (
     ExtendedKalman,
     Ideal,
@@ -24,11 +24,8 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
-from controllers.observers.sampling import sample
-from controllers.references.point import Hold
-from controllers.sliding_mode import SlidingMode
+from controllers.references.figures import Hold
 from controllers.smith import Smith
-from controllers.state_feedback import LQR, PolePlacement
 
 T = 0.002
 A, B, C = BallPlate().linear()

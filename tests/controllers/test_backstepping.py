@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from controllers.backstepping import Backstepping
 from controllers.ballplate import BallPlate
+from controllers.nonlinear import Backstepping
 from controllers.references import Sine
 
 MODEL = BallPlate()

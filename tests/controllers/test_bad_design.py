@@ -8,11 +8,11 @@ import ballplate as bp
 from ballplate.reporter import BallplateWarning
 from controllers.analysis import instability, slow_observer
 from controllers.catalog import register
-from controllers.feedback_linearization import AFL
 from controllers.interfaces import Law
+from controllers.linear import PolePlacement
+from controllers.nonlinear import AFL
 from controllers.observers import Ideal, Luenberger
 from controllers.smith import Smith
-from controllers.state_feedback import PolePlacement
 from twin.cli import main
 from twin.errors import ScenarioError
 from twin.run.execute import run

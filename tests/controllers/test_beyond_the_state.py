@@ -6,13 +6,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from controllers.feedback_linearization import AFL
+from controllers.controller import Controller
 from controllers.interfaces import Law, Measurement
+from controllers.nonlinear import AFL
 from controllers.observers import FrictionKalman, Luenberger
 from controllers.references import Circle, Hold
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
-from controllers.stack import Controller
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.control import build_controller

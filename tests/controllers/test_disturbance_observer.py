@@ -4,7 +4,7 @@ import pytest
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
 from controllers.observers import DisturbanceObserver
-from controllers.observers.disturbance_observer import gains
+from controllers.observers.friction import gains
 
 MODEL = BallPlate()
 T = 0.002

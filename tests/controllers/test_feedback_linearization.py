@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.nonlinear import AFL, AFLIntegral
 from controllers.references import Hold, Sine
 
 MODEL = BallPlate()

@@ -3,9 +3,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from controllers.feedforward import Feedforward
+from controllers.linear import LQR, Feedforward, PolePlacement
 from controllers.references import Circle, Hold, Lissajous, Sine
-from controllers.state_feedback import LQR, PolePlacement
 
 MODEL = BallPlate()
 NOTHING = np.zeros(0)

@@ -6,14 +6,12 @@ import control
 import numpy as np
 import pytest
 
-from controllers.analysis.plain import loop_row
+from controllers.analysis.designs import loop_row
 from controllers.ballplate import BallPlate
-from controllers.held import HeldLaw
+from controllers.controller import Controller, HeldLaw, PerRigLaw, PerRigReference
 from controllers.interfaces import Law, Measurement, Observer
 from controllers.observers import Ideal
-from controllers.per_rig import PerRigLaw, PerRigReference
 from controllers.references import Hold
-from controllers.stack import Controller
 
 T = 0.002
 A, B, C = BallPlate().linear()

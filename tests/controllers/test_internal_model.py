@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from controllers.internal_model import InternalModel
 from controllers.references import Hold, Sine
+from controllers.repetitive import InternalModel
 
 MODEL = BallPlate()
 

@@ -3,10 +3,10 @@ import math
 import numpy as np
 
 from controllers.ballplate import BallPlate
+from controllers.design import sample
 from controllers.interfaces import Feedback
-from controllers.iterative_learning import IterativeLearning
-from controllers.observers.sampling import sample
 from controllers.references import Hold, Sine
+from controllers.repetitive import IterativeLearning
 
 MODEL = BallPlate()
 T = 0.004

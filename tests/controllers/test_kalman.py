@@ -5,7 +5,7 @@ from scipy.stats import chi2
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
 from controllers.observers import Kalman
-from controllers.observers.kalman import bucy_covariance
+from controllers.observers.linear import bucy_covariance
 
 A, B, C = BallPlate().linear()
 TABLE_B1 = {"x": 7.2538e-07, "y": 1.7721e-07, "phi": 1.5433e-10, "theta": 1.1580e-10}

@@ -5,15 +5,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from controllers.backstepping import Backstepping
-from controllers.feedback_linearization import AFL, AFLIntegral
-from controllers.feedforward import Feedforward
 from controllers.interfaces import Reference
-from controllers.internal_model import InternalModel
-from controllers.predictive import Predictive
+from controllers.linear import LQR, Feedforward, PolePlacement
+from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
+from controllers.optimal import Predictive
 from controllers.references import Hold, Sine, Step
-from controllers.sliding_mode import SlidingMode
-from controllers.state_feedback import LQR, PolePlacement
+from controllers.repetitive import InternalModel
 
 LAWS = (
     PolePlacement(),

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
 from controllers.observers import NonlinearLuenberger
-from controllers.observers.nonlinear_luenberger import chain_gain
+from controllers.observers.nonlinear import chain_gain
 
 MODEL = BallPlate()
 T = 0.002

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from controllers.analysis.linearise import linear_law
+from controllers.analysis.loops import linear_law
 from controllers.ballplate import BallPlate
-from controllers.pid import Pid
-from controllers.references.point import Hold
+from controllers.linear import Pid
+from controllers.references.figures import Hold
 
 GAINS = {"kp": 5.0, "ki": 2.0, "kd": 3.0, "filter": 0.05, "plate": (90.0, 18.0)}
 

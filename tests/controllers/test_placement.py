@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controllers.ballplate import BallPlate
-from controllers.observers.placement import place_poles
-from controllers.observers.sampling import sample
+from controllers.design import place_poles, sample
 
 A, B, _ = BallPlate().linear()
 CONTINUOUS = A[:4, :4]

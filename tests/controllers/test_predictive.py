@@ -6,9 +6,9 @@ from scipy.optimize import minimize
 
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
-from controllers.motion import MotionPlan
-from controllers.predictive import MOST, Predictive, Program
+from controllers.optimal import MOST, Predictive, Program
 from controllers.references import Circle, Hold
+from controllers.stable_inversion import MotionPlan
 
 MODEL = BallPlate()
 T = 0.002

@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from controllers.catalog import wrong_answer
 from controllers.interfaces import Law
-from controllers.probe import wrong_answer
 
 
 def law(answer):

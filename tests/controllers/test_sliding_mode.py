@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
+from controllers.nonlinear import SlidingMode
 from controllers.references import Hold, Sine
-from controllers.sliding_mode import SlidingMode
 
 MODEL = BallPlate()
 PATH = Sine(amplitude=(0.1, 0.15), omega=(1.1, 0.7), wave=("sin", "cos"))

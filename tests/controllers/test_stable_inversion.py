@@ -6,8 +6,7 @@ import pytest
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Reference
 from controllers.references import Circle, Hold, Step, Transition
-from controllers.stable_inversion import InversePlan, StableInversion
-from controllers.two_sided import TwoSided
+from controllers.stable_inversion import InversePlan, StableInversion, TwoSided
 
 MODEL = BallPlate()
 T = 0.002

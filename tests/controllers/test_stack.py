@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from controllers.catalog import catalog
+from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.linear import LQR
 from controllers.references import Circle, Hold
-from controllers.stack import Controller, SampledReference
-from controllers.state_feedback import LQR
 from twin.run.control import build_controller
 from twin.run.execute import run
 from twin.scenario import load

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from controllers.ballplate import BallPlate
+from controllers.linear import LQR, PolePlacement
 from controllers.references import Hold, Sine
-from controllers.state_feedback import LQR, PolePlacement
 
 A, B, _ = BallPlate().linear()
 NOTHING = np.zeros(0)

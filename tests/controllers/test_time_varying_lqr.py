@@ -3,9 +3,9 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback
+from controllers.optimal import KNOT, SLICE, TimeVaryingLQR, along
 from controllers.references import Circle, Hold
 from controllers.stable_inversion import StableInversion
-from controllers.time_varying_lqr import KNOT, SLICE, TimeVaryingLQR, along
 
 MODEL = BallPlate()
 T = 0.002

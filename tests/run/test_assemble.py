@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from every_setting import OTHER
 
-from controllers.per_rig import PerRigReference
+from controllers.controller import PerRigReference
+from controllers.linear import LQR
 from controllers.references import Circle, Hold
-from controllers.state_feedback import LQR
 from twin.errors import ModelError, ScenarioError
 from twin.hal.limits import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from controllers.state_feedback import LQR
+from controllers.linear import LQR
 from twin.run.batch import alike, simulate
 from twin.run.execute import run
 from twin.scenario import Scenario, load

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from controllers.backstepping import Backstepping
-from controllers.feedback_linearization import AFL, AFLIntegral
-from controllers.references.point import Step
-from controllers.references.soft import Circle
-from controllers.sliding_mode import SlidingMode
-from controllers.state_feedback import LQR
+from controllers.linear import LQR
+from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
+from controllers.references.figures import Circle, Step
 from twin.cli.reproduce import reproduce as command
 from twin.errors import ScenarioError
 from twin.fit.misfit import cells

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from controllers.feedback_linearization import AFL, AFLIntegral
+from controllers.controller import PerRigLaw, PerRigReference
 from controllers.interfaces import Law
+from controllers.nonlinear import AFL, AFLIntegral
 from controllers.observers import ExtendedKalman, Ideal, Kalman, Luenberger, NonlinearLuenberger
-from controllers.per_rig import PerRigLaw, PerRigReference
 from controllers.references import Sine
 from twin.hal.cams import FixedRatio
 from twin.sim.drives import DriveModel

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from controllers.analysis import margins, sampled_loop, unstable
-from controllers.feedback_linearization import AFL
+from controllers.linear import LQR
+from controllers.nonlinear import AFL, SlidingMode
 from controllers.observers import Kalman, Luenberger
-from controllers.sliding_mode import SlidingMode
 from controllers.smith import Smith
-from controllers.state_feedback import LQR
 from twin.tune.margins import loop_margins
 
 HAND = (180.0, 162.0, 66.0, 13.0)

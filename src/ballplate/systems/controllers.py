@@ -9,7 +9,7 @@ from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.systems.signals import DESIRED, INPUTS, state_space
 from controllers.analysis import MEASUREMENTS, linear_controller, tracking_law
 from controllers.ballplate import STATES
-from controllers.observers.ideal import Ideal
+from controllers.observers.linear import Ideal
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from ballplate.systems.signals import AGE, INPUTS, state_space
 from controllers.analysis import MEASUREMENTS, System, measured_late, whole_periods
 from controllers.arrays import Array
 from controllers.ballplate import MEASURED, STATES
-from controllers.observers.sampling import sample
+from controllers.design import sample
 
 if TYPE_CHECKING:
     import control

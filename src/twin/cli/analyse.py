@@ -41,7 +41,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
     from controllers.analysis import designs
-    from controllers.analysis.plain import design_rows
+    from controllers.analysis.designs import design_rows
     from controllers.ballplate import BallPlate
     from twin.scenario import load
     from twin.scenario.title import titled
@@ -82,7 +82,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
 
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
-    from controllers.analysis.plain import loop_row
+    from controllers.analysis.designs import loop_row
     from twin.run.control import build_controller
 
     controller = build_controller(scenario)
@@ -97,7 +97,7 @@ def _loop(scenario: Scenario) -> Numbers:
 
 
 def _print_poles(rows: Sequence[Numbers]) -> None:
-    from controllers.analysis.plain import DEAD_TIME
+    from controllers.analysis.designs import DEAD_TIME
 
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
     lines = []

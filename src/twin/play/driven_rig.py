@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Measurement, Reference
-from controllers.stack import Controller, SampledReference
 from twin.play.driven import Driven
 from twin.play.ghost import Ghost, push
 from twin.play.kept import Kept

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from controllers.arrays import Array
+from controllers.controller import SampledReference
 from controllers.interfaces import Reference
-from controllers.stack import SampledReference
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.snapshot import Snapshot

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.stack import Controller
+from controllers.controller import Controller
 from twin.errors import ScenarioError
 from twin.hal.interface import Transmission
 from twin.hal.limits import Limits

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.ballplate import BallPlate
-from controllers.per_rig import PerRigReference
+from controllers.controller import PerRigReference
 from twin.run.assemble import assemble, shared
 from twin.run.control import law_of, own_errors
 from twin.run.loop import Ending, drive

@@ -13,13 +13,17 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from controllers.catalog import blamed
-from controllers.held import HeldLaw
+from controllers.catalog import AnswerError, blamed, wrong_answer
+from controllers.controller import (
+    Controller,
+    HeldLaw,
+    PerRigLaw,
+    PerRigObserver,
+    PerRigReference,
+    needed,
+)
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from controllers.per_rig import PerRigLaw, PerRigObserver, PerRigReference
-from controllers.probe import AnswerError, wrong_answer
 from controllers.smith import Smith
-from controllers.stack import Controller, needed
 from twin.errors import LawError, ScenarioError, TwinError
 from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 

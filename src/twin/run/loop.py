@@ -9,8 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from controllers.stack import Controller
 from twin.hal.rig import Rig
 from twin.hal.states import State
 from twin.run.record import Recorder

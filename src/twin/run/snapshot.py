@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from controllers.stack import Controller
 from twin.errors import RecordError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note

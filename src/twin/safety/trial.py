@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.stack import Controller
+from controllers.controller import Controller
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED

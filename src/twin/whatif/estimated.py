@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from controllers.stack import Controller
 from twin.run.assemble import assemble
 from twin.run.control import build_controller
 from twin.run.record import CHANNELS

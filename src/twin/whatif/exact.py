@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from controllers.stack import Controller
 from twin.errors import RecordError
 from twin.run.assemble import assemble
 from twin.run.control import build_controller

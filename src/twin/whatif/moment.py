@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from controllers.arrays import Array
+from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from controllers.stack import Controller
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
 

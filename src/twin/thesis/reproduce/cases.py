@@ -11,8 +11,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from controllers.controller import PerRigReference
 from controllers.interfaces import Law, Observer, Reference
-from controllers.per_rig import PerRigReference
 from controllers.smith import Smith
 from twin.scenario.schema import checked_settings, choices
 from twin.thesis.reproduce.estimators import ConstantGain, Estimator, continuous, kalman_gain

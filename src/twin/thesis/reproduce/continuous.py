@@ -9,8 +9,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from controllers.arrays import Array
+from controllers.controller import PerRigLaw
 from controllers.interfaces import Law, Reference
-from controllers.per_rig import PerRigLaw
 from twin.thesis.reproduce.cases import HeldNoise, SimulationCase, draw, laws, paths, repeated
 from twin.thesis.reproduce.estimators import OUTPUTS, Estimator
 from twin.thesis.reproduce.measures import SimulationTrace

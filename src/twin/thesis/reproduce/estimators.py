@@ -15,11 +15,10 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from controllers.design import place_poles
 from controllers.interfaces import Observer
 from controllers.observers import ExtendedKalman, Kalman, Luenberger, NonlinearLuenberger
-from controllers.observers.kalman import bucy_covariance
-from controllers.observers.luenberger import axis_poles
-from controllers.observers.placement import place_poles
+from controllers.observers.linear import axis_poles, bucy_covariance
 
 OUTPUTS = slice(0, 8, 2)
 """The measured states x, phi, y, theta."""

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.arrays import Mask
+from controllers.controller import Controller, PerRigLaw
 from controllers.interfaces import Measurement
-from controllers.per_rig import PerRigLaw
-from controllers.stack import Controller
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
 from twin.hal.limits import Limits

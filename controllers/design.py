@@ -1,4 +1,8 @@
-"""Pole placement that turns the eigenvectors away from each other, pair by pair.
+"""Poles of an axis: what a scenario may ask for, and the polynomial they are the roots of.
+
+A linear model from one control tick to the next.
+
+Pole placement that turns the eigenvectors away from each other, pair by pair.
 
 With two inputs, poles do not fix a gain: each eigenvector may lie anywhere in a plane. The search
 is that of A. L. Tits and Y. Yang, Globally convergent algorithms for robust pole assignment by
@@ -9,7 +13,7 @@ run, for it brings scipy.stats along.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +21,78 @@ import scipy
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.poles import Pole
+
+Pole = float | complex
+"""A pole in 1/s as a scenario writes it: a number such as -2, or the text "-2+1j"."""
+
+
+def stable_poles(poles: Sequence[Pole], count: int) -> tuple[Pole, ...]:
+    """The poles as numbers, if they can be the poles of a real, stable system.
+
+    Args:
+        poles: Numbers, or text such as "-2+1j"; complex ones in conjugate pairs, in any order.
+        count: How many there must be.
+
+    Raises:
+        ValueError: If their number is wrong, one is not left of the imaginary axis, or a complex
+            one lacks its conjugate.
+    """
+    try:
+        numbers = tuple(complex(pole) for pole in poles)
+    except (TypeError, ValueError):
+        raise ValueError(f"poles must be numbers such as -2 or '-2+1j', got {poles}") from None
+    if len(numbers) != count:
+        raise ValueError(f"poles must be {count} numbers, got {len(numbers)}")
+    for pole in numbers:
+        if not (np.isfinite(pole) and pole.real < 0):
+            raise ValueError(f"poles must have a negative real part, got {listed([pole])}")
+        if numbers.count(pole) != numbers.count(pole.conjugate()):
+            raise ValueError(f"poles must come in conjugate pairs, got {listed(numbers)}")
+    return tuple(pole if pole.imag else pole.real for pole in numbers)
+
+
+def require_stable(coefficients: Array, gains: Sequence[float]) -> None:
+    """Make sure that s^n + ... + c1 s + c0 has all its roots left of the imaginary axis.
+
+    Args:
+        coefficients: c0, c1, ... of the polynomial.
+        gains: The setting they come from, for the message.
+
+    Raises:
+        ValueError: If a root is not there; the message names the roots.
+    """
+    poles = np.roots((1.0, *coefficients[::-1])).tolist()
+    if not all(pole.real < 0 for pole in poles):
+        raise ValueError(f"gains {listed(gains)} are unstable: they give the poles {listed(poles)}")
+
+
+def gains_from(poles: Sequence[Pole]) -> Array:
+    """Coefficients p0, p1, ... of the polynomial s^n + ... + p1 s + p0 with these roots, (6.56)."""
+    return np.poly(poles)[:0:-1].real
+
+
+def listed(numbers: Iterable[Pole]) -> str:
+    """The numbers as a short text."""
+    return ", ".join(f"{p:.4g}" if p.imag else f"{p.real:.4g}" for p in numbers)
+
+
+def sample(A: Array, B: Array, T: float) -> tuple[Array, Array]:
+    """Exact step x[k+1] = Ad x[k] + Bd u[k] of x' = A x + B u with u held over a period.
+
+    Args:
+        A: State matrix, shape (n, n).
+        B: Input matrix, shape (n, m).
+        T: Period in s.
+
+    Returns:
+        Ad, shape (n, n), and Bd, shape (n, m).
+    """
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A, B
+    step = scipy.linalg.expm(block * T)
+    return step[:n, :n], step[:n, n:]
+
 
 Complex = NDArray[Any]
 """Real or complex numbers."""

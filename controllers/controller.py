@@ -1,0 +1,457 @@
+"""A law with a control period of its own: evaluated each k-th tick, its command held between.
+
+Law, observer and reference joined into one controller: measurement in, plate rate out.
+
+N rigs of one batch, each with a law, an observer and a reference of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array, constant
+from controllers.catalog import commanded, remembered
+from controllers.interfaces import Feedback, Law, Measurement, Observer, Reference
+
+
+class HeldCommand:
+    """What is held in one run.
+
+    Args:
+        plan: The law's own.
+        period: Of the law, s.
+    """
+
+    def __init__(self, plan: Any, period: float) -> None:
+        self.plan = plan
+        self.u: Array = np.zeros(2)
+        """Plate accelerations in rad/s^2, shape (..., 2)."""
+        self._period = period
+        self._number = -1
+
+    def due(self, t: float) -> bool:
+        """Whether a time in s is the first asked for of one of the law's periods."""
+        number = math.floor(t / self._period + 1e-6)
+        before, self._number = self._number, number
+        return number != before
+
+
+class HeldLaw(Law):
+    """Another law behind a zero-order hold of its command.
+
+    It is evaluated at the first tick of each of its periods k T, which are counted from time 0, and
+    plans for them. Observer and memory go on at every tick T.
+
+    Args:
+        law: The law.
+        ticks: k, control periods of the rig in one of the law's.
+    """
+
+    law: Law
+    ticks: int
+
+    def __init__(self, law: Law, ticks: int) -> None:
+        own = {each: getattr(law, each) for each in ("name", "memory", "needs", "model")}
+        for name, value in {**own, "law": law, "ticks": ticks}.items():
+            object.__setattr__(self, name, value)
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations of the law itself, not held, rad/s^2, shape (..., 2)."""
+        return self.law.control(t, x, reference, q)
+
+    def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Time derivative of the memory q, shape (..., memory)."""
+        return self.law.memory_rate(t, x, reference, q)
+
+    def start(self, x: Array, reference: Reference, period: float) -> HeldCommand:
+        """The law's plan for its own period, and nothing held yet."""
+        own = self.ticks * period
+        return HeldCommand(self.law.start(x, reference, own), own)
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (..., 2): new ones when it is time."""
+        held: HeldCommand = now.plan
+        if held.due(now.time):
+            held.u = self.law.command(now._replace(plan=held.plan))
+        return held.u
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a report should tell of the law, and that no analysis knows of its hold."""
+        unheld = (
+            f"The law is evaluated every {self.ticks} control periods and held between; poles, "
+            "margins and warnings of the linear loop leave this hold out and take it at every one."
+        )
+        return (*self.law.remarks, unheld)
+
+
+class ControlStep(NamedTuple):
+    """What a controller makes of one measurement.
+
+    Attributes:
+        estimate: State at the time of the measurement, shape (..., 8).
+        acceleration: Requested plate accelerations u in rad/s^2, shape (..., 2).
+        rate: Requested plate rates (phi', theta') in rad/s, shape (..., 2).
+        further: What the observer estimates beyond the state, shape (..., len(observer.knows)).
+    """
+
+    estimate: Array
+    acceleration: Array
+    rate: Array
+    further: Array
+
+
+class Controller:
+    """What drives a rig, simulated or real.
+
+    Once per period ``command`` turns the measurement into a step; ``applied`` must then be given
+    the rates the rig really commanded, from which the observer predicts. Periods that a rig in real
+    time had to leave out are made up for at the next: observer and memory go through them with the
+    plate on a straight line and no touch.
+
+    Args:
+        law: The state feedback.
+        observer: The estimator (with predictor, if any).
+        reference: The path of the ball.
+        period: Control period in s.
+
+    Raises:
+        ValueError: If the law needs what the observer does not estimate.
+    """
+
+    MOST_MISSED = 50
+    """Periods that are made up for at most; after longer ones a rig has been levelled."""
+
+    def __init__(self, law: Law, observer: Observer, reference: Reference, period: float) -> None:
+        self._needed = needed(law, observer)
+        self.law = law
+        self.observer = observer
+        if not isinstance(reference, SampledReference):
+            reference = SampledReference(reference, period)
+        self.reference = reference
+        self.period = period
+        self._period = constant(period)
+        self._time: float | None = None
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin with the ball and the plate where the measurement sees them, at rest."""
+        x = np.zeros((*measurement.y.shape[:-1], 8))
+        x[..., 0::2] = measurement.y
+        if measurement.state is not None:
+            x = np.array(measurement.state)
+        self.observer.start(x)
+        self.rate = self.requested = np.zeros((*x.shape[:-1], 2))
+        self.memory = np.zeros((*x.shape[:-1], self.law.memory))
+        self.plan = self.law.start(x, self.reference, self.period)
+        self._time = None
+
+    def command(self, measurement: Measurement) -> ControlStep:
+        """The estimate for a measurement, and what is requested of the rig."""
+        t, observer = measurement.time, self.observer
+        if self._time is not None and t - self._time > 1.5 * self.period:
+            self._make_up(self._time, measurement)
+        self._time, self._angles, self._age = t, measurement.y[..., 1::2], measurement.age
+        x = observer.correct(measurement)
+        seen, further = observer.equivalent, observer.further
+        now = Feedback(
+            t,
+            x,
+            seen,
+            further[..., self._needed] if self._needed else further[..., :0],
+            self.rate,
+            self.requested,
+            self.reference,
+            self.memory,
+            self.plan,
+        )
+        u = commanded(self.law, self.law.command(now), self.rate)
+        self._remember(t, seen)
+        self.requested = self.rate + self._period * u
+        return ControlStep(x, u, self.requested, further)
+
+    def _remember(self, t: float, seen: Array) -> None:
+        """Integrate the law's memory over one period, from an equivalent state."""
+        if self.law.memory:
+            slope = self.law.memory_rate(t, seen, self.reference, self.memory)
+            slope = remembered(self.law, slope, self.memory)
+            self.memory = self.memory + self._period * slope
+
+    def _make_up(self, before: float, present: Measurement) -> None:
+        """Go through the periods since a time in s in which nothing was measured."""
+        passed, touched = present.time - before, np.zeros_like(present.touched)
+        periods, still = round(passed / self.period), np.zeros_like(self.rate)
+        for number in range(max(1, periods - self.MOST_MISSED), periods):
+            share = number / periods
+            t, y = before + share * passed, present.y.copy()
+            y[..., 1::2] = (1 - share) * self._angles + share * present.y[..., 1::2]
+            age = self._age + share * passed
+            self.observer.correct(Measurement(t, y, age, touched, present.state))
+            self._remember(t, self.observer.equivalent)
+            self.observer.predict(still)
+
+    def applied(self, rate: Array) -> Array:
+        """Take in the plate rates that the rig commanded after its clamps, rad/s, (..., 2).
+
+        Returns:
+            The accelerations that they mean, rad/s^2, shape (..., 2).
+        """
+        acceleration: Array = (rate - self.rate) / self._period
+        self.observer.predict(acceleration)
+        self.rate = rate
+        return acceleration
+
+
+def needed(law: Law, observer: Observer) -> list[int]:
+    """Where what a law needs stands in what an observer knows.
+
+    Raises:
+        ValueError: If the observer does not estimate it: which law, what, which observer.
+    """
+    known = [quantity.name for quantity in observer.knows]
+    for name in law.needs:
+        if name not in known:
+            raise ValueError(
+                f"law '{law.name}' needs an observer that estimates {name}: "
+                f"'{observer.name}' does not"
+            )
+    return [known.index(name) for name in law.needs]
+
+
+class SampledReference(Reference):
+    """A reference evaluated ahead in blocks of control periods; elsewhere it is the original.
+
+    The blocks are for who asks tick by tick; who wants to know the future asks with an array.
+
+    Args:
+        reference: The original.
+        period: Control period in s.
+    """
+
+    BLOCK = 512
+
+    def __init__(self, reference: Reference, period: float) -> None:
+        self.original = reference
+        self._period = period
+        self._first = 0
+        self._block = np.zeros((0, 5, 2))
+
+    def __call__(self, t: float | Array) -> Array:
+        """Position and four derivatives, shape (5, *shape(t), 2)."""
+        if not isinstance(t, float):
+            return self.original(t)
+        tick = round(t / self._period)
+        if abs(tick * self._period - t) > 1e-9:
+            return self.original(t)
+        index = tick - self._first
+        if not 0 <= index < len(self._block):
+            self._first, index = tick, 0
+            times = (tick + np.arange(self.BLOCK)) * self._period
+            self._block = np.ascontiguousarray(self.original(times).swapaxes(0, 1))
+        block: Array = self._block[index]
+        return block
+
+
+Member = TypeVar("Member")
+Place = slice | NDArray[np.integer]
+
+
+class Groups(Generic[Member]):
+    """The rigs that share a member, group by group.
+
+    Args:
+        members: One per rig; one and the same object is shared.
+    """
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        rigs: dict[int, list[int]] = {}
+        for rig, member in enumerate(members):
+            rigs.setdefault(id(member), []).append(rig)
+        self.each = [(_place(found), members[found[0]]) for found in rigs.values()]
+        """Where the rigs of a group stand along the axis of the rigs, and what they share."""
+
+
+def _place(rigs: Sequence[int]) -> Place:
+    """A slice for neighbours, which numpy takes without a copy; else their numbers."""
+    if rigs[-1] - rigs[0] == len(rigs) - 1:
+        return slice(rigs[0], rigs[-1] + 1)
+    return np.array(rigs)
+
+
+class SideBySide(Reference):
+    """M references as one, with the rigs' axis before the last: (5, *shape(t), M, 2).
+
+    Args:
+        members: The references.
+    """
+
+    def __init__(self, members: Sequence[Reference]) -> None:
+        self._members = tuple(members)
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives of every reference."""
+        return np.stack([member(t) for member in self._members], axis=-2)
+
+
+class PerRigReference(SampledReference):
+    """The references of N rigs, each evaluated once however many rigs follow it.
+
+    Args:
+        members: One per rig; equal ones are evaluated once.
+        period: Control period in s.
+    """
+
+    def __init__(self, members: Sequence[Reference], period: float) -> None:
+        distinct = list(dict.fromkeys(members))
+        self.members = tuple(members)
+        super().__init__(SideBySide(distinct), period)
+        self._which = np.array([distinct.index(member) for member in members])
+        self._now: tuple[float, Array] | None = None
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives, shape (5, *shape(t), N, 2)."""
+        if isinstance(t, np.ndarray):
+            return super().__call__(t).take(self._which, axis=-2)
+        if self._now is None or self._now[0] != t:
+            self._now = t, super().__call__(t).take(self._which, axis=-2)
+        return self._now[1]
+
+
+class _PartOf(Reference):
+    """Some rigs' part of a reference, at any time."""
+
+    def __init__(self, whole: Reference, place: Place) -> None:
+        self._whole, self._place = whole, place
+
+    def __call__(self, t: float | Array) -> Array:
+        """Positions and four derivatives, shape (5, *shape(t), n, 2)."""
+        part: Array = self._whole(t)[..., self._place, :]
+        return part
+
+
+class PerRigLaw(Law):
+    """Laws side by side as one; rigs that share a law are calculated together.
+
+    Args:
+        laws: One per rig.
+    """
+
+    groups: Groups[Law]
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        object.__setattr__(self, "groups", Groups(laws))
+        object.__setattr__(self, "memory", max(law.memory for law in laws))
+        object.__setattr__(
+            self, "needs", tuple(dict.fromkeys(n for law in laws for n in law.needs))
+        )
+        object.__setattr__(self, "model", laws[0].model)
+
+    def control(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Plate accelerations in rad/s^2, shape (N, 2), for a reference of N rigs."""
+        u = np.empty((len(x), 2))
+        for own, law in self.groups.each:
+            u[own] = law.control(t, x[own], _PartOf(reference, own), q[own, : law.memory])
+        return u
+
+    def start(self, x: Array, reference: Reference, period: float) -> list[Any]:
+        """The plan of each group of rigs."""
+        return [law.start(x[own], _PartOf(reference, own), period) for own, law in self.groups.each]
+
+    def command(self, now: Feedback) -> Array:
+        """Plate accelerations in rad/s^2, shape (N, 2)."""
+        u = np.empty((len(now.x), 2))
+        for (own, law), plan in zip(self.groups.each, now.plan, strict=True):
+            mine = Feedback(
+                now.time,
+                now.x[own],
+                now.equivalent[own],
+                now.needed[own][:, [self.needs.index(name) for name in law.needs]],
+                now.rate[own],
+                now.requested[own],
+                _PartOf(now.reference, own),
+                now.memory[own, : law.memory],
+                plan,
+            )
+            u[own] = commanded(law, law.command(mine), mine.rate)
+        return u
+
+    def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
+        """Time derivative of the memory, shape (N, memory); 0 where a law has less of it."""
+        slope = np.zeros_like(q)
+        for own, law in self.groups.each:
+            if law.memory:
+                mine = q[own, : law.memory]
+                part = _PartOf(reference, own)
+                given = law.memory_rate(t, x[own], part, mine)
+                slope[own, : law.memory] = remembered(law, given, mine)
+        return slope
+
+
+class PerRigObserver(Observer):
+    """Observers side by side as one; rigs that share an observer are estimated together.
+
+    Args:
+        observers: One per rig; their estimates start with ``start``.
+    """
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self.groups = Groups(observers)
+        self.model, self.period = observers[0].model, observers[0].period
+        known = dict.fromkeys(quantity for each in observers for quantity in each.knows)
+        self.knows = tuple(known)  # type: ignore[misc]
+
+    def start(self, x: Array) -> None:
+        """Begin at the states x, shape (N, 8)."""
+        super().start(x)
+        for own, observer in self.groups.each:
+            observer.start(x[own])
+
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in the measurements of N rigs and return their estimates, shape (N, 8)."""
+        state = measurement.state
+        x = np.empty((len(measurement.y), 8))
+        for own, observer in self.groups.each:
+            x[own] = observer.correct(
+                Measurement(
+                    measurement.time,
+                    measurement.y[own],
+                    measurement.age[own],
+                    measurement.touched[own],
+                    None if state is None else state[own],
+                )
+            )
+        self.x = x
+        return x
+
+    def predict(self, u: Array) -> None:
+        """Carry the estimates one period ahead under the applied inputs u, shape (N, 2)."""
+        x = np.empty_like(self.x)
+        for own, observer in self.groups.each:
+            observer.predict(u[own])
+            x[own] = observer.x
+        self.x = x
+
+    @property
+    def further(self) -> Array:
+        """What the observers know beyond the state; NaN where one does not, shape (N, knows)."""
+        found = np.full((len(self.x), len(self.knows)), np.nan)
+        for own, observer in self.groups.each if self.knows else ():
+            for quantity, values in zip(
+                observer.knows, np.moveaxis(observer.further, -1, 0), strict=True
+            ):
+                found[own, self.knows.index(quantity)] = values
+        return found
+
+    @property
+    def equivalent(self) -> Array:
+        """The estimates as ``Feedback.equivalent`` has them, shape (N, 8)."""
+        if not self.knows:
+            return self.x
+        x = np.empty_like(self.x)
+        for own, observer in self.groups.each:
+            x[own] = observer.equivalent
+        return x

@@ -1,0 +1,426 @@
+"""Disturbance observer: all that the model does not say is one slow force in each axis.
+
+Kalman filter on the flat output that estimates friction, disturbance and tilt gain as well.
+
+Kalman filter that learns how the friction differs from place to place on the screen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.arrays import Array, Mask, every, some
+from controllers.interfaces import Measurement, Positive, Quantity
+from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
+from controllers.observers.linear import NOISE
+
+LONGEST = 50
+"""Control periods between two samples from which on the gain is that of so many."""
+
+
+@dataclass(kw_only=True)
+class DisturbanceObserver(LateBall):
+    """Extended state observer of the flat output, driven by the measured plate angle.
+
+    Ohnishi (1987, "A new servo method in mechatronics"), as an extended state observer Han (1995);
+    for nonlinear plants Chen, Ballance, Gawthrop and O'Reilly (2000, "A nonlinear disturbance
+    observer for robotic manipulators"). With eta = (x + c2 phi, y - c2 theta) and n of the exact
+    model (5.9), either axis has
+
+        eta'' = k1 (sin phi cos theta, -sin theta) + n + d,    d' = 0,
+
+    and the error e of a touch sample corrects (eta, eta', d) by L e, so that what is wrong with
+    them dies out with three poles at ``pole``. L is that of the time since the last sample:
+    frames of the screen are few. Dead time is made up for as by ``friction_kalman``.
+
+    It is an observer and not a law, so that every law can stand on it: the ``equivalent`` angles,
+    phi_eq = phi + d / k1, have the disturbance in them, and the law that counters them counters it.
+
+    Good at level errors and whatever else changes slowly, without a model of it; friction it
+    follows a pole late, so a ball that turns is pushed the wrong way for a while, and one that is
+    held creeps and leaps (limit cycles).
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    name: ClassVar[str] = "disturbance_observer"
+    knows: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("disturbance_x", "m/s^2"),
+        Quantity("disturbance_y", "m/s^2"),
+    )
+
+    pole: Positive = 6.0
+    """The three poles of the error, as a rate in 1/s."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and compute the gains once."""
+        super().__post_init__()
+        ticks = np.arange(1, LONGEST + 1)
+        self._gains = np.array([gains(self.pole, count * self.period) for count in ticks])
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x, shape (..., 8), with no disturbance."""
+        self._begin_at(x, smooth=1.0, friction=0.0)
+        self._waited = np.zeros(self._rigs, int)
+
+    @property
+    def further(self) -> Array:
+        """The disturbance, shape (..., 2)."""
+        return together(self._s[4:6], self._rigs).reshape(*self._shape, 2)
+
+    def _advance(self, begin: Tilt, then: Tilt) -> None:
+        """One period of the model."""
+        self._s, _ = self._ball.step(self._s, begin, then)
+        self._waited = self._waited + 1
+
+    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+        """Correct by a touch sample."""
+        L = self._gains[np.minimum(self._waited, LONGEST) - 1] * new[:, None]
+        here, velocity = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
+        s: list[Any] = list(self._s)
+        position, speed, force = components(L)
+        for axis, seen in enumerate(components(y[:, 0::2])):
+            # the ball was there an age ago: less the way since
+            e = seen - (here[axis] - components(age[:, None])[0] * velocity[axis])
+            s[axis] = s[axis] + position * e
+            s[2 + axis] = s[2 + axis] + speed * e
+            s[4 + axis] = s[4 + axis] + force * e
+        self._s = s
+        self._waited = np.where(new, 0, self._waited)
+
+
+def gains(pole: float, T: float) -> Array:
+    """L of (eta, eta', d) so that an error sampled with T dies out as exp(-pole t) thrice.
+
+    With A of a step of T and c = (1, 0, 0), A (1 - L c) has the eigenvalue exp(-pole T) thrice: by
+    comparing the coefficients of its characteristic polynomial.
+    """
+    z = math.exp(-pole * T)
+    return np.array([1 - z**3, 1.5 * (1 - z) ** 2 * (1 + z) / T, (1 - z) ** 3 / T**2])
+
+
+KNOWN = (
+    Quantity("friction", "m/s^2"),
+    Quantity("disturbance_x", "m/s^2"),
+    Quantity("disturbance_y", "m/s^2"),
+    Quantity("tilt_gain_x", "1"),
+    Quantity("tilt_gain_y", "1"),
+    Quantity("friction_spread", "m/s^2"),
+    Quantity("tilt_gain_x_spread", "1"),
+    Quantity("tilt_gain_y_spread", "1"),
+)
+"""What the filter knows beyond the state; tilt gains are errors, spreads standard deviations."""
+F = 8
+"""Where the friction stands in the filter's state."""
+DISTURBANCE = [4, 5]
+"""Where the disturbance along x and y stands there."""
+LEARNT = slice(6, None)
+"""Tilt gain and friction, which are learnt in motion alone."""
+RESTING = 0.004
+"""Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
+LARGEST_GAIN = 0.2
+"""Bound of the error of the tilt gain."""
+
+
+@dataclass(kw_only=True)
+class FrictionKalman(LateBall):
+    """Extended Kalman filter of a ball with rolling friction, driven by the measured plate angle.
+
+    The plate's acceleration drops out of the motion of the flat output eta = (x + c2 phi,
+    y - c2 theta), so that only the measured angle enters, whatever lies between command and plate:
+
+        eta'' = (1 + kappa) k1 (sin phi cos theta, -sin theta) + n + d - F v / sqrt(|v|^2 + vs^2)
+
+    with the ball's velocity v, the remaining terms n of the exact model (5.9), a disturbance d
+    (level, unevenness), one friction F against the velocity, and an error kappa of the tilt gain
+    of either axis. Its nine states are eta, eta', d, kappa and F, the last three as random walks. F
+    and kappa are learnt above ``learning_speed`` only: learnt while the ball sticks, F runs away.
+
+    The filter runs at the time of the touch sample, t - delay, with the plate angles of then, and
+    its estimate is carried to t with the angles measured since, so it needs no predictor. A frame
+    of the screen is taken once, when it is new, and as old as it is.
+
+    A law is given the plate's angle and rate as a slow estimate from the commanded rate and the
+    encoders (``SlowPlate``): slower than the plate's resonances at 13 and 19 Hz, but fast enough
+    to see a plate that stands still in the play of its drive. The ``equivalent`` angles have
+    friction and disturbance in them,
+
+        phi_eq = (1 + kappa) phi + (d - F v / |v|) / k1,
+
+    so that a law made for x'' = k1 sin(phi) meets the plant it was designed on.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    name: ClassVar[str] = "friction_kalman"
+    knows: ClassVar[tuple[Quantity, ...]] = KNOWN
+
+    believed_mm: Positive = 0.18
+    """Rolling resistance arm in mm that is believed at the start."""
+    plate_pole: Positive = 30.0
+    """Both poles of the plate's estimate, as a rate in 1/s."""
+    smooth: Positive = 0.005
+    """Speed vs in m/s over which the friction changes its sign."""
+    learning_speed: Positive = 0.02
+    """Speed in m/s above which friction and tilt gain are learnt."""
+    walk: tuple[Positive, Positive, Positive, Positive] = (0.01, 0.02, 0.005, 0.0005)
+    """Random walks of velocity (m/s), disturbance (m/s^2), friction (m/s^2), and tilt gain, each
+    as standard deviation after a second."""
+    resting_walk: Positive | None = None
+    """Random walk of the disturbance while the ball rests, alike: its friction may then be anything
+    up to the breakaway. None for the same as in motion."""
+    spread: tuple[Positive, Positive, Positive] = (0.03, 0.03, 0.02)
+    """Standard deviations at the start of disturbance (m/s^2), friction (m/s^2) and tilt gain."""
+    R: tuple[Positive, Positive] = (NOISE[0], NOISE[2])
+    """Variances of a touch sample of x and y in m^2; Table B.1."""
+    most_friction: Positive = 3.0
+    """Largest friction estimated, as a multiple of the one believed at the start."""
+
+    innovation: Array = field(init=False, repr=False)
+    """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
+    innovation_variance: Array = field(init=False, repr=False)
+    """What the filter takes for its variance, m^2, shape (..., 2)."""
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        super().__post_init__()
+        model, T = self.model, self.period
+        self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
+        velocity, disturbance, friction, gain = np.square(self.walk) * T
+        self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
+        self._at_rest = 0.0
+        if self.resting_walk is not None:
+            self._at_rest = self.resting_walk**2 * T - disturbance
+        d, F0, kappa = np.square(self.spread)
+        self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
+        self._A = np.eye(9)
+        self._A[[0, 1], [2, 3]] = self._A[[2, 3], [4, 5]] = T
+        self._diagonal = np.arange(9)
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
+        self._begin_at(x, self.smooth, self._F)
+        self._P = np.tile(self._begin, (self._rigs, 1, 1))
+        self.innovation = np.full((self._rigs, 2), np.nan)
+        self.innovation_variance = self.innovation.copy()
+
+    @property
+    def P(self) -> Array:
+        """Covariance of eta, eta', d, kappa, F at the touch sample's time, shape (..., 9, 9)."""
+        return self._P.reshape(*self._shape, *self._P.shape[1:]).copy()
+
+    @property
+    def further(self) -> Array:
+        """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
+        _, _, _, _, dx, dy, kx, ky, friction = self._s
+        sqrt, P = self._by.sqrt, components(self._P[:, (F, 6, 7), (F, 6, 7)])
+        found = together((friction, dx, dy, kx, ky, *map(sqrt, P)), self._rigs)
+        return found.reshape(*self._shape, len(KNOWN))
+
+    def _advance(self, begin: Tilt, then: Tilt) -> None:
+        """One period of the filter, from one touch sample's time to the next."""
+        s = self._at(self._ball.position(self._s, begin))
+        s, step = self._ball.step(s, begin, then)
+        self._s = [*s[:F], self._s[F]]
+        A = np.empty((self._rigs, 9, 9))
+        A[:] = self._A
+        xx, xy, yy = step.slope
+        A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
+        A[:, 2, F], A[:, 3, F] = step.friction
+        A[:, 2, 6], A[:, 3, 7] = step.gain
+        self._P = P = self._propagated(A, step)
+        P[:, self._diagonal, self._diagonal] += self._Q
+        if self._at_rest:
+            vx, vy = self._ball.velocity(self._s, then)
+            rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
+            P[:, DISTURBANCE, DISTURBANCE] += np.reshape(rest * self._at_rest, (-1, 1))
+
+    def _propagated(self, A: Array, step: Derivatives) -> Array:
+        """Covariance a period on, from what the period does to the nine states."""
+        P: Array = A @ self._P @ A.swapaxes(1, 2)
+        return P
+
+    def correct(self, measurement: Measurement) -> Array:
+        """Take in plate angles of now and a ball position of a dead time ago."""
+        self.innovation = np.full((self._rigs, 2), np.nan)
+        self.innovation_variance = np.full((self._rigs, 2), np.nan)
+        return super().correct(measurement)
+
+    def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
+        """Correct by a touch sample, axis by axis."""
+        aged, whole = some(age), every(new)
+        vx, vy = self._ball.velocity(self._s, then)
+        moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)
+        for axis in range(2):
+            h = np.reshape(self._ball.position(self._s, then)[axis], -1)
+            P = self._P
+            hP = P[:, axis]
+            variance = hP[:, axis]
+            if aged:
+                # the ball was there an age ago: less the way since
+                h = h - age * np.reshape(self._ball.velocity(self._s, then)[axis], -1)
+                hP = hP - age[:, None] * P[:, 2 + axis]
+                variance = hP[:, axis] - age * hP[:, 2 + axis]
+            e, S = y[:, 2 * axis] - h, variance + self.R[axis]
+            gain = hP / S[:, None]
+            if not whole:
+                gain = np.where(new[:, None], gain, 0.0)
+            self._reduce(gain, hP, moving)
+            if not every(moving):
+                gain[~moving, LEARNT] = 0.0
+            self._correct_by(gain * e[:, None])
+            self.innovation[:, axis] = np.where(new, e, np.nan)
+            self.innovation_variance[:, axis] = S
+        least, most = self._by.least, self._by.most
+        *_, kx, ky, friction = self._s
+        self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
+        self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
+        self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
+
+    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
+        """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
+        fall = gain[:, :, None] * hP[:, None, :]
+        if not every(moving):
+            fall[~moving, LEARNT, LEARNT] = 0.0
+        self._P = self._P - fall
+
+    def _correct_by(self, change: Array) -> None:
+        """Add to the estimate what a touch sample says of it, shape (N, 9)."""
+        self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
+
+
+FRICTION, SPREAD = (
+    [quantity.name for quantity in KNOWN].index(name) for name in ("friction", "friction_spread")
+)
+"""Where these two stand in what is known."""
+
+
+@dataclass(kw_only=True)
+class FrictionMapKalman(FrictionKalman):
+    """``friction_kalman`` with a friction F + m(x, y) that depends on the place.
+
+    m is given by its values at the points of a grid over the screen, straight between them, and
+    these values are further states of the filter. Before anything is known they are a Gaussian
+    field with the standard deviation s = ``map_spread`` and the length l = ``map_length``,
+
+        E m(p) m(q) = s^2 exp(-|p - q|^2 / (2 l^2)).
+
+    They do not change with time, so the second time that the ball comes to a place, its friction is
+    known and need not be found again, a dead time and the filter's own lag late. What is then left
+    to the random walks is little: they may be slower than without a map, and let less of the
+    screen's noise through. Like F, the map is learnt in motion only.
+
+    ``friction`` and its spread are those of the place where the ball is now.
+
+    Good where a path, or a part of the screen, comes again. On the first way over a screen it costs
+    calculation and gives nothing; what depends on the place for another reason, as an error of the
+    cams' table does, is taken for friction too.
+
+    Raises:
+        ValueError: If a setting is not finite or has the wrong sign.
+    """
+
+    name: ClassVar[str] = "friction_map_kalman"
+
+    map_spread: Positive = 0.02
+    """Standard deviation of the friction from place to place in m/s^2, before anything is known."""
+    map_length: Positive = 0.03
+    """Distance in m over which it varies."""
+    map_pitch: Positive = 0.05
+    """Distance in m between the points of the map, at most; time and memory grow with its inverse
+    to the fourth power."""
+    map_sides: tuple[Positive, Positive] = (0.70, 0.395)
+    """Extent of the map in m along x and y about the plate's centre; beside it its edge counts."""
+
+    def __post_init__(self) -> None:
+        """Check the settings and lay the points."""
+        super().__post_init__()
+        along = [
+            np.linspace(-side / 2, side / 2, 1 + max(round(side / self.map_pitch), 1))
+            for side in self.map_sides
+        ]
+        self._points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+        self._cells = tuple(len(each) - 1 for each in along)
+
+    def start(self, x: Array) -> None:
+        """Begin at the state x, shape (..., 8), with the same friction everywhere."""
+        count = len(self._points)
+        self._m = np.zeros((int(np.prod(np.shape(x)[:-1])), count))
+        self._rows = np.arange(len(self._m))[:, None]
+        super().start(x)
+        apart = ((self._points[:, None] - self._points) ** 2).sum(axis=-1)
+        P = np.zeros((self._rigs, 9 + count, 9 + count))
+        P[:, :9, :9] = self._P
+        P[:, 9:, 9:] = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
+        self._P, self._fall = P, np.empty(P.shape[1:])
+
+    @property
+    def friction_map(self) -> Array:
+        """Friction at the points of the grid, m/s^2, shape (..., n, m), first along x."""
+        n, m = self._cells
+        F0 = np.reshape(self._s[F], (-1, 1))
+        return (F0 + self._m).reshape(*self._shape, n + 1, m + 1)
+
+    @property
+    def further(self) -> Array:
+        """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
+        found = super().further.reshape(self._rigs, -1)
+        found[:, FRICTION] = self._at(self._state[0::4])[F]
+        (corners, shares), P = self._here, self._P
+        along = 9 + corners
+        map_alone = P[self._rows[:, :, None], along[:, :, None], along[:, None, :]]
+        both = 2 * P[self._rows, F, along] + (map_alone * shares[:, None]).sum(axis=-1)
+        found[:, SPREAD] = np.sqrt(P[:, F, F] + (both * shares).sum(axis=-1))
+        return found.reshape(*self._shape, len(KNOWN))
+
+    def _shares(self, place: Sequence[Any]) -> tuple[NDArray[np.integer], Array]:
+        """The four points about a place, and the share that each has in it, both shape (N, 4)."""
+        least, most, (n, m) = self._by.least, self._by.most, self._cells
+        (width, height), (x, y) = self.map_sides, place
+        u = least(most((x / width + 0.5) * n, 0.0), n - 1e-9)
+        v = least(most((y / height + 0.5) * m, 0.0), m - 1e-9)
+        i, j = u // 1, v // 1
+        a, b, first = u - i, v - j, i * (m + 1) + j
+        corners = together((first, first + 1, first + m + 1, first + m + 2), self._rigs)
+        shares = together(((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b), self._rigs)
+        # a ball that has run away is nowhere, and all that follows from it not a number
+        return np.where(corners >= 0, corners, 0).astype(int), shares
+
+    def _at(self, place: Sequence[Any]) -> Any:
+        """The nine states with the friction of a place (x, y) in m, which drives no ball."""
+        self._here = corners, shares = self._shares(place)
+        (more,) = components((self._m[self._rows, corners] * shares).sum(axis=-1)[:, None])
+        return [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
+
+    def _propagated(self, A: Array, step: Derivatives) -> Array:
+        """Covariance a period on: the map acts on the velocities as F does, where it was asked."""
+        corners, shares = self._here
+        P, by = self._P, np.zeros((self._rigs, 9))
+        by[:, 2], by[:, 3] = step.friction
+        part = shares[:, None]
+        top = A @ P[:, :9] + by[:, :, None] * (part @ P[self._rows, 9 + corners])
+        along = part @ top.swapaxes(1, 2)[self._rows, 9 + corners]
+        top[:, :, :9] = top[:, :, :9] @ A.swapaxes(1, 2) + along.swapaxes(1, 2) * by[:, None]
+        P[:, :9], P[:, 9:, :9] = top, top[:, :, 9:].swapaxes(1, 2)
+        return P
+
+    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
+        """Rig by rig and in place, as the covariance of one is as much as stays near at hand."""
+        for rig in np.flatnonzero(gain.any(axis=1)).tolist():
+            np.multiply(gain[rig, :, None], hP[rig], out=self._fall)
+            if not moving[rig]:
+                self._fall[LEARNT, LEARNT] = 0.0
+            self._P[rig] -= self._fall
+
+    def _correct_by(self, change: Array) -> None:
+        """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
+        super()._correct_by(change[:, :9])
+        self._m = self._m + change[:, 9:]
