@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from benchmarks import closed_loop, exact_plant, physics_step, start_up, study_speed
-from twin.run.execute import run
-from twin.run.overview_plot import draw
+from twin.run.finished import run
+from twin.run.picture import draw
 from twin.scenario import load
 from twin.sim.plant.friction import Friction
 

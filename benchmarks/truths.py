@@ -17,16 +17,14 @@ from controllers.arrays import Array
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.virtual import EmulatedPlant
 from twin.hal.cams import CamTable
-from twin.run.assemble import assemble, build_limits
-from twin.run.control import build_controller
+from twin.run.assemble import assemble, build_controller, build_limits
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.sim.calibration import fit_ringing
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.model import load_model
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.model import Parts, load_model
 
 PERIOD = 0.002
 AWAY = (0.6, 0.0, 0.0, 0.0)

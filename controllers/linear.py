@@ -18,7 +18,8 @@ from annotated_types import Gt, Le, Len
 
 from controllers.arrays import Array
 from controllers.design import Pole, listed, stable_poles
-from controllers.interfaces import Law, NotNegative, Positive, Reference
+from controllers.interfaces import Law, Reference
+from controllers.ranges import NotNegative, Positive
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,8 @@ from annotated_types import Len
 
 from controllers.ballplate import SIGN, desired
 from controllers.design import Pole, gains_from, require_stable, stable_poles
-from controllers.interfaces import Array, Law, Positive, Reference
+from controllers.interfaces import Array, Law, Reference
+from controllers.ranges import Positive
 
 
 @dataclass(frozen=True, kw_only=True)

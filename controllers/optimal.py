@@ -15,7 +15,8 @@ from annotated_types import Ge
 
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
-from controllers.interfaces import Feedback, NotNegative, Reference
+from controllers.interfaces import Feedback, Reference
+from controllers.ranges import NotNegative
 from controllers.stable_inversion import AboutMotion, MotionPlan, flat_axis
 
 KNOT = 0.02

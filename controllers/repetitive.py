@@ -15,7 +15,8 @@ from annotated_types import Ge, Gt, Lt
 
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
-from controllers.interfaces import Feedback, Law, NotNegative, Positive, Reference
+from controllers.interfaces import Feedback, Law, Reference
+from controllers.ranges import NotNegative, Positive
 from controllers.stable_inversion import AboutMotion, DesiredMotion, MotionPlan, Tilts, flat_axis
 
 

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.arrays import Array, some
-from controllers.interfaces import DelayedObserver, Measurement, NotNegative, Observer
+from controllers.interfaces import DelayedObserver, Measurement, Observer
+from controllers.ranges import NotNegative
 
 BALL = slice(0, None, 4)
 """The ball's position X_1 = (x, y) in the state (5.5)."""

@@ -21,7 +21,8 @@ import scipy
 
 from controllers.arrays import Array
 from controllers.ballplate import SIGN, BallPlate
-from controllers.interfaces import Feedback, Law, NotNegative, Positive, Reference
+from controllers.interfaces import Feedback, Law, Reference
+from controllers.ranges import NotNegative, Positive
 
 
 class DesiredMotion(NamedTuple):

@@ -21,7 +21,7 @@ from PIL import Image
 
 from controllers.ballplate import BallPlate
 from twin import markdown
-from twin.run.overview_plot import COLOURS, REFERENCE
+from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis.claims import terms
 from twin.thesis.reproduce import report
 from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare

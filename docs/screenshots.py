@@ -6,8 +6,7 @@ Needs a Vulkan driver, which may be a software one (Debian: mesa-vulkan-drivers)
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from twin.run.execute import run, save
-from twin.run.replay import open_runs
+from twin.run.finished import open_runs, run, save
 from twin.scenario import load
 from twin.view.recording import screenshot, write
 

@@ -24,8 +24,7 @@ from twin.cli.options import PROCESSES
 from twin.cli.output import progress
 from twin.jobs import cores, results
 from twin.scenario.load import load
-from twin.scenario.schema import Scenario
-from twin.scenario.study_step import at_study_step
+from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed

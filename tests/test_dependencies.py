@@ -30,7 +30,7 @@ def changed(path):
         (TABLES, "src/twin/thesis/__init__.py"),
         (TABLES, "src/twin/thesis/reproduce/sampled.py"),
         (TABLES, "src/twin/thesis/reproduce/data/full_state.toml"),
-        (TABLES, "src/twin/sim/plant/rolling.py"),  # through several others
+        (TABLES, "src/twin/sim/plant/exact.py"),  # through several others
         (TABLES, "controllers/nonlinear.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),
         (TRIALS, "src/twin/identify/levenberg_marquardt.py"),

@@ -14,7 +14,7 @@ from controllers.catalog import catalog
 from controllers.interfaces import Observer, Reference
 from twin.cli import COMMANDS, ballplate
 from twin.cli.new import new
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario import load
 
 ROOT = Path(__file__).parent.parent

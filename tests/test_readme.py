@@ -13,7 +13,7 @@ from controllers import catalog as catalog_module
 from controllers.catalog import catalog, in_files_only
 from controllers.interfaces import Law
 from twin.cli import COMMANDS
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario.load import check, read, resolved, setting
 from twin.scenario.rig import check_rig
 from twin.scenario.schema import KINDS, Scenario, choices

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, every, some
-from controllers.interfaces import Measurement, Positive, Quantity
+from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.linear import NOISE
+from controllers.ranges import Positive
 
 LONGEST = 50
 """Control periods between two samples from which on the gain is that of so many."""

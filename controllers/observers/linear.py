@@ -20,7 +20,8 @@ import scipy
 
 from controllers.arrays import Array, every
 from controllers.design import Pole, listed, place_poles, sample, stable_poles
-from controllers.interfaces import Measurement, Observer, Positive
+from controllers.interfaces import Measurement, Observer
+from controllers.ranges import Positive
 
 OUTPUTS = slice(0, None, 2)
 """h(x) = (x, phi, y, theta) of (5.7) as a slice of the state: unlike a list of indices, a view."""

@@ -16,8 +16,9 @@ from annotated_types import Len
 from controllers.arrays import Array, every
 from controllers.ballplate import MEASURED
 from controllers.design import Pole, sample, stable_poles
-from controllers.interfaces import Measurement, Observer, Positive
+from controllers.interfaces import Measurement, Observer
 from controllers.observers.linear import DISTURBANCE, NOISE, OUTPUTS, Kalman, axis_poles, innovation
+from controllers.ranges import Positive
 
 STEEPEST = math.sin(math.radians(60))
 FASTEST = 10.0

@@ -15,7 +15,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from controllers.interfaces import Array, NotNegative, Pair, Positive, Reference
+from controllers.interfaces import Array, Reference
+from controllers.ranges import NotNegative, Pair, Positive
 from controllers.references.paths import WithDerivatives, at_rest, in_turn, join, linear
 
 

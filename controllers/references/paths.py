@@ -15,7 +15,8 @@ import numpy as np
 import scipy
 
 from controllers.arrays import Array
-from controllers.interfaces import Positive, Reference
+from controllers.interfaces import Reference
+from controllers.ranges import Positive
 
 DEGREE = 9
 """Degree of the joins: five conditions at either end."""

@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from controllers.interfaces import Array, Positive, Reference
+from controllers.interfaces import Array, Reference
+from controllers.ranges import Positive
 
 ORDER = 5
 """Of the filter: position and four derivatives are continuous."""

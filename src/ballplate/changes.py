@@ -107,12 +107,12 @@ def scenario_of(name: str | Path, changed: Sequence[Change], *, titled: bool = T
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    from twin.scenario import title
     from twin.scenario.load import check, read, resolved
+    from twin.scenario.load import titled as title_of
 
     pairs = [(each.key, each.value) for each in changed]
     chosen = check(*resolved(*read(str(name)), pairs))
-    return title.titled(chosen, [each.text for each in changed]) if titled else chosen
+    return title_of(chosen, [each.text for each in changed]) if titled else chosen
 
 
 def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

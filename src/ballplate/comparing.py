@@ -70,7 +70,7 @@ def compare(
         TwinError: If there is no such scenario, run or log, or anything in it is unknown, out of
             range or cannot be assembled.
     """
-    from twin.run.sources import sorted_out
+    from twin.run.files import sorted_out
 
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
@@ -83,7 +83,7 @@ def compare(
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.results import Result
-    from twin.run.replay import open_runs
+    from twin.run.finished import open_runs
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     opened = [*map(Result.from_run, open_runs(kept, tell=report.warn))] if kept else []
@@ -106,7 +106,7 @@ def _measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[Change]
 ) -> tuple[list[Run], list[Change]]:
     """Logs as runs, and what their prediction is to be changed to."""
-    from twin.run.log_run import fitting, log_run, read_log
+    from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []
     fitted: list[Change] = []
@@ -146,7 +146,7 @@ def cases_of(
     Raises:
         ScenarioError: If anything in them is unknown or out of range.
     """
-    from twin.run.folders import slug
+    from twin.run.files import slug
     from twin.scenario.variants import variants
 
     cases: dict[str, Case] = {}
@@ -219,7 +219,7 @@ def side_by_side(
 
     replaced = ""
     if folder is not None:
-        from twin.run.folders import forget
+        from twin.run.files import forget
 
         check_writable(folder, reporter.name_of("out"))
         replaced = forget(folder)
@@ -292,9 +292,9 @@ def _each(
 
 def _attempt(scenario: Scenario) -> Run | LawError:
     """The run of a scenario, or how its law failed."""
-    from twin.run import execute
+    from twin.run import finished
 
     try:
-        return execute.run(scenario)
+        return finished.run(scenario)
     except LawError as error:
         return error

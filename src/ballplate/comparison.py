@@ -83,7 +83,7 @@ class Comparison(Mapping[str, "Result"]):
 
     def plot(self) -> Figure:
         """All runs in one picture."""
-        from twin.run.overview_plot import picture
+        from twin.run.picture import picture
 
         return showable(picture(self.motions, self.title, self._area))
 
@@ -94,7 +94,7 @@ class Comparison(Mapping[str, "Result"]):
             RecordError: If it cannot be written, or a run is one that was opened.
         """
         from ballplate.results import kept
-        from twin.run.folders import forget, slug
+        from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
         self.folders = {label: self.folders.get(label, slug(label)) for label in self._runs}
@@ -108,8 +108,8 @@ class Comparison(Mapping[str, "Result"]):
         Raises:
             RecordError: If it cannot be written.
         """
-        from twin.run.folders import MANIFEST
-        from twin.run.overview_plot import draw
+        from twin.run.files import MANIFEST
+        from twin.run.picture import draw
         from twin.writing import write_json
 
         place = Path(folder)

@@ -48,7 +48,7 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
-    from twin.run.connect import connect
+    from twin.run.assemble import connect
     from twin.scenario.rig import check_rig, read_rig
 
     if scenario.sensors.ideal:
@@ -85,7 +85,7 @@ def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:
 
     If one of them ended the run while the computer was late, that comes first.
     """
-    from twin.hal.faults import Severity
+    from twin.hal.interface import Severity
 
     mild = Severity.WARNING
     stopped = any(entry.note.condition.severity is not mild for entry in rig.journal)
@@ -108,8 +108,8 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         folder: Holds no run.
         attach: What else is given the recorder before the run.
     """
-    from twin.run.execute import described
-    from twin.run.folders import STREAM
+    from twin.run.files import STREAM
+    from twin.run.finished import described
     from twin.view.live_process import LiveProcess
 
     file = folder / STREAM
@@ -134,7 +134,7 @@ def _stream(
 ) -> None:
     """Write what is recorded until the run has ended, or its process is gone."""
     from twin.jobs import orphaned
-    from twin.run.record_file import stream
+    from twin.run.record import stream
     from twin.view.live_process import step_back
     from twin.view.shared_ring_buffer import SharedRingBuffer
 

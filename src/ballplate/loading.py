@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, png_image, showable
-from twin.run.signals import Signals
+from twin.run.finished import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ class Log(Signals):
         import numpy as np
         from matplotlib.figure import Figure
 
-        from twin.run.overview_plot import LOOK
+        from twin.run.picture import LOOK
 
         with mpl.rc_context(LOOK):
             figure = Figure(figsize=(9, 5), layout="constrained")
@@ -78,7 +78,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     from ballplate.comparison import Comparison
     from ballplate.reporter import default
     from ballplate.results import Result
-    from twin.run.replay import open_runs
+    from twin.run.finished import open_runs
 
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:

@@ -85,7 +85,7 @@ class Result(Run):
 
     def plot(self) -> Figure:
         """The picture: path of the ball, error, plate angles and effort."""
-        from twin.run.overview_plot import picture
+        from twin.run.picture import picture
 
         motions = {label: each.motion for label, each in self.shown.items()}
         return showable(picture(motions, self.title, self.scenario.rig.limits.area))
@@ -110,8 +110,8 @@ class Result(Run):
             RecordError: If it cannot be written, or the run is one that was opened.
         """
         from ballplate.reporter import default
-        from twin.run.folders import free
-        from twin.run.replay import of_other_class
+        from twin.run.files import free
+        from twin.run.finished import of_other_class
 
         place = Path(folder) if folder is not None else Path("runs") / self.name
         if self.record is not None and of_other_class(place, lambda: self.scenario):
@@ -142,7 +142,7 @@ def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> R
     Raises:
         RecordError: If it cannot be written, or the run is one that was opened.
     """
-    from twin.run.execute import save
+    from twin.run.finished import save
 
     if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")

@@ -73,9 +73,9 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess
-    from twin.run.folders import free
+    from twin.run.files import free
+    from twin.run.finished import holds_finished
     from twin.run.plants import PLANTS
-    from twin.run.replay import holds_finished
 
     folder = None if out is None else Path(out)
     if folder is not None:
@@ -135,12 +135,12 @@ def one_run(
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
-    from twin.run import execute
+    from twin.run import finished
 
     if warn:
         warn_of_dangers(scenario, reporter)
     with reporter.progress(label, scenario.duration) as advance:
-        return execute.run(scenario, advance, attach, rig)
+        return finished.run(scenario, advance, attach, rig)
 
 
 def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> None:
@@ -152,7 +152,7 @@ def warn_of_dangers(scenario: Scenario, reporter: Reporter, label: str = "") -> 
         label: Which of several runs it is.
     """
     from controllers.analysis import instability, slow_observer
-    from twin.run.control import build_controller, own_errors
+    from twin.run.assemble import build_controller, own_errors
 
     with own_errors():
         controller = build_controller(scenario)
@@ -185,18 +185,18 @@ def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Cal
     """Begin the run of the clean model in the second process, if there is one; what ends it."""
     import scipy.linalg  # noqa: F401  both processes need it: once, where the second is a fork
 
-    from twin.run import execute
-    from twin.scenario.clean import clean
+    from twin.run import finished
+    from twin.scenario.load import clean
 
     model = clean(scenario)
     if not beside.there:
         return lambda: one_run(model, CLEAN, reporter)
-    result = beside.begin(execute.run, model)
-    beside.begin(execute.load_drawing)
+    result = beside.begin(finished.run, model)
+    beside.begin(finished.load_drawing)
 
-    def finished() -> Run:
+    def ended() -> Run:
         warn_of_dangers(model, reporter)
         with reporter.progress(CLEAN, model.duration):
             return result()
 
-    return finished
+    return ended

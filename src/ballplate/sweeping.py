@@ -95,10 +95,10 @@ def sweep(
 
 def _judged(scenario: Scenario) -> dict[str, Any]:
     """The indicators of a run; of one whose law raises an error none, but its line."""
-    from twin.run import execute
+    from twin.run import finished
 
     try:
-        done = execute.run(scenario)
+        done = finished.run(scenario)
     except LawError as error:
         return _none("failed") | {"reason": str(error)}
     if done.interrupted:
@@ -108,6 +108,6 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    from twin.run.indicators import UNITS
+    from twin.run.metrics import UNITS
 
     return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}

@@ -87,7 +87,7 @@ class Sweep:
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
-        from twin.run.indicators import UNITS
+        from twin.run.metrics import UNITS
 
         store = StringIO()
         writer = csv.writer(store, lineterminator="\n")
@@ -115,7 +115,7 @@ class Sweep:
         from matplotlib.figure import Figure
 
         from twin.report.numbers import LABELS
-        from twin.run.overview_plot import LOOK, style
+        from twin.run.picture import LOOK, style
 
         known = [name for name in DRAWN if any(each is not None for each in self[name])]
         drawn = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}

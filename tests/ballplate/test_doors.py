@@ -17,7 +17,7 @@ import pytest
 import ballplate as bp
 from controllers.interfaces import Measurement
 from twin.cli import main
-from twin.run.control import build_controllers
+from twin.run.assemble import build_controllers
 
 RATE = 0.5
 """A power of two, so that dividing a rate by it and multiplying again gives the rate."""

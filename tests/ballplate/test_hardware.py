@@ -13,11 +13,11 @@ import ballplate as bp
 from ballplate.hardware import streamed, tell_timing
 from ballplate.reporter import Reporter
 from twin.devices.timing import TimingLog
-from twin.hal.faults import Severity
+from twin.hal.interface import Severity
 from twin.hal.rig import Entry
 from twin.identify.log import read
 from twin.run import plants
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario.load import load
 
 
@@ -62,7 +62,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from ballplate.hardware import streamed
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario.load import load
 
 def attach(recorder):

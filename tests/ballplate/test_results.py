@@ -8,7 +8,7 @@ import pytest
 
 import ballplate
 from twin.errors import ScenarioError
-from twin.run.record_file import read_run
+from twin.run.record import read_run
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.3, "metrics": {"start": 0}}
 

@@ -8,7 +8,7 @@ import ballplate as bp
 from ballplate.systems.signals import DESIRED, INPUTS
 from controllers.analysis import designs, margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATES
-from twin.run.control import build_controller
+from twin.run.assemble import build_controller
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
 

@@ -14,7 +14,7 @@ from controllers.catalog import ADDED, add, broken, catalog, outside
 from controllers.interfaces import Law, Observer, Reference
 from twin.cli import main
 from twin.cli.new import LIKE
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario import load
 from twin.study import schema
 from twin.study.work import sources

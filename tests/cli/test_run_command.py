@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from twin.run import overview_plot
-from twin.run.execute import run as run_scenario
-from twin.run.overview_plot import picture
-from twin.scenario.title import titled
+import twin.run.picture
+from twin.run.finished import run as run_scenario
+from twin.run.picture import picture
+from twin.scenario.load import titled
 
 QUICK = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
 KEYS = {
@@ -106,7 +106,9 @@ def test_what_was_changed_is_in_the_title_of_everything_a_run_leaves(
     ballplate, tmp_path, monkeypatch, changes, more
 ):
     drawn = []
-    monkeypatch.setattr(overview_plot.Figure, "suptitle", lambda _, text, **__: drawn.append(text))
+    monkeypatch.setattr(
+        twin.run.picture.Figure, "suptitle", lambda _, text, **__: drawn.append(text)
+    )
     title = f"Step to (150, 150) mm (duration=0.2, metrics.start=0{more}, plant.kind=lagrange)"
     asked = [word for change in changes for word in ("--set", change)]
     _, out, _ = ballplate("run", "step", *QUICK, *asked, "--out", "made")

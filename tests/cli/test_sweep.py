@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from twin.cli.sweep import sweep as command
 from twin.errors import ScenarioError
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario.load import load
 from twin.scenario.variants import swept
 

@@ -15,7 +15,7 @@ from controllers.observers import Ideal, Luenberger
 from controllers.smith import Smith
 from twin.cli import main
 from twin.errors import ScenarioError
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.run.loop import Ending
 
 

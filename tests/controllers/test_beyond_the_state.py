@@ -14,13 +14,11 @@ from controllers.references import Circle, Hold
 from controllers.smith import Smith
 from controllers.stable_inversion import StableInversion
 from twin.errors import ScenarioError
-from twin.run.assemble import assemble
-from twin.run.control import build_controller
+from twin.run.assemble import assemble, build_controller
 from twin.run.loop import drive
-from twin.run.record import Recorder
-from twin.run.record_file import table
+from twin.run.record import Recorder, table
 from twin.scenario import load
-from twin.scenario.clean import clean
+from twin.scenario.load import clean
 
 T = 0.002
 CURE = ("observer.kind=friction_kalman", "controller.kind=stable_inversion")

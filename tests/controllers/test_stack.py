@@ -6,8 +6,8 @@ from controllers.controller import Controller, SampledReference
 from controllers.interfaces import Law, Measurement, Observer, Reference
 from controllers.linear import LQR
 from controllers.references import Circle, Hold
-from twin.run.control import build_controller
-from twin.run.execute import run
+from twin.run.assemble import build_controller
+from twin.run.finished import run
 from twin.scenario import load
 
 PERIOD = 0.002

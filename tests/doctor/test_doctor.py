@@ -32,7 +32,7 @@ from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
 from twin.run.assemble import build_limits
-from twin.run.execute import record_run, run
+from twin.run.finished import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
 

@@ -7,8 +7,7 @@ from twin.emulator.changes import follow_changes
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.emulator.virtual import EmulatedPlant
-from twin.run.assemble import build_limits
-from twin.run.control import build_controller
+from twin.run.assemble import build_controller, build_limits
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import load

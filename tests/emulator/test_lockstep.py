@@ -8,10 +8,9 @@ import pytest
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME
 from twin.emulator.virtual import EmulatedPlant
-from twin.hal.states import State
-from twin.run.assemble import build_limits
-from twin.run.control import build_controller
-from twin.run.execute import run
+from twin.hal.supervisor import State
+from twin.run.assemble import build_controller, build_limits
+from twin.run.finished import run
 from twin.run.loop import Ending, drive
 from twin.run.record import Recorder
 from twin.scenario import load

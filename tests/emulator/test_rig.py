@@ -23,8 +23,8 @@ from twin.emulator.drive_power import MASTER_SILENT
 from twin.emulator.process import emulated
 from twin.emulator.serve import VirtualRig
 from twin.emulator.virtual import TICK
-from twin.run.record_file import read_run
-from twin.run.replay import open_run
+from twin.run.finished import open_run
+from twin.run.record import read_run
 from twin.scenario.rig import check_rig, read_rig
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
-from twin.hal.cubic import cubic
+from twin.hal.cams import cubic
 
 
 @given(n=st.integers(4, 40), seed=st.integers(0, 2**32 - 1))

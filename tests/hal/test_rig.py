@@ -6,7 +6,7 @@ import pytest
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.virtual import EmulatedPlant
 from twin.hal.rig import Rig
-from twin.hal.states import State
+from twin.hal.supervisor import State
 from twin.run.assemble import assemble, build_limits
 
 QUIET = (

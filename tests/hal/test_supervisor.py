@@ -4,9 +4,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin.hal.limits import Clamp, Limits
-from twin.hal.states import Event, State
-from twin.hal.supervisor import Supervisor
+from twin.hal.interface import Clamp, Limits
+from twin.hal.supervisor import Event, State, Supervisor
 
 PERIOD = 0.002
 LIMITS = Limits()

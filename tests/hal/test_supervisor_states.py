@@ -10,10 +10,8 @@ from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.lumio.conditions import BALL_LOST
 from twin.devices.lumio.conditions import CONDITIONS as TOUCH_CONDITIONS
-from twin.hal.faults import Condition, Fault, Severity
-from twin.hal.limits import Limits
-from twin.hal.states import TRANSITIONS, Event, State
-from twin.hal.supervisor import Supervisor
+from twin.hal.interface import Condition, Fault, Limits, Severity
+from twin.hal.supervisor import TRANSITIONS, Event, State, Supervisor
 
 PERIOD = 0.002
 LIMITS = Limits()

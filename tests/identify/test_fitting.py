@@ -19,7 +19,7 @@ from twin.identify.report import parameters
 from twin.identify.rests import paces, rests, speed
 from twin.identify.verdict import BOUNDED, IDENTIFIED, REJECTED, _ball, _servo, whiteness
 from twin.scenario import load
-from twin.sim.drive_train import Hysteresis, Play, Resonance
+from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 

@@ -18,7 +18,7 @@ from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import page, parameters, sentences
 from twin.identify.verdict import _servo
-from twin.run.execute import run, save
+from twin.run.finished import run, save
 from twin.scenario import load
 
 TRUTH = {"rolling": 0.21, "breakaway": 1.4, "delay": 0.042, "servo": 10.0}

@@ -14,8 +14,7 @@ from twin.identify.log import COLUMNS, LogError, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.prepare import prepare
 from twin.identify.validation import hold_out
-from twin.run.execute import run, save
-from twin.run.replay import open_run
+from twin.run.finished import open_run, run, save
 from twin.scenario import load
 
 

@@ -20,7 +20,7 @@ import psutil
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
-from twin.run.replay import open_run
+from twin.run.finished import open_run
 from twin.whatif.futures import moment_of
 
 CHROMIUM = Path("/usr/bin/chromium")

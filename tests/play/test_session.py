@@ -12,8 +12,7 @@ from twin.play.kept import Kept, States
 from twin.play.sight import COLUMNS
 from twin.report.diagnosis import Diagnosis
 from twin.report.summary import summary
-from twin.run.execute import run
-from twin.run.replay import open_run
+from twin.run.finished import open_run, run
 from twin.scenario.load import load
 from twin.whatif.futures import moment_of
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from twin.run.overview_plot import COLOURS
+from twin.run.picture import COLOURS
 from twin.view.layout import GROUND, SKY
 from twin.view.signals import RUNS, WORDS, Signal, tinted
 

@@ -15,9 +15,7 @@ from twin.report.figures import details
 from twin.report.html import html
 from twin.report.numbers import as_csv, as_latex
 from twin.report.summary import summary, verdict
-from twin.run.execute import run, save
-from twin.run.finished import Run
-from twin.run.replay import open_run, open_runs
+from twin.run.finished import Run, open_run, open_runs, run, save
 from twin.scenario.load import check
 from twin.view.signals import signals
 from twin.writing import write_json

@@ -12,22 +12,19 @@ from controllers.controller import PerRigReference
 from controllers.linear import LQR
 from controllers.references import Circle, Hold
 from twin.errors import ModelError, ScenarioError
-from twin.hal.limits import Limits
+from twin.hal.interface import Limits
 from twin.run.assemble import SHARED, SHARED_EXACT, assemble
 from twin.run.batch import simulate
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
 from twin.settings import settings_of
-from twin.sim.drives import DriveModel
-from twin.sim.encoders import EncoderModel
-from twin.sim.plant.friction import Friction
+from twin.sim.drives import DriveModel, TransmissionError
+from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.surface import SurfaceModel
-from twin.sim.touch import TouchModel
-from twin.sim.transmission import TransmissionError
+from twin.sim.plant.model import Parts
+from twin.sim.sensors import EncoderModel, TouchModel
 
 SHORT = ("duration=0.12", "metrics.start=0", "plant.start.x_rate=0.1")
 BESIDE = {

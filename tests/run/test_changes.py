@@ -6,7 +6,7 @@ import pytest
 from controllers.ballplate import BallPlate
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.plants import build_plant, change_plant
 from twin.run.record import Recorder

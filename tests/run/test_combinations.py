@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.run.execute import run
+from twin.run.finished import run
 
 LAWS = {
     "pole_placement": (),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.run.assemble import assemble
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load

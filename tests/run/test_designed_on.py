@@ -8,10 +8,9 @@ import pytest
 
 import ballplate as bp
 from controllers.ballplate import BallPlate
+from twin.run.assemble import build_controller
 from twin.run.batch import alike
-from twin.run.control import build_controller
-from twin.run.execute import record_run, run
-from twin.run.replay import open_run
+from twin.run.finished import open_run, record_run, run
 from twin.scenario import load
 from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.errors import ModelError, ScenarioError
-from twin.run.episodes import Episodes
+from twin.run.batch import Episodes
 from twin.study.build import Builder
 from twin.study.family import drawn, read
 
@@ -97,7 +97,7 @@ def test_an_episode_that_cannot_begin_leaves_scenarios_and_plant_together(monkey
     def refuse(*_):
         raise ModelError("no such spring")
 
-    monkeypatch.setattr("twin.run.episodes.rebuild_plant", refuse)
+    monkeypatch.setattr("twin.run.batch.rebuild_plant", refuse)
     with pytest.raises(ModelError):
         episodes.begin(BEGUN, nominal(2, 2))
     assert episodes.scenarios == before

@@ -7,8 +7,8 @@ from scipy.io import loadmat
 from twin.cli import main
 from twin.cli.export import export as command
 from twin.identify.log import read
-from twin.run.execute import run, save
-from twin.run.record_file import read_run
+from twin.run.finished import run, save
+from twin.run.record import read_run
 from twin.scenario import load
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import LogError, RecordError, ScenarioError
-from twin.run.folders import former, free, last, record_of, run_folder, run_name
-from twin.run.sources import log_file
+from twin.run.files import former, free, last, log_file, record_of, run_folder, run_name
 from twin.shipped import find
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twin.errors import LogError
-from twin.run.execute import run
-from twin.run.log_run import apart, distances, fitting, log_run, read_log
+from twin.run.finished import run
+from twin.run.logs import apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load
 
 CHANGES = ("plant.kind=lagrange", "duration=6", "metrics.start=2", "controller.kind=lqr")

@@ -5,8 +5,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from twin.run.metrics import Motion
-from twin.run.overview_held import HEIGHT, HIGHEST
-from twin.run.overview_plot import COLOURS, LEAST_ERROR, MOST, REFERENCE, WINDOW, picture
+from twin.run.picture import COLOURS, HEIGHT, HIGHEST, LEAST_ERROR, MOST, REFERENCE, WINDOW, picture
 
 TIME = np.arange(0.0, 4.0, 0.01)
 

@@ -6,11 +6,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import RecordError
-from twin.run.execute import described, run, save
-from twin.run.folders import STREAM
-from twin.run.record import Recorder
-from twin.run.record_file import read_run, stream, write_run
-from twin.run.replay import open_run
+from twin.run.files import STREAM
+from twin.run.finished import described, open_run, run, save
+from twin.run.record import Recorder, read_run, stream, write_run
 from twin.writing import write_json, write_whole
 
 

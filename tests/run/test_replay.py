@@ -8,8 +8,7 @@ import pytest
 
 from twin.cli import main
 from twin.errors import RecordError
-from twin.run.execute import run, save
-from twin.run.replay import open_run, open_runs
+from twin.run.finished import open_run, open_runs, run, save
 
 
 @pytest.fixture(scope="module")

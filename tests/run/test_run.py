@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
-import twin.run.execute
+import twin.run.finished
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble
-from twin.run.execute import run, save
+from twin.run.finished import run, save
 from twin.run.loop import Ending, drive
 from twin.run.record import Recorder
 
@@ -106,7 +106,7 @@ def test_a_run_whose_numbers_run_away_has_diverged_and_is_saved(
             (plant._x if kind == "lagrange" else plant._qvel)[:] = 1e300
 
     monkeypatch.setattr(plant, "advance", run_away)
-    monkeypatch.setattr(twin.run.execute, "assemble", lambda _: (rig, controller))
+    monkeypatch.setattr(twin.run.finished, "assemble", lambda _: (rig, controller))
     with np.errstate(all="ignore"):
         done = run(chosen)
     assert done.outcome == Ending.DIVERGED
@@ -127,7 +127,7 @@ def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp
         return original(measurement)
 
     monkeypatch.setattr(controller, "command", interrupted)
-    monkeypatch.setattr(twin.run.execute, "assemble", lambda _: (rig, controller))
+    monkeypatch.setattr(twin.run.finished, "assemble", lambda _: (rig, controller))
     done = run(chosen)
     assert done.outcome == Ending.ABORTED
     assert done.record.length == 49

@@ -9,10 +9,9 @@ from twin.errors import RecordError
 from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.run.saved_state import SnapshotError
-from twin.run.snapshot import Snapshot, packed, unpacked
+from twin.run.state import Snapshot, SnapshotError, packed, unpacked
 from twin.scenario.load import load as load_scenario
-from twin.sim.noise import Noise
+from twin.sim.sensors import Noise
 
 DURATION, AT = 0.3, 0.2
 TICK = round(AT / 0.002)

@@ -8,7 +8,7 @@ from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.watch import MonitorConfig
 from twin.emulator.drive_motion import Motor
 from twin.emulator.drive_settings import DriveSettings
-from twin.hal.limits import Clamp, Limits
+from twin.hal.interface import Clamp, Limits
 from twin.safety import limits
 from twin.safety.case import FaultCase
 from twin.safety.cases import CASES

@@ -18,7 +18,7 @@ from twin.devices.akd import bringup
 from twin.devices.akd.axis import Axis, AxisRequest
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
-from twin.hal.limits import Clamp
+from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import FaultCase
 from twin.safety.cases import AT_START, CASES

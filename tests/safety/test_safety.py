@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import twin.devices
 import twin.hal
 from twin.cli.safety import safety
-from twin.hal.faults import Condition, Severity
+from twin.hal.interface import Condition, Severity
 from twin.safety.cases import CASES
 from twin.safety.doc import document, write_doc
 from twin.safety.matrix import run_case

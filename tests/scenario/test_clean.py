@@ -3,11 +3,10 @@
 import pytest
 from every_setting import OTHER
 
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario import load
-from twin.scenario.clean import clean
-from twin.scenario.plant import MECHANISM_ONLY
-from twin.scenario.schema import Scenario
+from twin.scenario.load import clean
+from twin.scenario.schema import MECHANISM_ONLY, Scenario
 
 BALL = {
     "plant.ball.kind": "steel",

@@ -18,7 +18,7 @@ from twin.shadow.evidence import Evidence
 from twin.shadow.learned import MOST, scatter
 from twin.shadow.monitor import bounded, statistic
 from twin.shadow.plate import plate_evidence
-from twin.sim.drive_train import Play
+from twin.sim.drives import Play
 
 ROLLING = PARAMETERS.index("rolling")
 

@@ -18,8 +18,7 @@ from twin.cli.shadow import shadow as shadow_command
 from twin.errors import TwinError
 from twin.identify.log import read
 from twin.identify.prepare import prepare
-from twin.run.execute import run, save
-from twin.run.replay import open_run
+from twin.run.finished import open_run, run, save
 from twin.scenario import load
 from twin.shadow import follow, report
 from twin.shadow.alarms import Alarm

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from twin.cli.shadow import shadow as command
 from twin.identify.log import read
-from twin.run.execute import run, save
+from twin.run.finished import run, save
 from twin.scenario import load
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import believed

@@ -11,7 +11,7 @@ from twin.cli.calibrate import FEET, advice, level
 from twin.identify.identify import identify
 from twin.identify.parameters import BALL
 from twin.identify.verdict import ParameterVerdict
-from twin.run.execute import run, save
+from twin.run.finished import run, save
 from twin.scenario import load
 
 TILT = (0.12, -0.07)

@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from twin.sim.drive_train import Hysteresis, Play, Resonance
-from twin.sim.drives import DriveModel, SimulatedDrives
-from twin.sim.vibration import Vibration
+from twin.sim.drives import DriveModel, Hysteresis, Play, Resonance, SimulatedDrives, Vibration
 
 
 def column(*values):

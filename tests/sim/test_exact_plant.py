@@ -5,11 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from controllers.ballplate import BallPlate
 from twin.hal.interface import SCREEN
-from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction
-from twin.sim.plant.level import tilted_gravity
-from twin.sim.plant.rolling import rolling
-from twin.sim.plant.surface import SurfaceMap
+from twin.sim.plant.exact import ExactPlant, rolling
+from twin.sim.plant.friction import Friction, SurfaceMap
+from twin.sim.plant.kinematics import tilted_gravity
 
 MODEL = BallPlate()
 

@@ -10,14 +10,13 @@ from controllers.arrays import Number, column
 from twin.errors import ModelError, ScenarioError
 from twin.hal.cams import FixedRatio
 from twin.run.assemble import assemble
-from twin.run.batch import simulate
-from twin.run.episodes import Episodes
-from twin.run.execute import run
+from twin.run.batch import Episodes, simulate
+from twin.run.finished import run
 from twin.run.plants import PLANTS, PlantKind, register
 from twin.scenario import load
 from twin.scenario.load import validated
-from twin.scenario.plant import PLANTS as NAMED
-from twin.scenario.tables import tables
+from twin.scenario.schema import PLANTS as NAMED
+from twin.scenario.schema import tables
 from twin.settings import Unit, filled, setting
 
 EXACT = ("plant.kind=lagrange", "duration=1", "metrics.start=0", "sensors.touch.variance=[0,0]")

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
-from twin.sim.plant.friction import Friction, resisted
-from twin.sim.plant.surface import SCREEN, SurfaceMap
+from twin.sim.plant.friction import SCREEN, Friction, SurfaceMap, resisted
 
 MODEL = BallPlate()
 FRICTION = Friction(rolling=2e-4, breakaway_ratio=1.5, stribeck_speed=0.01, dwell_time=0.3)

@@ -14,10 +14,8 @@ import pytest
 from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
-from twin.sim.plant.fitted import fitted, shaped
-from twin.sim.plant.model import differing, fields_of, load_model
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.standing import settle
+from twin.sim.plant.equilibrium import settle
+from twin.sim.plant.model import Parts, differing, fields_of, fitted, load_model, shaped
 
 KINDS = {
     "BODY": "nbody",

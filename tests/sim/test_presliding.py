@@ -8,9 +8,8 @@ from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction
+from twin.sim.plant.friction import Friction, bent
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.presliding import bent
 
 MODEL = BallPlate()
 ARM, WAY = 2e-4, 1e-4

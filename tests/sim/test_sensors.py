@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 
 from twin.hal.interface import SCREEN
-from twin.sim.encoders import EncoderModel, SimulatedEncoders
-from twin.sim.noise import Noise
-from twin.sim.touch import SimulatedScreen, TouchModel
+from twin.sim.sensors import EncoderModel, Noise, SimulatedEncoders, SimulatedScreen, TouchModel
 
 PERIOD = 0.002
 

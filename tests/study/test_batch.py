@@ -11,7 +11,7 @@ import pytest
 
 from controllers.linear import LQR
 from twin.run.batch import alike, simulate
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.scenario import Scenario, load
 from twin.sim.plant.exact import ExactPlant
 

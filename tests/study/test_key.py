@@ -66,7 +66,7 @@ def test_the_versions_of_what_it_calculates_with_are_in_the_key(key, library):
     [
         ("devices", "akd", "config.py"),
         ("view", "scene.py"),
-        ("run", "overview_plot.py"),
+        ("run", "picture.py"),
         ("scenario", "load.py"),
         ("study", "report.py"),
     ],

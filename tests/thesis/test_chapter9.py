@@ -14,9 +14,9 @@ from twin.errors import ScenarioError
 from twin.fit.misfit import cells
 from twin.fit.runs import Runs
 from twin.fit.schema import read
-from twin.run.control import build_controller
+from twin.run.assemble import build_controller
 from twin.scenario import load, shipped
-from twin.sim.encoders import COUNTS
+from twin.sim.sensors import COUNTS
 from twin.study.store import Store
 from twin.thesis import chapter9
 from twin.thesis.chapter9 import (

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from twin.run.overview_plot import COLOURS
+from twin.run.picture import COLOURS
 
 CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
 

@@ -11,10 +11,9 @@ from controllers.observers import ExtendedKalman, Ideal, Kalman, Luenberger, Non
 from controllers.references import Sine
 from twin.hal.cams import FixedRatio
 from twin.sim.drives import DriveModel
-from twin.sim.encoders import EncoderModel
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.rig import SimulatedDevices
-from twin.sim.touch import TouchModel
+from twin.sim.sensors import EncoderModel, TouchModel
 from twin.thesis.reproduce.cases import (
     BALL,
     DISTURBANCE,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from twin.cli.scenarios import run as run_command
 from twin.errors import ScenarioError, TwinError, ViewError
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.view import live, viewer
 from twin.view.live_process import LiveProcess
 from twin.view.shared_ring_buffer import SharedRingBuffer
@@ -209,8 +209,7 @@ def test_two_ways_to_watch_are_refused(quick):
 @pytest.mark.long
 @pytest.mark.real_time
 def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
-    from twin.run.execute import save
-    from twin.run.replay import open_run
+    from twin.run.finished import open_run, save
     from twin.view.recording import write
     from twin.view.streams import TIMELINE
 

@@ -7,9 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import RecordError, ViewError
-from twin.run.execute import run, save
-from twin.run.record_file import write_run
-from twin.run.replay import open_run, open_runs
+from twin.run.finished import open_run, open_runs, run, save
+from twin.run.record import write_run
 from twin.view import viewer
 from twin.view.recording import write
 from twin.view.viewer import program

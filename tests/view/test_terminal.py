@@ -3,7 +3,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.scenarios import run as run_command
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.view.terminal import Summary
 
 

@@ -13,10 +13,10 @@ from click.testing import CliRunner
 from twin.cli import ballplate
 from twin.errors import TwinError
 from twin.report.html import html
-from twin.run import execute
-from twin.run.export import export
+from twin.run import finished
+from twin.run.files import export
+from twin.run.finished import open_run, open_runs
 from twin.run.loop import INTERRUPTED
-from twin.run.replay import open_run, open_runs
 from twin.scenario.load import load
 from twin.whatif.futures import branches_of, futures, moment_of
 from twin.whatif.page import POOR, page
@@ -46,8 +46,8 @@ COLUMNS = (
 
 
 def recorded(folder, *keys):
-    done = execute.run(load("circle", [*KEYS, *keys]))
-    execute.record_run(done, folder)
+    done = finished.run(load("circle", [*KEYS, *keys]))
+    finished.record_run(done, folder)
     return done
 
 
@@ -96,7 +96,7 @@ def test_an_unchanged_future_is_the_rest_of_a_simulated_run(tmp_path, keys):
 
 
 def test_a_future_goes_on_from_the_last_snapshot_before_the_moment(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.run.snapshot.EVERY", 0.5)
+    monkeypatch.setattr("twin.run.state.EVERY", 0.5)
     recorded(tmp_path / "run")
     assert one(moment_of(tmp_path / "run", AT)).max_difference == 0.0
     monkeypatch.setattr("twin.whatif.exact.snapshots_of", lambda _: [])
@@ -124,8 +124,8 @@ def test_a_moment_between_two_periods_is_told(run, log):
 
 def test_a_future_has_what_the_observer_knows_beyond_the_state(tmp_path):
     tables = load("cure", ["plant.kind=lagrange", "duration=1.0", "metrics.start=0.5"])
-    done = execute.run(tables)
-    execute.record_run(done, tmp_path / "run")
+    done = finished.run(tables)
+    finished.record_run(done, tmp_path / "run")
     found = one(moment_of(tmp_path / "run", 0.6), lasting=0.4).run.record
     assert len(found.further) > 0
     assert np.array_equal(found["further"], done.record["further"][300:])

@@ -12,7 +12,7 @@ from ballplate.gym.task import REWARD_SCALE, Task
 from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask
 from twin.errors import TwinError
-from twin.run.episodes import Episodes
+from twin.run.batch import Episodes
 
 
 class Transition(NamedTuple):

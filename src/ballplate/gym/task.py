@@ -38,7 +38,7 @@ from gymnasium.spaces import Box
 from ballplate.changes import changes_of
 from controllers.arrays import Array
 from twin.errors import ScenarioError
-from twin.run.control import build_reference
+from twin.run.assemble import build_reference
 from twin.scenario.schema import Scenario
 from twin.study.build import Builder
 from twin.study.family import drawn

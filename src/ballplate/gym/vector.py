@@ -25,7 +25,7 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
     episodes of some rigs; the others do not notice, to the last bit. From 16 rigs on the engine's
     are seen in another way than fewer, as in studies, so that the last bits of the mechanism differ
-    from those of one rig; and see ``twin.run.episodes.Episodes`` on episodes that begin at moments
+    from those of one rig; and see ``twin.run.batch.Episodes`` on episodes that begin at moments
     that are no multiple of 40 ms.
 
     Args:

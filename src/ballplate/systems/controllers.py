@@ -35,7 +35,7 @@ def law(
         TwinError: If there is no such scenario, anything in it is unknown or out of range, or its
             law has no linearisation, as a sliding mode has none.
     """
-    from twin.run.control import build_law
+    from twin.run.assemble import build_law
 
     chosen = build_law(scenario_of(scenario, changes_of(settings, changes)))
     try:
@@ -57,7 +57,7 @@ def controller(
     Args and errors are those of ``law``; an observer that cannot be linearised or is given the true
     state is refused as well.
     """
-    from twin.run.control import build_controller
+    from twin.run.assemble import build_controller
 
     built = build_controller(scenario_of(scenario, changes_of(settings, changes)))
     if isinstance(built.observer, Ideal):

@@ -15,7 +15,7 @@ from twin.cli.options import load_scenario
 from twin.cli.output import warn
 from twin.cli.terminal import Terminal
 from twin.errors import RecordError
-from twin.run.sources import check_no_scenario
+from twin.run.files import check_no_scenario
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -39,9 +39,9 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
     Raises:
         TwinError: If one cannot be opened, or a log has no scenario.
     """
-    from twin.run.folders import LAST
-    from twin.run.log_run import fitting, log_run, read_log
-    from twin.run.replay import open_runs
+    from twin.run.files import LAST
+    from twin.run.finished import open_runs
+    from twin.run.logs import fitting, log_run, read_log
 
     paths = paths or [Path(LAST)]
     logs = [path for path in paths if path.suffix == ".csv"]

@@ -44,7 +44,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     from controllers.analysis.designs import design_rows
     from controllers.ballplate import BallPlate
     from twin.scenario import load
-    from twin.scenario.title import titled
+    from twin.scenario.load import titled
 
     chosen = titled(load(scenario, overrides), overrides)
     model = BallPlate()
@@ -65,8 +65,8 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
-    from twin.run.execute import run as run_scenario
-    from twin.scenario.clean import clean
+    from twin.run.finished import run as run_scenario
+    from twin.scenario.load import clean
     from twin.thesis.claims import neglected_rows
 
     record = run_scenario(clean(scenario)).record
@@ -83,7 +83,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
     from controllers.analysis.designs import loop_row
-    from twin.run.control import build_controller
+    from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
     dead_time = scenario.sensors.touch.dead_time

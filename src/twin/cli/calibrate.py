@@ -116,7 +116,7 @@ def level(log: Path, *, as_json: bool) -> int:
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
-    from twin.run.sources import log_file
+    from twin.run.files import log_file
 
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     from twin.identify.identify import identify

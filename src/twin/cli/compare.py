@@ -43,13 +43,13 @@ def compare(
     SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
     what the twin predicts for the scenario beside them.
     """
-    from twin.run.sources import sorted_out
+    from twin.run.files import sorted_out
 
     for name in sorted_out(sources).scenarios:
         find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.comparing import compare as compare_sources
-    from twin.run.folders import run_folder
-    from twin.run.log_run import distances
+    from twin.run.files import run_folder
+    from twin.run.logs import distances
     from twin.scenario.variants import parsed, varied
 
     over, changed = parsed(vary), with_plant(overrides, plant)

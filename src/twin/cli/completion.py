@@ -40,7 +40,7 @@ def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[Comp
 
 def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Folders of runs/, the newest run, and other files."""
-    from twin.run.folders import LAST, ROOT, run_folders
+    from twin.run.files import LAST, ROOT, run_folders
 
     made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
     return _offered(incomplete, (LAST, *(path.as_posix() for path in sorted(made))))

@@ -46,7 +46,7 @@ def explain(
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
     from twin.scenario import load
-    from twin.scenario.title import titled
+    from twin.scenario.load import titled
 
     chosen = titled(load(scenario, overrides), overrides)
     if typical:

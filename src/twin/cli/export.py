@@ -21,9 +21,9 @@ from twin.errors import RecordError
 def export(run: Path, file: Path, every: int, columns: str | None) -> int:
     """Export the signals of a run to a .csv, .mat or .parquet file."""
     from twin.errors import nearest
-    from twin.run.export import export as write
-    from twin.run.replay import open_run
-    from twin.run.sources import check_no_scenario
+    from twin.run.files import check_no_scenario
+    from twin.run.files import export as write
+    from twin.run.finished import open_run
 
     check_no_scenario(run)
     (opened,) = open_run(run)

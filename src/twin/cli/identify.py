@@ -41,8 +41,7 @@ def identify(
     the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
     be identified.
     """
-    from twin.run.folders import ROOT, run_name
-    from twin.run.sources import log_file
+    from twin.run.files import ROOT, log_file, run_name
 
     wanted = chosen(names)
     log = log_file(log)  # a wrong name is told before anything heavy is imported

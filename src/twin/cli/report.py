@@ -13,7 +13,7 @@ from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
 from twin.errors import RecordError
-from twin.run.folders import run_folder
+from twin.run.files import run_folder
 
 if TYPE_CHECKING:
     from twin.run.finished import Run

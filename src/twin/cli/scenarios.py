@@ -76,8 +76,8 @@ def run(
     find(scenario)  # a wrong name is told before anything heavy is imported
     if resume:
         warn("--resume: runs are exact again; it begins anew")
-    from twin.run.folders import former, free, run_folder
-    from twin.run.replay import of_other_class
+    from twin.run.files import former, free, run_folder
+    from twin.run.finished import of_other_class
 
     changed = with_plant(overrides, plant)
     named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))

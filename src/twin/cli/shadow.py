@@ -36,8 +36,7 @@ def shadow(
     identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
     another twin proves better. Exit code 1 after an alarm.
     """
-    from twin.run.folders import ROOT, is_record, run_name
-    from twin.run.sources import log_file
+    from twin.run.files import ROOT, is_record, log_file, run_name
 
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)

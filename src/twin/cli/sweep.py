@@ -48,7 +48,7 @@ def sweep(
     changed = with_plant(overrides, plant)
     find(scenario)  # a wrong name is told before anything heavy is imported
     from ballplate.sweeping import sweep as run_sweep
-    from twin.run.folders import run_folder
+    from twin.run.files import run_folder
     from twin.scenario.variants import parsed, swept, varied
 
     (key, points), curves = swept(values), parsed(vary)

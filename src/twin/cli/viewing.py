@@ -124,7 +124,7 @@ class Viewing:
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
         if self._rrd is not None:
-            from twin.run.replay import open_run
+            from twin.run.finished import open_run
             from twin.view.recording import write
 
             try:

@@ -45,13 +45,12 @@ def whatif(
     RUN is a run folder or a CSV log. A simulated run is gone on with exactly, a real one from its
     estimated state. Without --set and --branch nothing is changed.
     """
-    from twin.run.folders import ROOT, run_name
-    from twin.run.sources import log_file
+    from twin.run.files import ROOT, log_file, run_name
 
     run = log_file(run)  # a wrong name is told before anything heavy is imported
     folder = out or ROOT / f"whatif-{run_name(run)}"
     from twin.jobs import SecondProcess, cores
-    from twin.run.execute import load_drawing
+    from twin.run.finished import load_drawing
     from twin.whatif.futures import branches_of, futures, moment_of, summary, write
     from twin.whatif.page import agreement
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from controllers.arrays import Array
-from twin.hal.faults import FaultSource
-from twin.hal.interface import Servos, TouchScreen
+from twin.hal.interface import FaultSource, Servos, TouchScreen
 
 
 class PoweredServos(Servos, FaultSource, Protocol):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from twin.devices.timing import TimingLog
-from twin.hal.faults import Condition, Fault, Severity
+from twin.hal.interface import Condition, Fault, Severity
 
 LOOP_OVERRUN = Condition(
     "loop overrun",

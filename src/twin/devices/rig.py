@@ -17,12 +17,9 @@ from twin.devices.realtime import RealTimeClock
 from twin.devices.scheduling import Scheduling, real_time
 from twin.devices.timing import TimingLog
 from twin.errors import RigError
-from twin.hal.faults import Fault, Severity
-from twin.hal.interface import Transmission
-from twin.hal.limits import Limits
+from twin.hal.interface import Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig
-from twin.hal.states import State
-from twin.hal.supervisor import BALL_LOST, Supervisor
+from twin.hal.supervisor import BALL_LOST, State, Supervisor
 
 
 class StartRefusedError(RigError):

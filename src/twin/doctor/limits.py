@@ -13,7 +13,7 @@ from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import CheckResult, CheckStatus, failed, passed, warned
 from twin.doctor.steps import enable, exchange
 from twin.errors import TwinError
-from twin.hal.faults import Fault, Severity
+from twin.hal.interface import Fault, Severity
 
 RATE, RAMP = 1.2, 50.0
 """Limits set for this, at the cam shafts in rad/s and rad/s^2."""

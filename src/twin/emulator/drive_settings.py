@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from twin.sim.encoders import COUNTS
+from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30
 

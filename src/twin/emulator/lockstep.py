@@ -29,10 +29,8 @@ from twin.emulator.screen import ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.emulator.virtual import EmulatedPlant
-from twin.hal.faults import Fault
-from twin.hal.interface import Touch, Transmission
-from twin.hal.limits import Limits
-from twin.hal.states import State
+from twin.hal.interface import Fault, Limits, Touch, Transmission
+from twin.hal.supervisor import State
 
 PATIENCE = 1.0
 """Time in s that a rig in lockstep waits for the ball."""

@@ -12,9 +12,8 @@ from twin.run.assemble import build_devices, start_plant
 from twin.run.changes import change_devices, changing_devices
 from twin.run.plants import build_plant
 from twin.scenario.schema import Scenario
-from twin.sim.encoders import EncoderModel
 from twin.sim.rig import SimulatedDevices
-from twin.sim.touch import TouchModel
+from twin.sim.sensors import EncoderModel, TouchModel
 
 TICK = 0.001
 """Longest step in s of the plant between two looks at the drives."""

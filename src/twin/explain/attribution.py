@@ -12,7 +12,7 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.explain.effects import Effect, exact, present, without
 from twin.jobs import cores, results
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.run.loop import Ending
 from twin.scenario.schema import Scenario
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-from twin.scenario.plant import MECHANISM_ONLY
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import MECHANISM_ONLY, Scenario
 
 Overrides = Mapping[str, Any]
 """Dotted key to value; None takes the key out, so that its default holds."""

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.explain.attribution import EffectCase, Explanation
-from twin.run.overview_plot import COLOURS, LOOK
+from twin.run.picture import COLOURS, LOOK
 from twin.writing import write_whole
 
 LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]

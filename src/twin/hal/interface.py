@@ -1,10 +1,153 @@
-"""The small interfaces behind a rig: two servos with plate encoders, a touch screen, a clock."""
+"""What a device reports when something is wrong with it: condition, place, detail.
+
+What may be commanded of a rig, and the clamp that keeps every command within it.
+
+The small interfaces behind a rig: two servos with plate encoders, a touch screen, a clock.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol
 
-from controllers.arrays import Array, Mask
+import numpy as np
+
+from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
+from twin.settings import Unit, setting
+
+
+class Severity(StrEnum):
+    """How the supervisor answers.
+
+    WARNING: noted in the record. LEVEL: level the plate with the drives, then hold.
+    STOP: nothing can be trusted to move; zero rate, quick stop, drives off.
+    """
+
+    WARNING = "warning"
+    LEVEL = "level"
+    STOP = "stop"
+
+
+class Condition(NamedTuple):
+    """One thing that can go wrong, as a row of the supervisor's table.
+
+    Attributes:
+        name: What it is called in records, tables and messages, as ``heartbeat lost``.
+        severity: How it is answered.
+        within: Longest time in s from its start to its detection.
+        reaction: What is done, in words.
+        recovery: What a person does to go on, in words.
+        restart: Whether a reset cannot end it, only switching off and on again.
+        device: Whether a device has a fault then; that there is no ball is none.
+    """
+
+    name: str
+    severity: Severity
+    within: float
+    reaction: str
+    recovery: str
+    restart: bool = False
+    device: bool = True
+
+
+class Fault(NamedTuple):
+    """A condition that was detected.
+
+    Attributes:
+        condition: Which one.
+        where: The device, as ``drive phi (node 1)`` or ``touch screen``.
+        detail: What was seen, in words and numbers.
+        at: When, on the monotonic clock of the rig, s; None where nobody noted it.
+    """
+
+    condition: Condition
+    where: str
+    detail: str
+    at: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.condition.name}: {self.detail}"
+
+
+class FaultSource(Protocol):
+    """A device that reports its faults."""
+
+    def faults(self) -> tuple[Fault, ...]:
+        """Faults detected since the last call, oldest first; never waits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What may be commanded of a rig, and where and how fast its ball may be; SI units.
+
+    Fields are numbers, or arrays with one entry per rig.
+
+    Attributes:
+        angle: Plate angle either way, rad; thesis chapter 3: 10 deg.
+        rate: Plate rate either way, rad/s; assumed, the thesis limits it without a number.
+        acceleration: Plate acceleration either way, rad/s^2; thesis chapter 3: 7.
+        area: Operating area |x|, |y| of references, m; thesis chapter 3: 0.25 x 0.15.
+        margin: How far the ball may stray beyond the area before the rig stops, m; assumed.
+        ball_speed: Speed of the ball along x or y at which the rig stops, m/s; assumed: what it
+            gains from 10 deg over the plate's length is 1.3.
+    """
+
+    angle: Number = setting("rig.limits.angle_deg", 10.0, Unit.DEG, gt=0, le=10)
+    rate: Number = setting("rig.limits.rate_deg", 35.0, Unit.DEG, gt=0)
+    acceleration: Number = setting("rig.limits.acceleration", 7.0, gt=0)
+    area: tuple[float, float] | Array = setting("rig.limits.area", (0.25, 0.15), gt=0)
+    margin: Number = setting("rig.limits.margin", 0.04, ge=0)
+    ball_speed: Number = setting("rig.limits.ball_speed", 1.5, gt=0)
+
+
+class Clamp:
+    """Keeps plate rates within rate, acceleration and what can be braked before the angle limit.
+
+    Args:
+        limits: What may be commanded.
+        period: Control period in s.
+    """
+
+    def __init__(self, limits: Limits, period: float) -> None:
+        angle, rate, acceleration = map(column, (limits.angle, limits.rate, limits.acceleration))
+        self._acceleration = acceleration
+        self._period = period
+        self._step = acceleration * period
+        self._half_step = self._step / 2
+        self._whole_way = 2 * acceleration * angle
+        self._per_angle = 2 * acceleration
+        self._least, self._most = self._half_step**2, (rate + self._half_step) ** 2
+
+    def __call__(self, requested: Array, rate: Array, angle: Array) -> Array:
+        """The rates that may be commanded for the requested ones, rad/s, shape (N, 2).
+
+        Args:
+            requested: Finite rates, rad/s, shape (N, 2).
+            rate: Rates commanded last, rad/s, shape (N, 2).
+            angle: Plate angles, rad, shape (N, 2).
+        """
+        return elementwise(self._allowed, requested, rate, angle)
+
+    def _allowed(self, by: Arithmetic, requested: Any, rate: Any, angle: Any) -> Any:
+        """The same for each plate axis."""
+        back = requested < 0
+        towards = by.where(back, -angle, angle)
+        # A rate v braked by one step per period covers at most (v + step / 2)^2 / (2 a), so this
+        # is the square of v + step / 2 that the way to the angle limit allows.
+        square = self._whole_way - self._per_angle * towards
+        largest = by.sqrt(by.least(by.most(square, self._least), self._most)) - self._half_step
+        size = by.least(largest, abs(requested))
+        requested = by.where(back, -size, size)
+        return by.least(by.most(requested, rate - self._step), rate + self._step)
+
+    def towards_level(self, angle: Array) -> Array:
+        """The rates that bring the plate level, with half of the acceleration allowed."""
+        rate: Array = -np.sign(angle) * np.minimum(
+            np.sqrt(self._acceleration * np.abs(angle)), np.abs(angle) / (10 * self._period)
+        )
+        return rate
+
 
 SCREEN = (0.70, 0.395)
 """Size of the touch screen along x and y in m, thesis chapter 3."""

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask, constant, put, some
 from controllers.interfaces import Measurement
-from twin.hal.faults import FaultSource
-from twin.hal.interface import Clock, Servos, TouchScreen, Transmission
-from twin.hal.states import Event, State
-from twin.hal.supervisor import Note, Supervisor
+from twin.hal.interface import Clock, FaultSource, Servos, TouchScreen, Transmission
+from twin.hal.supervisor import Event, Note, State, Supervisor
 
 
 class Entry(NamedTuple):

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
-from twin.run.csv_columns import read_columns
-from twin.run.folders import is_record
-from twin.run.sources import log_file
+from twin.run.files import is_record, log_file
+from twin.run.logs import read_columns
 
 
 @dataclass(frozen=True)

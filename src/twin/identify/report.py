@@ -15,7 +15,7 @@ from twin.identify.search import FitResult
 from twin.identify.validation import Horizons
 from twin.identify.verdict import BOUNDED, IDENTIFIED, NOT, REJECTED, ParameterVerdict, Whiteness
 from twin.identify.windows import LOOKBACK
-from twin.run.overview_plot import COLOURS, LOOK
+from twin.run.picture import COLOURS, LOOK
 from twin.writing import write_whole
 
 SHOWN = 6

@@ -11,11 +11,10 @@ import numpy as np
 from controllers.interfaces import Law, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
-from twin.run.control import build_controller, build_reference
-from twin.scenario.change import JUMPS, RAMPS, SLACK, Change
+from twin.run.assemble import build_controller, build_reference
 from twin.scenario.changing import at_time
 from twin.scenario.load import check, put
-from twin.scenario.schema import Scenario, choices
+from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
 from twin.whatif.branch import CONTROL
 
 LONGEST = 1800.0

@@ -12,7 +12,7 @@ from twin.play.ghost import Ghost, push
 from twin.play.kept import Kept
 from twin.run.assemble import assemble
 from twin.run.changes import Changes
-from twin.run.snapshot import Snapshot
+from twin.run.state import Snapshot
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import take_over
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from controllers.arrays import Array
 from controllers.controller import SampledReference
 from controllers.interfaces import Reference
-from twin.run.assemble import assemble
-from twin.run.control import build_controller
-from twin.run.snapshot import Snapshot
-from twin.scenario.clean import clean
+from twin.run.assemble import assemble, build_controller
+from twin.run.state import Snapshot
+from twin.scenario.load import clean
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
 from twin.whatif.moment import take_over

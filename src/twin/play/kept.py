@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from twin.play.driven import Driven
-from twin.run.snapshot import Snapshot
+from twin.run.state import Snapshot
 
 EVERY = 1.0
 """Simulated seconds from one state to the next."""

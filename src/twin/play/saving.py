@@ -10,11 +10,10 @@ from controllers.arrays import Array
 from twin.hal.rig import Entry
 from twin.play.driven import Driven
 from twin.play.kept import LATER, Kept
-from twin.run.execute import save
-from twin.run.finished import Run
+from twin.run.finished import Run, save
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
-from twin.run.snapshot import MOST, Snapshot
+from twin.run.state import MOST, Snapshot
 
 
 class Part(NamedTuple):

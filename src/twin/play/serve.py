@@ -18,7 +18,7 @@ from twin.play.events import Event, Pause, Save
 from twin.play.guard import Guard, is_loopback
 from twin.play.process import Simulation
 from twin.play.sight import Errors, Status
-from twin.run.folders import free, slug
+from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
 
 LOOPBACK = "127.0.0.1"

@@ -18,7 +18,7 @@ from twin.play.kept import States
 from twin.play.pace import Pace
 from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
 from twin.play.sight import Said, Show, Tell
-from twin.run.control import build_controller
+from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.scenario.changing import at_time

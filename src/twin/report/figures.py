@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from twin.report.diagnosis import spectrum
 from twin.run.finished import Run, columns
-from twin.run.overview_plot import LOOK, MOST, picture, style
+from twin.run.picture import LOOK, MOST, picture, style
 
 Format = Literal["svg", "png", "pdf"]
 DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {

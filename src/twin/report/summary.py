@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from twin.devices.timing import blamed
 from twin.report.diagnosis import Diagnosis
-from twin.run.control import build_law
+from twin.run.assemble import build_law
 from twin.run.finished import Run
 
 ENDINGS = {

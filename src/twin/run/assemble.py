@@ -1,4 +1,8 @@
-"""From scenarios to the objects that run them: N simulated rigs and the controller of each.
+"""From a rig file to a rig: the real one, or whatever speaks its bytes.
+
+From scenarios to the controller of N rigs.
+
+From scenarios to the objects that run them: N simulated rigs and the controller of each.
 
 There is one way: N scenarios make N rigs, one is N = 1. Whatever the scenarios say differently of
 plant, surface, drives, sensors, cams, limits, start, law, observer and reference becomes an array
@@ -7,26 +11,260 @@ with one entry per rig; what the rigs of a batch have only once is refused by na
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+import io
+import sys
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from math import radians
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from controllers.controller import Controller
-from twin.errors import ScenarioError
-from twin.hal.interface import Transmission
-from twin.hal.limits import Limits
+from controllers.arrays import Array
+from controllers.ballplate import BallPlate
+from controllers.catalog import AnswerError, blamed, wrong_answer
+from controllers.controller import (
+    Controller,
+    HeldLaw,
+    PerRigLaw,
+    PerRigObserver,
+    PerRigReference,
+    needed,
+)
+from controllers.interfaces import DelayedObserver, Law, Observer, Reference
+from controllers.smith import Smith
+from twin.devices.akd.servos import AkdServos
+from twin.devices.lumio.screen import LumioScreen
+from twin.devices.realtime import RealTimeClock
+from twin.devices.rig import HardwareRig
+from twin.errors import LawError, ScenarioError, TwinError
+from twin.hal.cams import CamTable
+from twin.hal.interface import Limits, Transmission
 from twin.hal.rig import Rig
 from twin.run.changes import changing
-from twin.run.control import build_controllers
 from twin.run.plants import build_plant
-from twin.scenario.schema import Scenario
+from twin.scenario.rig import RigFile
+from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 from twin.settings import filled, settings_of, value_of
 from twin.sim.drives import DriveModel
-from twin.sim.encoders import EncoderModel
 from twin.sim.plant.interface import BallStart, Plant
 from twin.sim.rig import SimulatedDevices, SimulatedRig
-from twin.sim.touch import TouchModel
+from twin.sim.sensors import EncoderModel, TouchModel
+
+
+def connect(
+    scenario: Scenario,
+    rig: RigFile,
+    *,
+    reset: bool = False,
+    transmission: Transmission | None = None,
+) -> HardwareRig:
+    """The rig of a file, to run a scenario's controller on; nothing is opened yet.
+
+    Args:
+        scenario: Period and limits.
+        rig: What is connected where.
+        reset: Whether faults found in the drives are reset when they are switched on.
+        transmission: Of a virtual rig that has another; that of the rig file by default.
+
+    Raises:
+        TwinError: If the settings do not go together.
+    """
+    period = scenario.rig.period
+    return HardwareRig(
+        servos=AkdServos(rig.servos(period)),
+        screen=LumioScreen(rig.screen()),
+        clock=RealTimeClock(period, allowed=rig.late_periods),
+        transmission=transmission or cams_of(rig),
+        limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
+        home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
+        patience=rig.patience,
+        reset=reset,
+        relaxed=rig.relaxed(period),
+    )
+
+
+def cams_of(rig: RigFile) -> CamTable:
+    """The cam table of a real rig: the one its file names, or the one of the packaged model.
+
+    Raises:
+        ModelError: If it cannot be used.
+    """
+    return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
+
+
+def narrower(one: Limits, other: Limits) -> Limits:
+    """Limits that keep both."""
+    pairs = vars(other)
+    kept: dict[str, Any] = {
+        name: tuple(np.minimum(value, pairs[name]).tolist())
+        if name == "area"
+        else min(value, pairs[name])
+        for name, value in vars(one).items()
+    }
+    return Limits(**kept)
+
+
+Made = TypeVar("Made")
+
+
+@contextmanager
+def own_errors() -> Iterator[None]:
+    """Errors of laws, observers and references as one line within the context.
+
+    There is no input to be had in it: who asks for some gets the end of it.
+
+    Raises:
+        LawError: What came out of one of them: file, line and error; also an exit.
+    """
+    stdin, sys.stdin = sys.stdin, io.StringIO()
+    try:
+        yield
+    except TwinError:
+        raise
+    except (Exception, SystemExit) as error:
+        line = str(error) if isinstance(error, AnswerError) else blamed(error)
+        if isinstance(error, IndexError) and line:
+            line += " (x is a state of shape (1, 8), or (N, 8) of N rigs: x[..., 4] is its fifth)"
+        line = None if sys.flags.dev_mode else line
+        if line is None:
+            raise
+        raise LawError(line) from error
+    finally:
+        sys.stdin = stdin
+
+
+def build_controllers(scenarios: Sequence[Scenario]) -> Controller:
+    """The controllers of N scenarios as one, each designed on the ball its designer knows.
+
+    Equal laws, observers and references are made once and shared.
+
+    Raises:
+        ScenarioError: If a law, observer or reference refuses its settings.
+    """
+    period = scenarios[0].rig.period
+    laws = _each(scenarios, law_of, build_law)
+    observers = _each(scenarios, _observed, _observer)
+    references = _each(scenarios, _referred, build_reference)
+    for law, observer in zip(laws, observers, strict=True):
+        try:
+            needed(law, observer)
+        except ValueError as error:
+            raise ScenarioError(f"controller: {error}") from error
+    if len(scenarios) == 1:
+        return Controller(laws[0], observers[0], references[0], period)
+    return Controller(
+        laws[0] if len(set(map(id, laws))) == 1 else PerRigLaw(laws),
+        observers[0] if len(set(map(id, observers))) == 1 else PerRigObserver(observers),
+        PerRigReference(references, period),
+        period,
+    )
+
+
+def build_controller(scenario: Scenario) -> Controller:
+    """The controller of one scenario.
+
+    Raises:
+        ScenarioError: If its law, observer or reference refuses its settings.
+    """
+    return build_controllers([scenario])
+
+
+def _each(
+    scenarios: Sequence[Scenario], name: Callable[[Scenario], Hashable], make: Callable[..., Made]
+) -> list[Made]:
+    """What is made of each scenario, once for those of one name."""
+    known: dict[Hashable, Made] = {}
+    for scenario in scenarios:
+        if name(scenario) not in known:
+            known[name(scenario)] = make(scenario)
+    return [known[name(scenario)] for scenario in scenarios]
+
+
+def build_law(scenario: Scenario) -> Law:
+    """The law of a scenario.
+
+    Raises:
+        ScenarioError: If it refuses its settings, or does not answer as a law does.
+    """
+    choice = scenario.controller
+    cls = choices("controller")[choice.kind]
+    return _designed(cls, choice.model_dump_json(), scenario.law_ticks, scenario.designed_on)
+
+
+@lru_cache(maxsize=1024)
+def _designed(cls: type, choice: str, ticks: int, model: BallPlate) -> Law:
+    """A law has no state: one object serves all runs of this process."""
+    chosen = ControllerChoice.model_validate_json(choice)
+    law: Law = _build("controller", chosen, model=model)
+    if problem := wrong_answer(law):
+        raise ScenarioError(problem)
+    return law if ticks == 1 else HeldLaw(law, ticks)
+
+
+def law_of(scenario: Scenario) -> tuple[str, BallPlate]:
+    """What tells a scenario's law from others."""
+    return scenario.controller.model_dump_json(), scenario.designed_on
+
+
+def _observed(scenario: Scenario) -> tuple[str, BallPlate]:
+    return scenario.model_dump_json(include={"observer", "predictor"}), scenario.designed_on
+
+
+def _observer(scenario: Scenario) -> Observer:
+    """The observer with what makes up for the dead time: itself, or a predictor around it."""
+    model, period, predictor = scenario.designed_on, scenario.rig.period, scenario.predictor
+    choice, delay = scenario.observer, 0.0 if predictor is None else predictor.delay
+    if issubclass(choices("observer")[choice.kind], DelayedObserver):
+        if predictor is not None and predictor.kind is not None:
+            raise ScenarioError(
+                f"predictor.kind: observer '{choice.kind}' makes up for the dead time itself; "
+                "leave kind out, predictor.delay then goes to the observer"
+            )
+        own: Observer = _build("observer", choice, model=model, period=period, delay=delay)
+        return own
+    observer: Observer = _build("observer", choice, model=model, period=period)
+    if predictor is None:
+        return observer
+    return Smith(observer=observer, delay=delay, model=model, period=period)
+
+
+def _referred(scenario: Scenario) -> str:
+    return f"{scenario.reference.model_dump_json()} {scenario.rig.limits.area}"
+
+
+def build_reference(scenario: Scenario) -> Reference:
+    """The reference of a scenario, which must stay within the operating area.
+
+    Raises:
+        ScenarioError: If it leaves the area or refuses its settings.
+    """
+    area = np.asarray(scenario.rig.limits.area)
+    times = np.linspace(0, scenario.duration, 2001)
+    with np.errstate(over="ignore", invalid="ignore"):
+        reference: Reference = _build("reference", scenario.reference)
+        motion: Array = reference(times)
+    if not np.isfinite(motion).all():
+        raise ScenarioError("reference: it or a derivative of it is no finite number at some time")
+    farthest = np.abs(motion[0]).max(axis=0)
+    if (farthest > area + 1e-9).any():
+        raise ScenarioError(
+            f"reference: reaches |x|, |y| = {farthest[0]:.3f}, {farthest[1]:.3f} m; "
+            f"rig.limits.area allows {area[0]:g}, {area[1]:g} m"
+        )
+    return reference
+
+
+def _build(table: str, choice: Choice, **given: object) -> Any:
+    cls = choices(table)[choice.kind]
+    settings = checked_settings(cls, choice.settings)
+    try:
+        return cls(**settings, **given)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ScenarioError(f"{table}: {error}") from error
+
 
 SHARED = ("plant.kind", "plant.step", "rig.period", "duration", "sensors.ideal")
 """Keys in which the rigs of a batch must agree: engine, time base, whether the truth is seen."""

@@ -10,18 +10,14 @@ from twin.errors import ScenarioError
 from twin.hal.interface import Transmission
 from twin.hal.rig import Rig
 from twin.run.plants import change_plant, differ, mistaken, prepare_plant
-from twin.scenario.change import SLACK
 from twin.scenario.changing import at_time, times
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import SLACK, Scenario
 from twin.settings import filled
-from twin.sim.drives import DriveModel
-from twin.sim.encoders import EncoderModel
-from twin.sim.plant.friction import Friction
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.surface import SurfaceModel
+from twin.sim.drives import DriveModel, TransmissionError, WrongTransmission
+from twin.sim.plant.friction import Friction, SurfaceModel
+from twin.sim.plant.model import Parts
 from twin.sim.rig import SimulatedDevices
-from twin.sim.touch import TouchModel
-from twin.sim.transmission import TransmissionError, WrongTransmission
+from twin.sim.sensors import EncoderModel, TouchModel
 
 Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
 """Is given what the scenarios of N rigs said until now, and what they say from now on."""

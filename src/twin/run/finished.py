@@ -1,12 +1,22 @@
-"""What a finished run is, just made or opened again: what was asked for, its rows, its verdict."""
+"""Recorded signals by name, with their units.
+
+What a finished run is, just made or opened again: what was asked for, its rows, its verdict.
+
+One run from scenario to folder: assemble, drive, judge, record, draw.
+
+A run folder opened again: its rows, its scenario, its verdict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+import platform
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -14,21 +24,95 @@ from controllers.arrays import Array
 from controllers.ballplate import STATES
 from controllers.catalog import origin
 from controllers.interfaces import Reference
-from twin.errors import RecordError
-from twin.hal.limits import Limits
-from twin.hal.rig import Entry
-from twin.run.assemble import build_limits
-from twin.run.control import build_reference
-from twin.run.indicators import UNITS
-from twin.run.loop import INTERRUPTED, Outcome
-from twin.run.metadata import classes_of
-from twin.run.metrics import Motion, held, measure
-from twin.run.record import CHANNELS, Recorder
-from twin.run.signals import Signals
-from twin.run.snapshot import Snapshot
+from twin.data_file import DataError, parse_json
+from twin.errors import RecordError, ScenarioError, nearest
+from twin.hal.interface import Limits
+from twin.hal.rig import Entry, Rig
+from twin.hal.supervisor import State
+from twin.jobs import SecondProcess
+from twin.run.assemble import assemble, build_controller, build_limits, build_reference, own_errors
+from twin.run.files import (
+    STREAM,
+    is_last,
+    is_record,
+    last,
+    listed,
+    record_in,
+    record_of,
+    run_folders,
+)
+from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
+from twin.run.metrics import UNITS, Motion, held, measure
+from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
+from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.changing import always_friction
-from twin.scenario.load import check
+from twin.scenario.load import check, recorded
 from twin.scenario.schema import Scenario, choices
+from twin.writing import write_json, write_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from controllers.arrays import Array
+
+
+class Signals(Mapping[str, "Array"]):
+    """Columns of one rig's record, shape (K,) each, by their names.
+
+    Attributes:
+        rows: Name to values.
+        units: Name to unit, as ``m`` or ``rad/s``.
+    """
+
+    rows: Mapping[str, Array]
+    units: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Array:
+        """The values of a column, shape (K,).
+
+        Raises:
+            RecordError: If there is none of that name.
+        """
+        try:
+            return self.rows[name]
+        except KeyError:
+            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.rows
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the start, shape (K,)."""
+        return self["time"]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The columns as a table over time in s; ``attrs["units"]`` has their units."""
+        import pandas as pd  # noqa: PLC0415  heavy: loaded when needed
+
+        frame = pd.DataFrame(dict(self)).set_index("time")
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    def export(self, file: str | Path) -> Path:
+        """Write the columns for other programs, with their units; returns the file.
+
+        Args:
+            file: Its ending says how: ``.csv``, ``.mat`` or ``.parquet``.
+
+        Raises:
+            RecordError: If the ending is none of these, or the file cannot be written.
+        """
+        from twin.run.files import export  # noqa: PLC0415  heavy: loaded when needed
+
+        export(Path(file), self.rows, self.units)
+        return Path(file)
 
 
 class RecordedReference(Reference):
@@ -254,3 +338,294 @@ def columns(rows: Mapping[str, Array], kind: str) -> Array:
 def states_of(rows: Mapping[str, Array]) -> Array:
     """The true states (K, 8); of a real rig, where nobody knows them, the estimated ones."""
     return columns(rows, "true" if "true_x" in rows else "estimated")
+
+
+@own_errors()
+def run(
+    scenario: Scenario,
+    progress: Callable[[float], None] = lambda _: None,
+    watch: Callable[[Recorder], None] = lambda _: None,
+    rig: Rig | None = None,
+) -> Run:
+    """Run a scenario with one rig.
+
+    Args:
+        scenario: What to run.
+        progress: Called with the simulated time now and then.
+        watch: Called with the recorder before the run, to observe it.
+        rig: A real rig, not switched on; simulated by default.
+
+    Raises:
+        TwinError: If the scenario cannot be assembled.
+    """
+    keeper: Keeper | None = None
+    if rig is None:
+        rig, controller = assemble(scenario)
+        keeper = Keeper(rig, controller, scenario.duration)
+    else:
+        controller = build_controller(scenario)
+    period = scenario.rig.period
+    ticks, knows = round(scenario.duration / period), controller.observer.knows
+    record = Recorder(ticks, 1, period, rig.channels, knows)
+    watch(record)
+    begin = time.perf_counter()
+    (outcome,) = drive(rig, controller, scenario.duration, record, progress, keep=keeper)
+    spent = time.perf_counter() - begin
+    return Run.of(
+        scenario,
+        record,
+        outcome,
+        controller.reference,
+        journal=rig.journal,
+        account=rig.account(),
+        real_time_factor=record.length * period / spent,
+        snapshots=tuple(keeper.snapshots) if keeper else (),
+    )
+
+
+def save(
+    run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
+) -> None:
+    """Write a run folder: run.parquet, metrics.json, picture.png.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+        shown: Motions for the picture, by label.
+        beside: A process that draws while the rest is written.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    begin = beside.begin if beside else partial
+    picture = begin(drawn, shown, run.scenario.title, run.scenario.rig.limits.area)
+    record_run(run, folder)
+    write_json(folder / "metrics.json", run.summary())
+    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+
+
+def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
+    """Write ``run.parquet`` of a run folder.
+
+    Args:
+        run: The run.
+        folder: Where; made if missing.
+        more: Further metadata; JSON.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    metadata = {
+        **described(run.scenario),
+        "classes": run.classes,
+        "metrics": run.metrics,
+        "events": list(run.events),
+        **run.account,
+        **({"driven": run.driven} if run.driven else {}),
+        **(more or {}),
+    }
+    assert run.record is not None
+    kept = {SNAPSHOTS: packed(run.snapshots)} if run.snapshots else None
+    write_run(folder, run.record, metadata, kept)
+
+
+def described(scenario: Scenario) -> dict[str, Any]:
+    """What of a record's metadata is known before its run."""
+    tables, classes = scenario.model_dump(mode="json"), classes_of(scenario)
+    return {"scenario": tables, "classes": classes, "versions": versions()}
+
+
+def drawn(shown: dict[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+    """The picture of runs as PNG; arguments as for ``picture.png``."""
+    from twin.run.picture import png  # noqa: PLC0415  heavy: loaded when needed
+
+    return png(shown, title, area)
+
+
+def load_drawing() -> None:
+    """Import what ``save`` draws with, ahead of time."""
+    import twin.run.picture  # noqa: F401, PLC0415  heavy: loaded when needed
+
+
+def versions() -> dict[str, str]:
+    """What produced a record: this project, its numerical libraries, Python."""
+    names = ("ballplate", "mujoco", "numpy", "scipy", "control")
+    return {"python": platform.python_version(), **{name: version(name) for name in names}}
+
+
+_OPTIONAL = {"state", "age", "touched", "timing", "reference"}
+NEEDED = (
+    "time",
+    *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
+)
+"""Columns without which a table is no record of a run."""
+SHAPES = dict.fromkeys(("metrics", "versions", "ledger", "branch", "driven", "classes"), dict) | {
+    "events": list
+}
+"""What of a record's metadata is what, where it is there."""
+TOGETHER = (CHANNELS["state"].columns, ("motor_phi_rad", "motor_theta_rad"))
+"""Columns of which a record has all or none."""
+
+
+def open_run(path: Path) -> list[Run]:
+    """The run of a folder, or of the folder its ``run.parquet`` lies in.
+
+    Args:
+        path: Run folder or Parquet file.
+
+    Raises:
+        RecordError: If there is no record, or none of this program.
+    """
+    file = record_of(path)
+    values, units, metadata = read_run(file)
+    missing = [name for name in NEEDED if name not in values]
+    for group in TOGETHER:
+        if not values.keys().isdisjoint(group):
+            missing += [name for name in group if name not in values]
+    if missing or "scenario" not in metadata:
+        raise RecordError(
+            f"{file}: not a record of a run: no {', '.join(missing) or 'scenario in its metadata'}"
+        )
+    tables = metadata["scenario"]
+    if isinstance(tables, dict) and isinstance(own := tables.get("controller"), dict):
+        own.setdefault("model", "nominal")  # what controllers were designed on before it was a key
+    try:
+        scenario, absent = recorded(tables, str(file))
+    except ScenarioError as error:
+        raise RecordError(f"{error}; was it recorded by another version?") from error
+    for key, kind in SHAPES.items():
+        if not isinstance(metadata.get(key) or kind(), kind):
+            raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
+    if "reference" in absent and "reference_x" not in values:
+        raise RecordError(f"{absent['reference']}; where it led is not in the record")
+    _check_rows(values, str(file))
+    run = Run(
+        file.resolve().parent.name if is_record(file) else file.stem,
+        scenario,
+        values,
+        units,
+        metadata.get("metrics", {}),
+        metadata.get("versions", {}),
+        file.parent,
+        tuple(metadata.get("events") or ()),
+        metadata.get("ledger", {}),
+        metadata.get("branch", {}),
+        metadata.get("driven", {}),
+        metadata.get("classes", {}),
+        absent,
+    )
+    return [_killed(run) if file.name == STREAM else run]
+
+
+def _killed(run: Run) -> Run:
+    """A run that nobody could judge when it ended."""
+    ended = Outcome(Ending.ABORTED, run.rows["time"][-1] + run.scenario.rig.period, KILLED)
+    judged = run.scenario.metrics
+    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
+    return replace(run, metrics=metrics.as_dict())
+
+
+def _check_rows(values: Mapping[str, Array], source: str) -> None:
+    """Make sure that rows can be read as a run.
+
+    Raises:
+        RecordError: If there are none, or a time or state in them is none.
+    """
+    if len(values["time"]) == 0:
+        raise RecordError(f"{source}: the run ended before its first period")
+    if not np.isfinite(values["time"]).all():
+        raise RecordError(f"{source}: time: must be a number in every row")
+    if not (np.diff(values["time"]) > 0).all():
+        raise RecordError(f"{source}: time: must rise from row to row")
+    strange = set(values["supervisor"].tolist()).difference(State)
+    if strange:
+        known = f"{min(State)} to {max(State)}"
+        raise RecordError(f"{source}: supervisor: no state {min(strange):g} (known: {known})")
+
+
+def open_runs(
+    paths: tuple[Path, ...],
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Run]:
+    """Several runs with names of their own.
+
+    Args:
+        paths: Run folders, Parquet files, and folders of run folders, as ``compare`` writes them.
+            Files of another kind beside them, as a pattern finds them, are passed over.
+        tell: Is told which of several runs is passed over because it cannot be opened, and which
+            is open without its law.
+
+    Raises:
+        RecordError: If none can be opened.
+    """
+    runs: list[Run] = []
+    failed: list[RecordError] = []
+    for path in _records(paths):
+        try:
+            opened = open_run(path)
+        except RecordError as error:
+            failed.append(error)
+            continue
+        if len(opened) == 1:
+            (run,) = opened
+            opened = [replace(run, name=listed(path.parent).get(path.name, run.name))]
+        for run in opened:
+            taken = sum(other.name.partition("~")[0] == run.name for other in runs)
+            name = f"{run.name}~{taken + 1}" if taken else run.name
+            runs.append(replace(run, name=name) if taken else run)
+    if not runs:
+        raise failed[0]
+    for each in failed:
+        tell(f"{each}; passed over")
+    told: set[tuple[str, str]] = set()
+    for run in runs:
+        new = {(table, getattr(run.scenario, table).kind) for table in run.absent} - told
+        if new:
+            tell(run.lacking)
+        told |= new
+    return runs
+
+
+def holds_finished(folder: Path) -> bool:
+    """Whether a folder holds a run that nobody interrupted."""
+    metrics = _metadata(folder).get("metrics")
+    return isinstance(metrics, dict) and metrics.get("reason") != INTERRUPTED
+
+
+def of_other_class(folder: Path, scenario: Callable[[], Scenario]) -> bool:
+    """Whether a folder's run had a law, observer or reference of other text than it is now.
+
+    Args:
+        folder: Run folder, there or not.
+        scenario: Gives what is to run; asked only if there is a run with classes of its own.
+    """
+    was = _metadata(folder).get("classes")
+    if not isinstance(was, dict):
+        return False
+    marks = {table: its["sha256"] for table, its in was.items() if its.get("sha256")}
+    now = classes_of(scenario()) if marks else {}
+    return any(mark != now[table].get("sha256", "") for table, mark in marks.items())
+
+
+def _metadata(folder: Path) -> Mapping[str, Any]:
+    """What lies beside the rows of a folder's record; empty if it cannot be read, or has none."""
+    try:
+        found = parse_json(read_beside(record_in(folder), "ballplate") or b"{}")
+    except (RecordError, DataError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _records(paths: tuple[Path, ...]) -> list[Path]:
+    """The run folders and files that paths lead to, each once."""
+    found: list[Path] = []
+    for path in paths:
+        folder = last() if is_last(path) else path
+        inner = run_folders(folder)
+        if inner:
+            found += inner
+        elif path.suffix == ".parquet" or is_record(path) or len(paths) == 1 or not path.exists():
+            found.append(path)
+    if not found:
+        raise RecordError(f"{paths[0]}: not a run; give run folders, as in runs/circle")
+    return list({path.resolve(): path for path in reversed(found)}.values())[::-1]

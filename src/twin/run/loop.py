@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.hal.rig import Rig
-from twin.hal.states import State
+from twin.hal.supervisor import State
 from twin.run.record import Recorder
 
 

@@ -2,6 +2,8 @@
 
 The thesis (Appendix C) judges single axes on x; so do the indicators below that say "on x".
 Its "average tracking error" is a root mean square (rms_error here), not the mean of (C.4).
+
+The units of the indicators of a run; nothing heavy is imported with them.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.run.indicators import LEFT
 from twin.run.loop import Outcome
 from twin.run.record import Recorder
 
@@ -221,3 +222,26 @@ def _approach(motion: Motion, band_percent: float) -> dict[str, float | None]:
             float(motion.time[since + last] - motion.time[since]) if settled else None
         )
     return found
+
+
+UNITS = {
+    "outcome_time": "s",
+    "tracking_error_percent": "%",
+    "rms_error": "m",
+    "mean_error": "m",
+    "max_steady_error": "m",
+    "rms_distance": "m",
+    "overshoot_percent": "%",
+    "settling_time": "s",
+    "steady_error": "m",
+    "phi_max_deg": "deg",
+    "theta_max_deg": "deg",
+    "u1_max": "rad/s^2",
+    "u2_max": "rad/s^2",
+    "u_rms": "rad/s^2",
+    "judged_from": "s",
+    "real_time_factor": "1",
+}
+"""Unit of every indicator as JSON has it."""
+LEFT = ("fell", "lost", "diverged")
+"""Endings after which no error is told: that of a ball that is gone would flatter its run."""

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from twin.errors import ModelError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.hal.interface import Transmission
-from twin.scenario.plant import PLANTS as NAMED
+from twin.scenario.schema import PLANTS as NAMED
 from twin.scenario.schema import Scenario
 from twin.settings import changed, filled, per_rig, settings_of
+from twin.sim.drives import PerRigTransmission, TransmissionError, WrongTransmission
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction
+from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import Plant
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.surface import SurfaceMap, SurfaceModel
-from twin.sim.transmission import PerRigTransmission, TransmissionError, WrongTransmission
+from twin.sim.plant.model import Parts
 
 
 def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:

@@ -11,7 +11,7 @@ from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.drive_power import Power
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen_bytes import Protocol
-from twin.hal.faults import Condition, Severity
+from twin.hal.interface import Condition, Severity
 from twin.safety.reaction import Stopper
 
 Act = Callable[[LockstepRig], None]

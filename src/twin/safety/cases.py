@@ -18,7 +18,7 @@ from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
-from twin.hal.faults import Condition
+from twin.hal.interface import Condition
 from twin.safety import drive_causes
 from twin.safety.case import BRING_UP, Act, FaultCase
 from twin.safety.defences import DEFENCES

@@ -11,10 +11,8 @@ from pathlib import Path
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.realtime import TIMING_CONDITIONS
-from twin.hal.faults import Condition
-from twin.hal.interface import SCREEN
-from twin.hal.states import TRANSITIONS
-from twin.hal.supervisor import RIG_CONDITIONS
+from twin.hal.interface import SCREEN, Condition
+from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
 from twin.safety.row import FaultRow
 from twin.safety.trial import AFTER, LEFT
 from twin.safety.words import HEADING, both, cells

@@ -10,7 +10,7 @@ from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
 from twin.emulator.lockstep import LockstepDrives
-from twin.hal.faults import Condition
+from twin.hal.interface import Condition
 
 TPDO1, TPDO2 = 0x181, 0x281
 

@@ -19,8 +19,7 @@ from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.servos import SHUTDOWN
 from twin.emulator.drive_settings import DriveSettings
-from twin.hal.interface import SCREEN
-from twin.hal.limits import Limits
+from twin.hal.interface import SCREEN, Limits
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import FaultCase
 from twin.safety.reaction import LEVEL, STILL, Stopper

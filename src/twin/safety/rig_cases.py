@@ -20,8 +20,7 @@ from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
-from twin.hal.interface import Transmission
-from twin.hal.limits import Limits
+from twin.hal.interface import Limits, Transmission
 from twin.safety import drive_causes
 from twin.safety.case import BRING_UP, Act, FaultCase
 from twin.safety.defences import no_quick_stop, watch_alone

@@ -23,9 +23,8 @@ from twin.emulator.screen import DEAD_TIME, FRAME
 from twin.emulator.trace import MotionTrace
 from twin.emulator.virtual import EmulatedPlant
 from twin.errors import TwinError
-from twin.hal.faults import Severity
-from twin.run.assemble import build_limits
-from twin.run.control import build_controller
+from twin.hal.interface import Severity
+from twin.run.assemble import build_controller, build_limits
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.safety import limits

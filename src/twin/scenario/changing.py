@@ -7,8 +7,7 @@ from functools import reduce
 from itertools import pairwise
 from typing import Any
 
-from twin.scenario.change import JUMPS, RAMPS, SLACK, Change
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario
 from twin.settings import value_of
 
 NONE_AT_ZERO = ("plant.servo.bandwidth_hz", "plant.servo.resonance_hz")

@@ -20,8 +20,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from twin.errors import ScenarioError, shortened
-from twin.scenario.schema import KINDS, Choice, Scenario, choices, settings_model
-from twin.scenario.tables import Section
+from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
 from twin.settings import Setting, Unit, settings_of
 
 WORDS = {

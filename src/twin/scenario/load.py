@@ -1,4 +1,9 @@
-"""From a name and overrides to a checked scenario, or one clear line about what is wrong."""
+"""The clean model of a scenario: what the designer of its controller saw.
+
+What a run is called: its scenario's title and what was changed of it.
+
+From a name and overrides to a checked scenario, or one clear line about what is wrong.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -15,10 +20,56 @@ from controllers.catalog import broken
 from twin.data_file import DEEPEST, DataError, parse_toml, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
-from twin.scenario.plant import without_ball
-from twin.scenario.schema import KINDS, Scenario, choices, settings_model
+from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
 from twin.shipped import find
 from twin.validation import Model, keys_of, one_line
+
+if TYPE_CHECKING:
+    from twin.scenario.schema import Scenario
+
+
+def clean(scenario: Scenario) -> Scenario:
+    """The same controller and motion on the exact equations that the controller is designed on.
+
+    Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
+    starts, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
+    noise, and no predictor, which has nothing to predict.
+    """
+    known = scenario.designed_on
+    none = (0.0, 0.0)
+    ball = {name: getattr(known, name) for name in ("mass", "radius", "inertia")}
+    said: dict[str, Any] = {
+        "plant": {
+            "kind": "lagrange",
+            "step": scenario.plant.step,
+            "ball": ball,
+            "friction": {"rolling_mm": 0.0},
+            "start": scenario.plant.start.model_dump() | {"spin": 0.0},
+        },
+        "rig": {"period": scenario.rig.period, "limits": scenario.rig.limits.model_dump()},
+        "sensors": {
+            "ideal": scenario.sensors.ideal,
+            "touch": {"dead_time": 0.0, "grid": 0, "variance": none},
+            "encoders": {"counts": 0, "variance": none},
+        },
+        "disturbance": {"variance": none},
+    }
+    tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
+    return scenario.model_copy(update={**tables, "predictor": None, "change": ()})
+
+
+def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
+    """The scenario with what was changed in its title, so that the title says what ran.
+
+    Args:
+        scenario: With the overrides in force.
+        overrides: ``KEY=VALUE`` each, as given; one of the title itself says nothing more.
+    """
+    changed = [text for text in overrides if text.partition("=")[0].strip() != "title"]
+    if not changed:
+        return scenario
+    return scenario.model_copy(update={"title": f"{scenario.title} ({', '.join(changed)})"})
+
 
 Tables = dict[str, Any]
 

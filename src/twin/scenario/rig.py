@@ -16,8 +16,7 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.nets import wider
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import RigLimitsTable
-from twin.scenario.tables import Section, dataclass_of, model_of
+from twin.scenario.schema import RigLimitsTable, Section, dataclass_of, model_of
 
 Settings = TypeVar("Settings")
 

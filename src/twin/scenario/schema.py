@@ -1,17 +1,30 @@
-"""What a scenario may say: its tables, keys, types, ranges and defaults."""
+"""Tables of a scenario, derived from the dataclasses whose settings they are.
+
+What a scenario may say of the plant: ball, friction, surface, drives, mechanism.
+
+The physics step of runs of which there are many.
+
+What a scenario may say: its tables, keys, types, ranges and defaults.
+
+What of a simulated rig changes while it runs: at a time, at once or along a ramp.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+import typing
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
+    WithJsonSchema,
+    create_model,
     field_validator,
     model_serializer,
     model_validator,
@@ -20,16 +33,353 @@ from pydantic import (
 from controllers.ballplate import BallPlate
 from controllers.catalog import catalog
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
-from twin.hal.limits import Limits
-from twin.scenario.change import Change
-from twin.scenario.plant import SETTINGS, BallKeys, PlantKeys, SurfaceKeys
-from twin.scenario.tables import Section, model_of, tables
-from twin.sim.encoders import EncoderModel
-from twin.sim.touch import TouchModel
-from twin.sim.transmission import TransmissionError
+from twin.hal.interface import Limits
+from twin.settings import Setting, settings_of, value_of
+from twin.sim.drives import DriveModel, TransmissionError
+from twin.sim.plant.friction import Friction, SurfaceModel
+from twin.sim.plant.interface import BallStart
+from twin.sim.plant.model import Parts
+from twin.sim.sensors import EncoderModel, TouchModel
+
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Section(BaseModel):
+    """A table of a scenario: unknown keys, wrong types and non-finite numbers are refused."""
+
+    model_config = STRICT
+    sources: ClassVar[dict[str, tuple[type, str]]] = {}
+    """Of keys that set a dataclass's field: key to dataclass and name of the field."""
+
 
 if TYPE_CHECKING:
-    from twin.scenario.tables import Derived
+
+    class Derived(Section):
+        """What a type checker knows of a derived table: it has keys."""
+
+        def __init__(self, **keys: Any) -> None: ...
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+RAMPS = (
+    "plant.friction.rolling_mm",
+    "plant.friction.breakaway_ratio",
+    "plant.friction.stribeck_speed",
+    "plant.friction.dwell_time",
+    "plant.friction.viscous_mm",
+    "plant.level_deg",
+    "plant.servo.bandwidth_hz",
+    "plant.servo.backlash_deg",
+    "plant.servo.hysteresis_deg",
+    "plant.servo.resonance_hz",
+    "plant.servo.resonance_damping",
+    "plant.servo.vibration",
+    "disturbance.variance",
+    "sensors.touch.dead_time",
+    "sensors.touch.variance",
+    "sensors.encoders.variance",
+    "rig.cam_error_percent",
+    "rig.cam_coupling_percent",
+)
+"""What may change at once or along a ramp."""
+JUMPS = (
+    "plant.ball.mass",
+    "plant.ball.inertia",
+    "plant.friction.sliding",
+    "plant.friction.spinning_mm",
+    "plant.servo.torque_limit",
+    "plant.servo.speed_limit",
+    "plant.surface.spread_percent",
+    "plant.surface.slope_deg",
+    "plant.surface.patch_mm",
+    "plant.surface.seed",
+    "plant.surface.relative",
+    "plant.surface.height_um",
+)
+"""What changes at once: another ball of the same size, another screen, other drives."""
+FOLLOWED = 0.02
+"""Time in s in whose steps a ramp is followed."""
+SLACK = 1e-9
+"""Times in s that are no further apart are one."""
+
+
+class Change(Section):
+    """One change of the plant, its drives or its sensors while they run."""
+
+    at: Annotated[float, Field(ge=0)]
+    """When it begins, time of the run in s; before the first period there is none."""
+    over: Annotated[float, Field(ge=0)] = 0.0
+    """How long the way to the new values takes, in s; 0 for at once."""
+    set: Annotated[dict[str, Any], Field(min_length=1)]
+    """The new values, each under its quoted key, as "plant.friction.rolling_mm"."""
+
+    @property
+    def end(self) -> float:
+        """When the new values are reached, s."""
+        return self.at + self.over
+
+    def times(self) -> Iterator[float]:
+        """When something has to be done for it, s."""
+        for step in range(int((self.over - SLACK) / FOLLOWED) + 1 if self.over else 0):
+            yield self.at + step * FOLLOWED
+        yield self.end
+
+    def problem(self) -> str:
+        """What no plant can do of it, in one line; empty if all can be done."""
+        for key in self.set:
+            if key not in RAMPS + JUMPS:
+                return (
+                    f"{key}: cannot change while a plant runs (what can: "
+                    f"{', '.join(RAMPS + JUMPS)})"
+                )
+            if self.over and key in JUMPS:
+                return f"{key}: changes at once; leave out over = {self.over:g}"
+        return ""
+
+
+def tables(*classes: type, bases: Mapping[str, type[Section]], module: str) -> dict[str, Any]:
+    """The models of all tables that settings of some dataclasses lie in, by dotted name.
+
+    Args:
+        classes: Dataclasses with settings.
+        bases: What some tables have besides: fields of their own and checks. Tables and the keys of
+            each are in the order in which they are named, here first.
+        module: Where each model stands under its name, so that it can be sent to other processes:
+            ``plant.ball`` is ``PlantBallTable``.
+    """
+    fields: dict[str, dict[str, Any]] = {name: {} for name in bases}
+    sources: dict[str, dict[str, tuple[type, str]]] = {name: {} for name in bases}
+    for cls in classes:
+        for field, about in settings_of(cls).items():
+            path, _, key = about.key.rpartition(".")
+            fields.setdefault(path, {})[key] = (_hint(about), about.default)
+            sources.setdefault(path, {})[key] = (cls, field)
+    inner: dict[str, dict[str, Any]] = {}
+    found: dict[str, Any] = {}
+    for path in sorted(fields, key=lambda path: -path.count(".")):
+        title = "".join(part.capitalize() for part in path.split(".")) + "Table"
+        own: dict[str, Any] = inner.get(path, {}) | fields[path]
+        made = create_model(title, __base__=bases.get(path, Section), __module__=module, **own)
+        made.sources = sources[path]
+        outer, _, name = path.rpartition(".")
+        inner.setdefault(outer, {})[name] = (made, made())
+        found[path] = made
+    return found
+
+
+def _hint(about: Setting) -> Any:
+    """The type of a key: that of its default, every number of it within the bounds."""
+    default = about.default
+    if about.type is not None:
+        return about.type if default is not None else about.type | None
+    at = about.bounds.get
+    number = Field(ge=at("ge"), gt=at("gt"), le=at("le"), lt=at("lt"))
+    if isinstance(default, tuple):
+        return tuple[(Annotated[float, number],) * len(default)]  # type: ignore[misc]
+    if isinstance(default, int):
+        return Annotated[int, number]
+    bounded = Annotated[float, number]
+    return bounded | None if default is None else bounded
+
+
+def model_of(cls: type, without: Collection[str] = ()) -> type[BaseModel]:
+    """A strict model of a frozen dataclass and of those in it."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields: dict[str, Any] = {}
+    for item in dataclasses.fields(cls):
+        if item.name in without or not item.init:
+            continue
+        hint = hints[item.name]
+        kind = dataclass_of(hint)
+        if kind is not None:
+            inner = model_of(kind)
+            fields[item.name] = (inner | None, None)
+        elif item.default is not dataclasses.MISSING:
+            fields[item.name] = (hint, item.default)
+        elif item.default_factory is not dataclasses.MISSING:
+            fields[item.name] = (hint, Field(default_factory=item.default_factory))
+        else:
+            fields[item.name] = (hint, ...)
+    return create_model(cls.__name__, __config__=STRICT, **fields)
+
+
+def dataclass_of(hint: Any) -> type | None:
+    """The dataclass that a field holds, also one that may be None; None for any other field."""
+    for each in (hint, *typing.get_args(hint)):
+        if isinstance(each, type) and dataclasses.is_dataclass(each):
+            return each
+    return None
+
+
+SETTINGS = (Friction, SurfaceModel, DriveModel, Parts, BallStart)
+"""Dataclasses whose settings are keys of ``plant``."""
+PLANTS = ["mujoco", "lagrange"]
+"""What ``kind`` may name; ``twin.run.plants.register`` adds to it."""
+
+
+def _known(kind: str) -> str:
+    if kind not in PLANTS:
+        raise ValueError(f"must be {' or '.join(map(repr, PLANTS))}, got {kind!r}")
+    return kind
+
+
+LEAST_ROLLING_MM = 0.01
+"""The smallest arm of rolling resistance the engine can simulate, in mm."""
+
+BALLS: dict[str, dict[str, dict[str, float]]] = {
+    "hollow": {"ball": {}, "friction": {}},
+    "steel": {
+        # A solid sphere of 7850 kg/m^3 and the hollow ball's radius: 4/3 pi r^3 rho and 2/5 m r^2.
+        "ball": {"mass": 0.263, "inertia": 4.208e-5},
+        # Assumed: Appendix E says only that its friction is less. It dents the screen less for its
+        # stiffness and more for its weight; a quarter to a third of the hollow ball's is plausible.
+        "friction": {"rolling_mm": 0.05},
+    },
+}
+"""What each kind of ball sets where a scenario does not."""
+
+
+class BallKeys(Section):
+    """The ball; defaults are the thesis's Table A.2, or those of the solid steel ball."""
+
+    kind: Literal["hollow", "steel"] = "hollow"
+    """Hollow plastic ball, or a solid steel ball, which sets mass, inertia and friction."""
+
+    @property
+    def model(self) -> BallPlate:
+        """The exact equations with this ball."""
+        return BallPlate(**{name: vars(self)[name] for name in ("mass", "radius", "inertia")})
+
+    def problem(self) -> str:
+        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        ball: Any = self
+        far = 1000 * ball.radius
+        most = ball.mass * ball.radius**2
+        if sum(part**2 for part in ball.offset_mm) >= far**2:
+            return f"plant.ball.offset_mm: must lie within the ball's radius of {far:g} mm"
+        if ball.oval_mm >= far:
+            return f"plant.ball.oval_mm: must be less than the ball's radius of {far:g} mm"
+        if ball.inertia > most:
+            return f"plant.ball.inertia: must be at most mass x radius^2 = {most:g} kg m^2"
+        return ""
+
+
+class SurfaceKeys(Section):
+    """How friction and level vary over the screen: drawn at random, or grids."""
+
+    def problem(self) -> str:
+        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        about = vars(self)
+        given = {name: about[name] for name in ("relative", "height_um") if about[name]}
+        if given and (about["spread_percent"] or about["slope_deg"]):
+            return "plant.surface: give either grids or spread_percent and slope_deg, not both"
+        shapes = {}
+        for name, rows in given.items():
+            if min(len(rows), *map(len, rows)) < 2 or len(set(map(len, rows))) > 1:
+                return f"plant.surface.{name}: must be 2 or more rows of equally many, 2 or more"
+            shapes[name] = f"{len(rows)} x {len(rows[0])}"
+        if len(set(shapes.values())) > 1:
+            sizes = " and ".join(f"{name} is {shape}" for name, shape in shapes.items())
+            return f"plant.surface: grids must be of one size, but {sizes}"
+        if any(value < 0 for row in about["relative"] for value in row):
+            return "plant.surface.relative: must not be negative"
+        return ""
+
+
+class PlantKeys(Section):
+    """What is simulated."""
+
+    kind: Annotated[
+        str, AfterValidator(_known), WithJsonSchema({"type": "string", "enum": list(PLANTS)})
+    ] = "mujoco"
+    """The mechanism in MuJoCo, or the exact equations (5.9)."""
+    step: Annotated[float, Field(ge=1e-5, le=1)] = 0.001
+    """Time step of the simulation in s; for the mechanism at most 0.002."""
+
+    @model_validator(mode="after")
+    def _kind_of_ball(self) -> PlantKeys:
+        """Put in what the kind of ball sets and the scenario does not."""
+        ball: Any = vars(self)["ball"]
+        for name, values in BALLS[ball.kind].items():
+            section: Section = vars(self)[name]
+            left = {
+                key: value for key, value in values.items() if key not in section.model_fields_set
+            }
+            if left:
+                object.__setattr__(self, name, section.model_copy(update=left))
+        return self
+
+    def problem(self) -> str:
+        """What is wrong with it as a whole, in one line; empty if nothing is."""
+        inner: Any = vars(self)
+        if self.kind == "lagrange":
+            for key, what in MECHANISM_ONLY.items():
+                if value_of(self, key) != DEFAULTS[f"plant.{key}"]:
+                    return f"plant.{key}: the exact equations {what}; set plant.kind=mujoco"
+        mechanism = self.kind == "mujoco"
+        if mechanism and self.step > 0.002:
+            return f"plant.step: must be at most 0.002 s for the mechanism, got {self.step:g}"
+        rolling = inner["friction"].rolling_mm
+        if mechanism and 0 < rolling < LEAST_ROLLING_MM:
+            return (
+                f"plant.friction.rolling_mm: must be 0 or at least {LEAST_ROLLING_MM:g} for the "
+                f"mechanism, got {rolling:g}"
+            )
+        return inner["ball"].problem() or str(inner["surface"].problem())
+
+
+DEFAULTS = {about.key: about.default for cls in SETTINGS for about in settings_of(cls).values()}
+"""What a scenario has of each setting of ``plant`` that it does not give."""
+MECHANISM_ONLY = {
+    about.key.removeprefix("plant."): about.exact
+    for cls in (Parts, BallStart)
+    for about in settings_of(cls).values()
+    if about.exact
+}
+"""Keys of ``plant`` that the exact equations cannot follow, and why."""
+
+
+def without_ball(plant: dict[str, Any], kind: Any) -> None:
+    """Take out of the tables of a plant what its kind of ball sets, as a record has it in them."""
+    keys = {
+        (name, key) for each in BALLS.values() for name, values in each.items() for key in values
+    }
+    for name, key in keys:
+        default = DEFAULTS[f"plant.{name}.{key}"]
+        own = plant.get(name, {})
+        if own.get(key) == BALLS.get(kind, {}).get(name, {}).get(key, default):
+            del own[key]
+
+
+STUDY_STEP = 0.002
+"""Physics step in s of a study's mechanism; half the work of 1 ms. ``python -m
+benchmarks.physics_step`` measures what it gets wrong."""
+STIFFEST = 5e5
+"""Stiffness of wheel on cam in N/m up to which that was found to hold."""
+MOST_DAMPED = 0.3
+"""Damping ratio of the plate on its wheels up to which it was; twice critical runs away at 2 ms."""
+
+
+def at_study_step(scenario: Scenario) -> Scenario:
+    """The scenario as one of many: at the step of studies unless it says its own.
+
+    Only the mechanism, on wheels not too hard or damped for the step, and at a control period that
+    is a multiple of it; else the scenario as it is. The exact equations follow play worse at it.
+    """
+    plant, wheels = scenario.plant, scenario.plant.wheels
+    steps = round(scenario.rig.period / STUDY_STEP)
+    if (
+        "step" in plant.model_fields_set
+        or plant.kind != "mujoco"
+        or (wheels.stiffness or 0.0) > STIFFEST
+        or (wheels.damping_ratio or 0.0) > MOST_DAMPED
+        or steps < 1
+        or abs(steps * STUDY_STEP - scenario.rig.period) > 1e-9 * scenario.rig.period
+    ):
+        return scenario
+    return scenario.model_copy(update={"plant": plant.model_copy(update={"step": STUDY_STEP})})
+
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.identify.log import read
-from twin.run.folders import run_name
+from twin.run.files import run_name
 from twin.shadow import report
 from twin.shadow.belief import believed
 from twin.shadow.follow import Shadow, shadow

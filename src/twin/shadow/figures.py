@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from controllers.arrays import Array
-from twin.run.overview_plot import COLOURS, LOOK
+from twin.run.picture import COLOURS, LOOK
 from twin.shadow import dead_time
 from twin.shadow.alarms import THRESHOLD
 from twin.shadow.follow import Shadow

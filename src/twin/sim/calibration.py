@@ -17,9 +17,9 @@ from twin.errors import ModelError
 from twin.hal.cams import CamTable, model_hash
 from twin.hal.interface import Transmission
 from twin.paths import model_path
-from twin.sim.encoders import COUNTS
 from twin.sim.plant.mechanism import Mechanism
 from twin.sim.plant.model import load_model
+from twin.sim.sensors import COUNTS
 
 _BALL_OFF = (0.6, 0.0, 0.0, 0.0)
 """Start of the ball in a calibration: beside the screen, so that it falls off the rig."""

@@ -1,18 +1,288 @@
-"""What lies between a commanded motor rate and the plate's: bandwidth, lost motion, vibration."""
+"""Transmissions of simulated rigs: wrong ones, and one per rig.
+
+A vibration of the plate that nobody commands: steady, or random about one frequency.
+
+What lies between a motor's angle and the plate's: play, hysteresis, a soft drive train.
+
+Each part takes the angle by which its input turns in a control period and gives that by which its
+output turns, both (N, 2) in rad; the output begins where the input does. ``acts`` says which rigs
+have the part, shape (N, 1); of the others what it gives means nothing.
+
+What lies between a commanded motor rate and the plate's: bandwidth, lost motion, vibration.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from controllers.arrays import Array, Number, put
+from controllers.arrays import Array, Number, column, put
+from twin.hal.interface import Transmission
 from twin.settings import Unit, setting
-from twin.sim.drive_train import Hysteresis, Play, Resonance, TrainPart
-from twin.sim.noise import Rigs
-from twin.sim.vibration import Vibration
+from twin.sim.sensors import Noise, Rigs
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransmissionError:
+    """How wrong what a rig knows of its cams is.
+
+    Fields may be arrays with one entry per rig.
+
+    Attributes:
+        slope: How much too far each axis is taken, dimensionless, for (phi, theta), shape (2,) or
+            (N, 2).
+        coupling: Share of one axis's angle that turns the other, too, dimensionless.
+    """
+
+    slope: tuple[float, float] | Array = setting(
+        "rig.cam_error_percent", (0.0, 0.0), Unit.PERCENT, ge=-20, le=20
+    )
+    coupling: Number = setting("rig.cam_coupling_percent", 0.0, Unit.PERCENT, ge=-20, le=20)
+
+    @property
+    def any(self) -> bool:
+        """Whether there is an error at all."""
+        return bool(np.any(self.slope) or np.any(self.coupling))
+
+
+@dataclass(frozen=True)
+class WrongTransmission:
+    """A transmission that takes the plate not quite where it should be.
+
+    Attributes:
+        known: The transmission as it should be.
+        error: What is wrong with it.
+    """
+
+    known: Transmission
+    error: TransmissionError
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for the requested plate angles in rad, both (N, 2)."""
+        moved = (1 + np.asarray(self.error.slope)) * plate
+        if np.any(self.error.coupling):
+            moved = moved + column(self.error.coupling) * plate[..., ::-1]
+        return self.known.motor(moved)
+
+
+class PerRigTransmission:
+    """A transmission per rig.
+
+    Args:
+        members: One per rig; those that are one and the same object are looked up together.
+    """
+
+    def __init__(self, members: Sequence[Transmission]) -> None:
+        distinct = list({id(member): member for member in members}.values())
+        which = np.array([next(i for i, d in enumerate(distinct) if d is m) for m in members])
+        self._groups = [(np.flatnonzero(which == i), each) for i, each in enumerate(distinct)]
+
+    def motor(self, plate: Array) -> Array:
+        """Motor angles in rad for plate angles in rad, both (N, 2)."""
+        found = np.empty_like(plate)
+        for rigs, member in self._groups:
+            found[rigs] = member.motor(plate[rigs])
+        return found
+
+
+class Vibration:
+    """Rates of both axes of N plates that swing by themselves, a quarter turn apart.
+
+    A steady one is a sine. A random one is a sum of sine and cosine whose sizes wander: white noise
+    through a first-order lag each (Ornstein-Uhlenbeck), so narrow-band noise of the same rms.
+
+    Args:
+        period: Control period in s.
+        seeds: One seed sequence per rig.
+    """
+
+    def __init__(self, period: float, seeds: Sequence[np.random.SeedSequence]) -> None:
+        self._period = period
+        self._tick = 0
+        self._begun = np.zeros((len(seeds), 1), int)
+        self._noise = Noise(np.full(4, 0.5), [s.spawn(1)[0] for s in seeds])
+        self._sizes: Array = np.zeros((len(seeds), 4))
+        none = np.zeros((len(seeds), 1))
+        self.be(none, none, none)
+
+    def be(self, amplitude: Array, frequency: Array, wander: Array) -> None:
+        """Swing so from now on.
+
+        Args:
+            amplitude: Of the steady rates in rad/s, shape (N, 1); the rms of both kinds is this by
+                the root of two.
+            frequency: In Hz, shape (N, 1).
+            wander: Time in s in which a random one forgets its phase, shape (N, 1); 0 for a steady
+                one.
+        """
+        self.acts = bool(amplitude.any())
+        self._amplitude = amplitude
+        self._turn = 2 * np.pi * frequency * self._period
+        self._random = wander > 0
+        self._kept = np.exp(-self._period / np.where(self._random, wander, 1.0))
+
+    def adopt(self, rigs: Rigs, other: Vibration) -> None:
+        """Let some rigs begin to swing now, with the noise of others that have not begun."""
+        self._begun[rigs] = self._tick
+        self._noise.adopt(rigs, other._noise)
+
+    def rate(self) -> Array:
+        """Rates of the next period in rad/s, shape (N, 2)."""
+        self._tick += 1
+        age = self._tick - self._begun
+        phase = self._turn * age
+        sine, cosine = np.sin(phase), np.cos(phase)
+        steady = np.concatenate((sine, cosine), axis=1)
+        if self._random.any():
+            drawn = self._noise.draw()
+            # begun as it goes on: there is no instant at which it is known to be still
+            fresh = np.where(age == 1, 1.0, np.sqrt(1 - self._kept**2))
+            self._sizes = np.where(age == 1, 0.0, self._kept * self._sizes) + fresh * drawn
+            wandering = self._sizes[:, :2] * sine + self._sizes[:, 2:] * cosine
+            steady = np.where(self._random, wandering, steady)
+        moved: Array = self._amplitude * steady
+        return moved
+
+
+class TrainPart(Protocol):
+    """A part of the drive train of N rigs."""
+
+    acts: NDArray[np.bool_]
+
+    def go_on(self, before: Any, rate: Array) -> None:
+        """Begin in the state of another one of its kind.
+
+        Args:
+            before: That one.
+            rate: Rates of the input in rad/s now, shape (N, 2).
+        """
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin as they were when they were made."""
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input, both (N, 2)."""
+
+
+class Play:
+    """A gap: the output stands until the input has crossed it.
+
+    Args:
+        width: Of the gap in rad, shape (N, 1); 0 for none.
+    """
+
+    def __init__(self, width: Array) -> None:
+        self._half = width / 2
+        self.acts = width > 0
+        self._input: Array = np.zeros((len(width), 2))
+        self._output: Array = np.zeros((len(width), 2))
+
+    def go_on(self, before: Play, rate: Array) -> None:
+        """Begin in the state of another one."""
+        del rate
+        self._input, self._output = before._input, before._output
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin in the middle of the gap."""
+        self._input, self._output = put(self._input, rigs, 0.0), put(self._output, rigs, 0.0)
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input."""
+        self._input = self._input + turn
+        moved = np.minimum(
+            np.maximum(self._output, self._input - self._half), self._input + self._half
+        )
+        followed = moved - self._output
+        self._output = moved
+        return followed
+
+
+class Hysteresis:
+    """An elastic part that works against dry friction after Dahl: lost motion without a gap.
+
+    With h the angle that is lost and s the input's, dh/ds = (1 - h sgn(s') / h_max) / 2: right
+    after a reversal the output stands, then follows more and more; h_max is half the width of the
+    loop of output over input, and the width is the way on which it changes over.
+
+    Args:
+        width: Of the loop in rad, shape (N, 1); 0 for none.
+    """
+
+    def __init__(self, width: Array) -> None:
+        self.acts = width > 0
+        self._width = width
+        self._way = np.where(width > 0, width, 1.0)
+        self._lost: Array = np.zeros((len(width), 2))
+
+    def go_on(self, before: Hysteresis, rate: Array) -> None:
+        """Begin in the state of another one."""
+        del rate
+        self._lost = before._lost
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin with nothing lost."""
+        self._lost = put(self._lost, rigs, 0.0)
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the output in rad for one of the input."""
+        end = np.copysign(self._width / 2, turn)
+        lost = end + (self._lost - end) * np.exp(-np.abs(turn) / self._way)
+        followed: Array = turn - (lost - self._lost)
+        self._lost = lost
+        return followed
+
+
+class Resonance:
+    """A soft drive train: the plate swings about where the motor is, excited by the motor's motion.
+
+    With d the plate's angle less the motor's, d'' + 2 zeta w d' + w^2 d = -(acceleration of the
+    motor), solved exactly for motor rates that are constant over a period.
+
+    Args:
+        frequency: Of the undamped swing in Hz, shape (N, 1); 0 for a stiff train.
+        damping: Ratio zeta below 1, shape (N, 1).
+        period: Control period in s.
+    """
+
+    def __init__(self, frequency: Array, damping: Array, period: float) -> None:
+        self.acts = frequency > 0
+        w = 2 * math.pi * frequency
+        decay, swing = damping * w, w * np.sqrt(1 - damping**2)
+        fade = np.exp(-decay * period)
+        cos = fade * np.cos(swing * period)
+        # sin(swing t) / swing, which at 0 is t
+        sine = fade * period * np.sinc(swing * period / math.pi)
+        self._period = period
+        self._angle = cos + decay * sine, sine
+        self._rate = -(w**2) * sine, cos - decay * sine
+        self._d: Array = np.zeros((len(frequency), 2))
+        self._d_rate: Array = np.zeros((len(frequency), 2))
+        self._motor_rate: Array = np.zeros((len(frequency), 2))
+
+    def go_on(self, before: Resonance, rate: Array) -> None:
+        """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
+        self._d, self._d_rate = before._d, before._d_rate
+        self._motor_rate = np.where(before.acts, before._motor_rate, rate)
+
+    def begin(self, rigs: Rigs) -> None:
+        """Let some rigs begin at rest."""
+        self._d, self._d_rate = put(self._d, rigs, 0.0), put(self._d_rate, rigs, 0.0)
+        self._motor_rate = put(self._motor_rate, rigs, 0.0)
+
+    def follow(self, turn: Array) -> Array:
+        """Turn of the plate in rad for one of the motor."""
+        motor_rate = turn / self._period
+        d, d_rate = self._d, self._d_rate - (motor_rate - self._motor_rate)
+        self._motor_rate = motor_rate
+        (a, b), (c, e) = self._angle, self._rate
+        self._d, self._d_rate = a * d + b * d_rate, c * d + e * d_rate
+        followed: Array = turn + (self._d - d)
+        return followed
 
 
 @dataclass(frozen=True, kw_only=True)

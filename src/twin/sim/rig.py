@@ -7,15 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.arrays import Array, Mask, every, put
-from twin.hal.interface import Touch, Transmission
-from twin.hal.limits import Limits
+from twin.hal.interface import Limits, Touch, Transmission
 from twin.hal.rig import Rig
 from twin.hal.supervisor import Supervisor
 from twin.sim.drives import DriveModel, SimulatedDrives
-from twin.sim.encoders import EncoderModel, SimulatedEncoders
-from twin.sim.noise import HeldPeriods, Noise, Rigs
 from twin.sim.plant.interface import Plant
-from twin.sim.touch import SimulatedScreen, TouchModel
+from twin.sim.sensors import (
+    EncoderModel,
+    HeldPeriods,
+    Noise,
+    Rigs,
+    SimulatedEncoders,
+    SimulatedScreen,
+    TouchModel,
+)
 
 
 class SimulatedDevices:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.report.numbers import LABELS
-from twin.run.overview_plot import LOOK, style
+from twin.run.picture import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex
 from twin.study.design import Design
 from twin.study.family import Point

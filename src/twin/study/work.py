@@ -18,12 +18,12 @@ import controllers
 from controllers.catalog import outside
 from twin.errors import TwinError
 from twin.paths import model_path
+from twin.run.assemble import build_controller, own_errors
 from twin.run.batch import alike, simulate
-from twin.run.control import build_controller, own_errors
 from twin.run.loop import Ending
 from twin.run.metrics import Metrics
 from twin.scenario import Scenario
-from twin.scenario.study_step import at_study_step
+from twin.scenario.schema import at_study_step
 from twin.study.build import Builder
 from twin.study.design import points
 from twin.study.schema import METRICS, Study

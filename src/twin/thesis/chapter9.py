@@ -21,7 +21,7 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.fit.runs import Runs, Sample
 from twin.fit.schema import FitTable, read
-from twin.run.execute import run
+from twin.run.finished import run
 from twin.study.store import Store
 
 COLUMNS = {

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from controllers.analysis import Loop, margins, sampled_loop, unstable
 from controllers.interfaces import Law, Observer
 from controllers.observers import Ideal
-from twin.run.control import build_controller
+from twin.run.assemble import build_controller
 from twin.scenario import Scenario
 
 

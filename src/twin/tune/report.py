@@ -8,7 +8,7 @@ from typing import Any
 from twin.html import inline, render
 from twin.page import digits
 from twin.report.numbers import LABELS
-from twin.run.control import build_law
+from twin.run.assemble import build_law
 from twin.tune.certificate import CONFIDENCE
 from twin.tune.figures import before_and_after, trade_off
 from twin.tune.fragment import options, settings, toml

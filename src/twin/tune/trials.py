@@ -12,9 +12,9 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, TwinError
-from twin.run.control import own_errors
+from twin.run.assemble import own_errors
 from twin.scenario import Scenario
-from twin.scenario.study_step import at_study_step
+from twin.scenario.schema import at_study_step
 from twin.study.build import Builder
 from twin.study.experiments import evaluate
 from twin.study.family import FamilyRig, Point, drawn

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.hal.limits import Limits
+from twin.hal.interface import Limits
 from twin.run.finished import states_of
 
 Colour = tuple[int, int, int]

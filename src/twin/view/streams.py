@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from controllers.interfaces import Reference
 from twin.hal.cams import CamTable
-from twin.hal.states import State
+from twin.hal.supervisor import State
 from twin.paths import model_path
-from twin.run.assemble import build_limits
-from twin.run.control import build_reference
+from twin.run.assemble import build_limits, build_reference
 from twin.run.finished import columns, states_of
 from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
 from twin.settings import changed
-from twin.sim.plant.model import load_model
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.model import Parts, load_model
 from twin.view.ball import rolled
 from twin.view.scene import Scene
 from twin.view.signals import RUNS, Signal, signals, tinted

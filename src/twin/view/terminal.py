@@ -15,9 +15,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from controllers.arrays import Array
-from twin.hal.states import State
+from twin.hal.supervisor import State
 from twin.jobs import orphaned
-from twin.run.control import build_reference
+from twin.run.assemble import build_reference
 from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, step_back

@@ -9,7 +9,7 @@ import rerun as rr
 
 from controllers.arrays import Array
 from twin.hal.interface import SCREEN
-from twin.sim.plant.surface import SurfaceMap
+from twin.sim.plant.friction import SurfaceMap
 from twin.view.signals import Colour
 
 

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.errors import ScenarioError
-from twin.scenario.change import JUMPS, RAMPS
 from twin.scenario.load import check, put, setting
-from twin.scenario.schema import Scenario
+from twin.scenario.schema import JUMPS, RAMPS, Scenario
 
 CONTROL = ("controller.", "observer.", "predictor.", "reference.")
 """Beginnings of the keys that belong to the controller and its task."""

@@ -9,8 +9,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
-from twin.run.assemble import assemble
-from twin.run.control import build_controller
+from twin.run.assemble import assemble, build_controller
 from twin.run.record import CHANNELS
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig

@@ -11,12 +11,11 @@ from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
-from twin.run.assemble import assemble
-from twin.run.control import build_controller
+from twin.run.assemble import assemble, build_controller
 from twin.run.finished import Run
 from twin.run.loop import drive
 from twin.run.record import Recorder
-from twin.run.snapshot import Snapshot, snapshots_of
+from twin.run.state import Snapshot, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.whatif.moment import LOOK_BACK, Moment, Recorded
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from controllers.interfaces import Measurement
 from twin.run.assemble import assemble
-from twin.run.execute import record_run
-from twin.run.finished import Run
-from twin.run.folders import short_key, slug
+from twin.run.files import short_key, slug
+from twin.run.finished import Run, record_run
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import Recorder

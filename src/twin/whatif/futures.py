@@ -11,12 +11,10 @@ import numpy as np
 
 from twin.errors import RecordError
 from twin.jobs import SecondProcess
-from twin.run.control import build_reference
-from twin.run.execute import drawn, versions
-from twin.run.finished import Run
-from twin.run.folders import WHATIF, forget_listed, free, record_of
+from twin.run.assemble import build_reference
+from twin.run.files import WHATIF, forget_listed, free, record_of
+from twin.run.finished import Run, drawn, open_run, versions
 from twin.run.metrics import Motion
-from twin.run.replay import open_run
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario
 from twin.whatif.branch import branch

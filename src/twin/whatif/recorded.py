@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
-from twin.hal.states import State
-from twin.run.execute import versions
-from twin.run.record import CHANNELS, Recorder
-from twin.run.record_file import write_run
+from twin.hal.supervisor import State
+from twin.run.finished import versions
+from twin.run.record import CHANNELS, Recorder, write_run
 from twin.whatif.judge import Usable
 from twin.whatif.moment import Moment
 from twin.whatif.smooth import path

@@ -13,7 +13,7 @@ from twin.emulator.drive import EmulatedDrive
 from twin.emulator.drive_power import Power
 from twin.emulator.drive_settings import DriveSettings
 from twin.emulator.lockstep import LockstepDrives, still
-from twin.hal.faults import Severity
+from twin.hal.interface import Severity
 from twin.safety import drive_causes as cause_of
 from twin.safety.drive_causes import CASES, TPDO1
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from twin.errors import TwinError
-from twin.hal.faults import Condition, Fault, Severity
+from twin.hal.interface import Condition, Fault, Severity
 
 _STOP, _LEVEL, _WARNING = Severity.STOP, Severity.LEVEL, Severity.WARNING
 

@@ -11,7 +11,7 @@ from twin.devices.akd.bringup import PROFILE_VELOCITY
 from twin.devices.akd.cia402 import AxisRequest, DriveState, StatusBit
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import AkdConfig
-from twin.hal.faults import Condition
+from twin.hal.interface import Condition
 
 _WINDOW = 50
 """Cycles over which irregular PDOs are counted."""

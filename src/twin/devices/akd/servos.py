@@ -22,7 +22,7 @@ from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.akd.sdo_poll import SdoPolling
 from twin.devices.akd.second_master import master_frames
 from twin.devices.akd.transport import CanTransport
-from twin.hal.faults import Fault, Severity
+from twin.hal.interface import Fault, Severity
 
 _STANDSTILL = 0.05
 """Motor rate in rad/s that counts as standstill."""

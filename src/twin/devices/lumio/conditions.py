@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twin.hal.faults import Condition, Severity
+from twin.hal.interface import Condition, Severity
 
 _LEVEL = "the plate is levelled and held"
 

@@ -16,8 +16,7 @@ from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.presence import Presence, TouchState, touch_state
 from twin.devices.lumio.stream import TouchStream
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
-from twin.hal.faults import Fault
-from twin.hal.interface import Touch
+from twin.hal.interface import Fault, Touch
 
 
 class LumioScreen:

@@ -14,7 +14,7 @@ from twin.devices.lumio.decoder import Decoder, DecoderStats, Report
 from twin.devices.lumio.detector import Detector, Doubt
 from twin.devices.lumio.protocols import DECODERS
 from twin.devices.lumio.tracking import Sample, Tracker
-from twin.hal.faults import Condition, Fault
+from twin.hal.interface import Condition, Fault
 
 WHERE = "touch screen"
 REFUSED = (

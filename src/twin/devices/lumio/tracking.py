@@ -20,7 +20,7 @@ from twin.devices.lumio.conditions import (
 )
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.devices.lumio.decoder import Contact, Report
-from twin.hal.faults import Condition
+from twin.hal.interface import Condition
 
 ReportFault = Callable[[Condition, str], None]
 """Takes a condition detected and what was seen, in words and numbers."""

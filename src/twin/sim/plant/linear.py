@@ -11,9 +11,8 @@ import numpy as np
 from controllers import ballplate
 from controllers.arrays import Array
 from twin.errors import ModelError
-from twin.sim.plant.ball_contact import free_dimension
-from twin.sim.plant.model import cam_ratio, load_model
-from twin.sim.plant.parts import Parts
+from twin.sim.plant.mechanism import free_dimension
+from twin.sim.plant.model import Parts, cam_ratio, load_model
 
 STATES = (
     *ballplate.STATES,

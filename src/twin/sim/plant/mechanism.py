@@ -1,24 +1,247 @@
-"""The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch."""
+"""Where everything of interest stands in the arrays of a batch of mechanisms.
+
+How the one friction object acts in the engine: on each rig's ball, when it has to.
+
+How balls are put, rolling, on the plates of a batch of mechanisms.
+
+The MuJoCo plant: N mechanisms of ``models/ballplate.xml`` stepped as one batch.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from controllers.arrays import Array, Mask, Number, constant
-from twin.sim.plant.addresses import TELEMETRY, Addresses
-from twin.sim.plant.ball_contact import BallContact
+from controllers.arrays import Array, Mask, Number, constant, put
+from twin.errors import ModelError
 from twin.sim.plant.friction import Friction
-from twin.sim.plant.kinematics import ball_in_plate
-from twin.sim.plant.model import cam_ratio
-from twin.sim.plant.parts import Parts
-from twin.sim.plant.placing import BallPlacing
-from twin.sim.plant.rig_models import RigModels
+from twin.sim.plant.kinematics import ball_in_plate, from_plate, rolling_ball
+from twin.sim.plant.model import NAMES, Parts, RigModels, cam_ratio
+
+Indices = NDArray[np.integer]
+
+TELEMETRY = {
+    "wheel_phi_N": "wheel_phi_force",
+    "wheel_theta_N": "wheel_theta_force",
+    "ball_N": "ball_force",
+    "torque_phi_Nm": "torque_phi",
+    "torque_theta_Nm": "torque_theta",
+    "spring_m": "spring_length",
+    "motor_phi_rad": "motor_phi",
+    "motor_theta_rad": "motor_theta",
+}
+"""Name in the record, and the sensor whose first number it is."""
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Places of a mechanism in the engine's arrays; axes are ordered phi, theta.
+
+    Attributes:
+        level: The keyframe that is level and at rest.
+        ball_pose: In ``qpos`` the ball's centre; its orientation follows.
+        ball_rate: In ``qvel`` the ball's velocity and angular velocity.
+        poses: In ``qpos`` both plate angles and the ball's centre, shape (5,).
+        rates: In ``qvel`` their rates, shape (5,).
+        state: In ``sensordata`` the state in the order of (5.5), shape (8,).
+        over: In ``sensordata`` whether the ball is on the screen.
+        told: In ``sensordata`` what ``TELEMETRY`` names, shape (channels,).
+        servo: In ``ctrl`` the motor rates.
+        shaft: In ``qpos`` the motor shafts' angles.
+    """
+
+    level: int
+    ball_pose: slice
+    ball_rate: slice
+    poses: Indices
+    rates: Indices
+    state: Indices
+    over: int
+    told: Indices
+    servo: slice | list[int]
+    shaft: slice | list[int]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> Self:
+        """Those of a model that has all names the plant asks for."""
+        ball = model.joint("ball")
+        plate = [model.joint(axis) for axis in ("phi", "theta")]
+        pose, rate = ball.qposadr[0], ball.dofadr[0]
+        at = {name: int(model.sensor(name).adr[0]) for name in NAMES["sensor"]}
+        place, speed = at["ball_position"], at["ball_velocity"]
+        along_x = place, speed, at["phi"], at["phi_rate"]
+        along_y = place + 1, speed + 1, at["theta"], at["theta_rate"]
+        return cls(
+            level=model.key("level").id,
+            ball_pose=slice(pose, pose + 3),
+            ball_rate=slice(rate, rate + 6),
+            poses=np.array([*(joint.qposadr[0] for joint in plate), *range(pose, pose + 3)]),
+            rates=np.array([*(joint.dofadr[0] for joint in plate), *range(rate, rate + 3)]),
+            state=np.array([*along_x, *along_y]),
+            over=at["ball_on_plate"],
+            told=np.array([at[sensor] for sensor in TELEMETRY.values()]),
+            servo=_columns([model.actuator(f"servo_{axis}").id for axis in ("phi", "theta")]),
+            shaft=_columns([model.joint(f"cam_{axis}").qposadr[0] for axis in ("phi", "theta")]),
+        )
+
+
+def _columns(ids: Sequence[int]) -> slice | list[int]:
+    """Two columns as a slice where their order allows it: slices are cheap to read and write."""
+    first, second = (int(i) for i in ids)
+    if second > first:
+        return slice(first, second + 1, second - first)
+    return [first, second]
+
+
+LEAST = mujoco.mjMINMU
+"""Smallest rolling friction in m the engine can simulate; it lifts anything below to this."""
+
+
+class BallContact:
+    """The contact of ball and screen of every rig of a batch.
+
+    Friction that is constant is written once and costs nothing; one that changes with the ball's
+    speed, rest or place is updated by ``feel``. The engine knows no arm between 0 and 0.01 mm:
+    a rig without any resistance rolls freely, the others have at least that much. Where a contact
+    bends before it resists in full, the ball rolls freely in the engine and a force resists it.
+
+    Args:
+        batch: The rigs.
+        friction: Their rolling resistance.
+
+    Raises:
+        ModelError: If a rolling resistance is too small for the engine.
+    """
+
+    def __init__(self, batch: Batch, friction: Friction) -> None:
+        self.friction = friction
+        model = batch.model
+        roll = np.broadcast_to(np.asarray(friction.rolling, float), (batch.nsim,))
+        free = np.broadcast_to(friction.absent, (batch.nsim,))
+        if not np.all((roll == 0) | (roll >= LEAST)):
+            raise ModelError(f"rolling friction must be 0 or at least {LEAST} m, got {roll.min()}")
+        pair = model.pair("ball_plate").id
+        self._arm = batch.expand("pair_friction")[:, pair, 3:5]
+        self._arm[:] = np.maximum(roll, LEAST)[:, None]
+        rolls = free | (np.asarray(friction.presliding) > 0)
+        batch.expand("pair_dim")[:, pair] = np.where(rolls, free_dimension(model), 6)
+        self.varying = not friction.constant and not (free.all() and friction.map is None)
+        """Whether ``feel`` has to be called."""
+        self._sloping = friction.map is not None and friction.map.sloping
+        ball = model.body("ball").id
+        self._force = batch.bind("xfrc_applied")[:, ball, :3]
+        self._forced = self._sloping or friction.bending
+        if self._forced:
+            mass = batch.expanded("body_mass")
+            masses = model.body_mass if mass is None else mass
+            self._weight = masses[..., ball] * np.linalg.norm(model.opt.gravity)
+            sizes = batch.expanded("geom_size")
+            sizes = model.geom_size if sizes is None else sizes
+            self._radius = sizes[..., model.geom("ball").id, 0]
+
+    def start(self, x: Array) -> None:
+        """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
+        self.age = self._settled(x)
+        """Age of each contact, shape (N,)."""
+        self.bend: Array = np.zeros((len(x), 2))
+        """How far each contact is bent, m, shape (N, 2); 0 of one that does not."""
+
+    def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
+        """Begin with some rigs of the state x, (N, 8), anew."""
+        self.age = put(self.age, rigs, self._settled(x)[rigs])
+        self.bend = put(self.bend, rigs, np.zeros((len(rigs), 2)))
+
+    def _settled(self, x: Array) -> Array:
+        """Age of contacts that have long been in the state x, shape (N,)."""
+        return self.friction.settled(np.hypot(x[:, 1], x[:, 5]))
+
+    def go_on(self, before: BallContact, x: Array) -> None:
+        """Begin where another contact of the same balls ends, in the state x, (N, 8)."""
+        self.age = before.age if before.friction.ageing else self._settled(x)
+        self.bend = before.bend
+        self._force[:] = 0.0
+
+    def feel(self, x: Array, time: float) -> None:
+        """Set friction and slope for the state x, shape (N, 8), which will last a time in s."""
+        friction = self.friction
+        position, speed = x[:, 0::4], np.hypot(x[:, 1], x[:, 5])
+        if friction.ageing:
+            self.age = friction.aged(self.age, speed, time)
+            arm = friction.arm(speed, position, self.age)
+        else:
+            arm = friction.arm(speed, position)
+        self._arm[:] = np.maximum(arm, LEAST)[:, None]
+        if not self._forced:
+            return
+        phi, theta = x[:, 2], x[:, 6]
+        normal = (self._weight * np.cos(phi) * np.cos(theta))[:, None]
+        along = np.zeros((len(x), 3))
+        if self._sloping:
+            assert friction.map is not None
+            along[:, :2] = -normal * friction.map(position)[1]
+        if friction.bending:
+            self.bend = friction.bent(self.bend, x[:, 1::4], time)
+            along[:, :2] -= normal * (arm / self._radius)[:, None] * friction.share(self.bend)
+        self._force[:] = from_plate(along, phi, theta)
+
+
+def free_dimension(model: mujoco.MjModel) -> int:
+    """Dimension of the contact of a ball that rolls freely: 4 resists spin, 3 only slides."""
+    return 4 if model.pair_friction[model.pair("ball_plate").id, 2] > LEAST else 3
+
+
+class BallPlacing:
+    """Writes where the balls of N rigs are and how they roll.
+
+    Args:
+        batch: The rigs.
+        at: Places in its arrays.
+        surface: Height of the screen over the cardan joint, m.
+        height: That of the balls' centres on a level plate, m, shape (N,).
+    """
+
+    def __init__(self, batch: Batch, at: Addresses, surface: float, height: Array) -> None:
+        self._qpos: Array = batch.bind("qpos")
+        self._qvel: Array = batch.bind("qvel")
+        self._at, self._surface, self._height = at, surface, height
+
+    def change(self, rigs: NDArray[np.integer], height: Array) -> None:
+        """Give some rigs balls whose centres are at other heights in m, shape (k,)."""
+        self._height[rigs] = height
+
+    @property
+    def _radius(self) -> Array:
+        return self._height - self._surface
+
+    def level(self, rigs: slice | NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
+        """Let balls of level plates roll at (x, x', y, y'), shape (k, 4).
+
+        Positions in m, speeds in m/s; ``spin`` is their rate about the vertical in rad/s.
+        """
+        x, vx, y, vy = ball.T
+        zero, radius = np.zeros(len(ball)), self._radius[rigs]
+        self._qpos[rigs, self._at.ball_pose] = np.stack((x, y, self._height[rigs]), axis=-1)
+        turn = (-vy / radius, vx / radius, zero + spin)
+        self._qvel[rigs, self._at.ball_rate] = np.stack((vx, vy, zero, *turn), axis=-1)
+
+    def tilted(self, ball: Array) -> None:
+        """Let the balls roll at (x, x', y, y') on plates as they are now, shape (N, 4)."""
+        angles, rates = self._qpos.T[self._at.poses[:2]], self._qvel.T[self._at.rates[:2]]
+        centre, velocity, turning = rolling_ball(angles, rates, ball.T, self._height, self._radius)
+        pose, rate = self._at.ball_pose.start, self._at.ball_rate.start
+        self._qpos[:, pose : pose + 3] = centre
+        # upright, so that its own axes are those of the rig
+        self._qpos[:, pose + 3 : pose + 7] = 1.0, 0.0, 0.0, 0.0
+        self._qvel[:, rate : rate + 3] = velocity
+        self._qvel[:, rate + 3 : rate + 6] = turning
+
 
 _MANY = 16
 """From this number of rigs on, numpy sees where the balls are faster than the engine's sensors."""

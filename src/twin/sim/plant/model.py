@@ -1,9 +1,18 @@
-"""From the model file to a compiled mechanism: its names, and in what several ones differ."""
+"""What of a rig's mechanism differs from the model file.
+
+From the model file to a compiled mechanism: its names, and in what several ones differ.
+
+A mechanism with other parts than the model file's, standing level.
+
+The compiled mechanism of every rig of a batch, and how parts are exchanged.
+"""
 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -11,13 +20,137 @@ from threading import Lock
 
 import mujoco
 import numpy as np
-from mujoco.batch import MODEL_FIELDS
+from mujoco.batch import MODEL_FIELDS, Batch
+from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.paths import model_path
-from twin.sim.plant.fitted import FITTED, fitted, shaped
-from twin.sim.plant.parts import Parts
+from twin.settings import Unit, check, setting
+from twin.sim.plant.equilibrium import AXES, balance, put_level, settle
+from twin.sim.plant.kinematics import tilted_gravity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts:
+    """Numbers of one mechanism, SI units; None leaves what the model file says.
+
+    A mechanism whose balance they change is levelled again, as a rig is after work on it: the
+    motor shafts are set to the height at which motor angle 0 is plate angle 0.
+
+    Attributes:
+        mass: Mass of the ball, kg.
+        radius: Its radius, m.
+        inertia: Its moment of inertia about its centre of mass, kg m^2.
+        offset: Centre of mass of the ball off its middle, (x, y, z) in the ball's own axes, which
+            are those of the plate at the start, m.
+        oval: By how much one diameter, upright at the start, is shorter than the others, m.
+        sliding: Coefficient of sliding friction of ball on screen, dimensionless.
+        spinning: Arm of the resistance to spin about the vertical, m.
+        stiffness: Stiffness of wheel on cam, N/m.
+        damping_ratio: Damping of the plate on its wheels relative to critical, dimensionless.
+        preload: Tension of the spring at level, N.
+        torque: Largest torque of a motor, N m.
+        speed: Largest speed of a motor, rad/s.
+        joint_friction: Dry friction of each of the plate's two joints, N m: as wheels and servos
+            give way, lost motion between motor and plate.
+        plate_centre: Centre of mass of the plate off the cardan joint along x and y, m.
+        level: Tilt (phi, theta) of the base that everything stands on, rad; encoders cannot see it.
+
+    Raises:
+        ModelError: If a number is out of range.
+    """
+
+    mass: float | None = setting("plant.ball.mass", 0.024, otherwise=None, gt=0)
+    radius: float | None = setting("plant.ball.radius", 0.02, otherwise=None, ge=0.005, le=0.05)
+    inertia: float | None = setting("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
+    offset: tuple[float, float, float] | None = setting(
+        "plant.ball.offset_mm",
+        (0.0, 0.0, 0.0),
+        Unit.MM,
+        otherwise=None,
+        exact="have a ball with its centre of mass in the middle",
+    )
+    oval: float | None = setting(
+        "plant.ball.oval_mm", 0.0, Unit.MM, otherwise=None, ge=0, exact="have a round ball"
+    )
+    sliding: float | None = setting(
+        "plant.friction.sliding", 0.5, otherwise=None, gt=0, exact="have a ball that never slides"
+    )
+    spinning: float | None = setting(
+        "plant.friction.spinning_mm",
+        0.01,
+        Unit.MM,
+        otherwise=None,
+        ge=0.01,
+        le=10,
+        exact="have a ball that never spins",
+    )
+    stiffness: float | None = setting(
+        "plant.wheels.stiffness", None, ge=5e3, le=2e6, exact="have no wheels"
+    )
+    damping_ratio: float | None = setting(
+        "plant.wheels.damping_ratio", None, ge=0, le=2, exact="have no wheels"
+    )
+    preload: float | None = setting(
+        "plant.spring.preload", None, ge=1, le=500, exact="have no spring"
+    )
+    torque: float | None = setting(
+        "plant.servo.torque_limit", None, gt=0, exact="have ideal motors"
+    )
+    speed: float | None = setting("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    joint_friction: float | None = setting(
+        "plant.plate.joint_friction",
+        0.0,
+        otherwise=None,
+        ge=0,
+        le=20,
+        exact="have a plate that goes where it is told",
+    )
+    plate_centre: tuple[float, float] | None = setting(
+        "plant.plate.offset_mm",
+        None,
+        Unit.MM,
+        type=tuple[float, float],
+        exact="have a plate that goes where it is told",
+    )
+    level: tuple[float, float] | None = setting(
+        "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
+    )
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
+
+    @property
+    def compiled(self) -> Parts:
+        """Those of ball and plate, with which a mechanism has to be compiled."""
+        return Parts(
+            mass=self.mass,
+            radius=self.radius,
+            inertia=self.inertia,
+            offset=self.offset,
+            oval=self.oval,
+            plate_centre=self.plate_centre,
+        )
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the mechanism's balance on a level base is that of the file."""
+        other = replace(
+            self,
+            inertia=None,
+            offset=None,
+            sliding=None,
+            spinning=None,
+            damping_ratio=None,
+            joint_friction=None,
+            torque=None,
+            speed=None,
+            level=None,
+        )
+        return other == Parts()
+
 
 NAMES = {
     "joint": ("theta", "phi", "cam_theta", "cam_phi", "ball"),
@@ -177,3 +310,286 @@ def differing(
 def value_of(model: mujoco.MjModel, name: str) -> Array:
     """A model field as ``differing`` names it."""
     return np.asarray(_readers[name](model))
+
+
+FITTED = (
+    "actuator_ctrlrange",
+    "actuator_forcerange",
+    "body_pos",
+    "dof_frictionloss",
+    "geom_size",
+    "key_act",
+    "key_qpos",
+    "opt.gravity",
+    "pair_friction",
+    "pair_solref",
+    "tendon_lengthspring",
+)
+"""The model fields that ``fitted`` changes, and sizes that a sphere has but does not use: all in
+which mechanisms of the same ball and plate differ."""
+
+
+def fitted(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    before: mujoco.MjModel,
+    parts: Parts,
+    stands: mujoco.MjModel | None = None,
+) -> mujoco.MjModel:
+    """Fit parts to a mechanism and let it stand level.
+
+    Args:
+        model: Has the parts' ball and plate; is changed and returned.
+        data: For models like it; what it holds does not matter.
+        before: The mechanism of the model file.
+        parts: What differs of it.
+        stands: A mechanism at whose heights the shafts stay; None levels one whose balance the
+            parts change.
+
+    Raises:
+        ModelError: If the mechanism does not come to rest level.
+    """
+    _couple(model, data, before, parts)
+    slide, spin = parts.sliding, parts.spinning
+    friction = model.pair("ball_plate").friction
+    if slide is not None:
+        friction[:2] = slide
+    if spin is not None:
+        friction[2] = spin
+    if parts.preload is not None:
+        spring = model.tendon("spring").id
+        put_level(model, data)
+        length = data.ten_length[spring]
+        model.tendon_lengthspring[spring] = length - parts.preload / model.tendon_stiffness[spring]
+    if parts.torque is not None:
+        model.actuator_forcerange[:] = -parts.torque, parts.torque
+    if parts.speed is not None:
+        model.actuator_ctrlrange[:] = -parts.speed, parts.speed
+    if stands is not None:
+        model.body_pos[:] = stands.body_pos
+        model.key_qpos[:], model.key_act[:] = stands.key_qpos, stands.key_act
+    elif not parts.balanced:
+        settle(model, data)
+    if parts.level is not None:
+        model.opt.gravity = tilted_gravity(parts.level, -model.opt.gravity[2])
+        if stands is None:
+            balance(model, data)
+    if parts.joint_friction is not None:
+        # last: it would keep the plate from coming to rest level
+        for axis in AXES:
+            model.dof_frictionloss[model.joint(axis).dofadr[0]] = parts.joint_friction
+    return model
+
+
+def shaped(spec: mujoco.MjSpec, parts: Parts) -> mujoco.MjModel:
+    """Compile a mechanism with another ball and plate.
+
+    Args:
+        spec: That of the model file; it stays as it is.
+        parts: What differs; of them ball and plate.
+
+    Raises:
+        ModelError: If the ball is too oval.
+        ValueError: If it cannot be compiled.
+    """
+    spec = spec.copy()
+    higher = _shape(spec, parts)
+    model = spec.compile()
+    model.key_qpos[:, model.joint("ball").qposadr[0] + 2] += higher
+    return model
+
+
+def _shape(spec: mujoco.MjSpec, parts: Parts) -> float:
+    """Change ball and plate; return by how much higher the ball's middle lies, m."""
+    ball, geom = spec.body("ball"), spec.geom("ball")
+    if parts.mass is not None:
+        ball.mass = parts.mass
+    if parts.inertia is not None:
+        ball.inertia = [parts.inertia] * 3
+    if parts.offset is not None:
+        ball.ipos = parts.offset
+        for name in ("ball_position", "ball_velocity"):
+            # the screen feels the ball's middle, not its centre of mass
+            spec.sensor(name).objtype = mujoco.mjtObj.mjOBJ_XBODY
+    if parts.plate_centre is not None:
+        plate = spec.body("plate")
+        plate.ipos = [*parts.plate_centre, plate.ipos[2]]
+    nominal = geom.size[0]
+    radius = parts.radius or nominal
+    upright = radius - (parts.oval or 0.0) / 2
+    if upright <= 0:
+        raise ModelError(f"mechanism: oval cannot be {parts.oval} at a radius of {radius}")
+    geom.size = [radius, radius, upright]
+    if upright < radius:
+        geom.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+        # An ellipsoid's contact is searched for; at the usual tolerance the ball rocks untrue.
+        spec.option.ccd_tolerance = 1e-12
+        spec.option.ccd_iterations = 200
+    return float(upright - nominal)
+
+
+def _couple(
+    model: mujoco.MjModel, data: mujoco.MjData, before: mujoco.MjModel, parts: Parts
+) -> None:
+    """Give the wheels' contact its stiffness and damping, whatever the masses are now.
+
+    The engine divides both by its estimate of the inverse masses (``models/ballplate.xml``).
+    """
+    inertia = np.zeros((model.nv, model.nv))
+    put_level(model, data)
+    mujoco.mj_fullM(model, data, inertia)
+    for axis in AXES:
+        pair = model.pair(f"cam_{axis}")
+        stiffness, damping = -pair.solref / _scale(before, axis)
+        if parts.stiffness is not None:
+            damping *= math.sqrt(parts.stiffness / stiffness)
+            stiffness = parts.stiffness
+        if parts.damping_ratio is not None:
+            own = inertia[(model.joint(axis).dofadr[0],) * 2]
+            lever = np.abs(model.geom(f"wheel_{axis}").pos[:2]).max()
+            damping = 2 * parts.damping_ratio * math.sqrt(stiffness * own) / lever
+        pair.solref[:] = np.multiply((-stiffness, -damping), _scale(model, axis))
+
+
+def _scale(model: mujoco.MjModel, axis: str) -> float:
+    masses = model.body("plate").invweight0[0] + model.body(f"motor_{axis}").invweight0[0]
+    return float(masses * (1 - model.pair(f"cam_{axis}").solimp[0]))
+
+
+class RigModels:
+    """A model for each rig: as it was built, and with what has been exchanged since.
+
+    A batch has one model and, of the fields in which its rigs differ, a value for each.
+
+    Args:
+        path: The MJCF file; None for the packaged model.
+        rigs: How many.
+        parts: What differs from it, one for all or one a rig.
+        step: Physics step in s; None for the model's own.
+        disabled: The engine's ``mjtDisableBit`` flags to set.
+
+    Raises:
+        ModelError: If the model cannot be used, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        rigs: int,
+        parts: Parts | Sequence[Parts],
+        step: float | None,
+        disabled: int,
+    ) -> None:
+        if rigs < 1:
+            raise ModelError(f"rigs must be 1 or more, got {rigs}")
+        if step is not None and not 0 < step <= 0.002:
+            raise ModelError(f"physics step must be in (0, 0.002] s, got {step}")
+        _keep_quiet()
+        self._parts = [parts] * rigs if isinstance(parts, Parts) else list(parts)
+        if len(self._parts) != rigs:
+            raise ModelError(f"{rigs} rigs cannot have {len(self._parts)} sets of parts")
+        self._path, self._step, self._disabled = path, step, disabled
+        self._built = self._compiled(self._parts)
+        self._now = self._built
+        self._exchanged: dict[tuple[Parts, Parts], mujoco.MjModel] = {}
+        self._own: set[str] = set()
+        """Names of the model fields in which the rigs differ, or once did."""
+
+    @property
+    def first(self) -> mujoco.MjModel:
+        """That of the first rig as it was built."""
+        return self._built[0]
+
+    def heights(self, rigs: NDArray[np.integer] | None = None) -> Array:
+        """Height of the ball's centre on the level plate in m, of all rigs or of some."""
+        models = self._built if rigs is None else [self._built[rig] for rig in rigs.tolist()]
+        height = self.first.joint("ball").qposadr[0] + 2
+        return np.array([model.key("level").qpos[height] for model in models])
+
+    def batch(self, threads: int, *, persistent: bool) -> Batch:
+        """A batch of the rigs, with what each has of its own.
+
+        Args:
+            threads: To step on, 0 for one a processor; one rig needs only one.
+            persistent: Whether each rig goes on from the stages that are computed of it.
+        """
+        rigs = len(self._built)
+        batch = Batch(self.first, rigs, threads if rigs > 1 else 1, persistent=persistent)
+        fields = differing(self._built, fields_of(self._parts))
+        for name, values in fields.items():
+            batch.expand(name)[:] = values
+        self._own = set(fields)
+        return batch
+
+    def foresee(self, parts: Sequence[Parts]) -> None:
+        """Compile the models with other parts, one a rig, so that ``exchange`` takes no time.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        for own, stands, other in zip(self._parts, self._built, parts, strict=True):
+            wanted = _at_level_of(own, other)
+            if (own, wanted) not in self._exchanged:
+                as_it_was = stands if wanted == own else self._compile(wanted, stands)
+                self._exchanged[own, wanted] = as_it_was
+
+    def exchange(self, batch: Batch, parts: Sequence[Parts]) -> None:
+        """Give a batch other parts, one a rig; nothing is levelled again.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        self.foresee(parts)
+        models = [
+            self._exchanged[own, _at_level_of(own, other)]
+            for own, other in zip(self._parts, parts, strict=True)
+        ]
+        fields = differing([*self._built, *self._now, *models])
+        fields.pop("opt.gravity", None)
+        for name, values in fields.items():
+            batch.expand(name)[:] = values[-len(models) :]
+        self._now = models
+        levels = [part.level or (0.0, 0.0) for part in parts]
+        gravity = float(np.linalg.norm(models[0].opt.gravity))
+        batch.expand("opt.gravity")[:] = tilted_gravity(levels, gravity)
+
+    def rebuild(self, batch: Batch, rigs: NDArray[np.integer], parts: Sequence[Parts]) -> None:
+        """Build some rigs of a batch anew, with other parts, one each.
+
+        Raises:
+            ModelError: If a number is out of range.
+        """
+        models = self._compiled(parts)
+        among = fields_of([self._parts[0], *parts])
+        self._own |= set(differing([self.first, *models], among))
+        for name in self._own:
+            batch.expand(name)[rigs] = [value_of(model, name) for model in models]
+        for rig, part, model in zip(rigs.tolist(), parts, models, strict=True):
+            self._parts[rig], self._built[rig] = part, model
+
+    def _compiled(self, parts: Sequence[Parts]) -> list[mujoco.MjModel]:
+        """One model a rig; rigs of the same parts share theirs."""
+        made = {part: self._compile(part) for part in dict.fromkeys(parts)}
+        return [made[part] for part in parts]
+
+    def _compile(self, parts: Parts, stands: mujoco.MjModel | None = None) -> mujoco.MjModel:
+        model = load_model(self._path, parts, drawn=False, stands=stands)
+        model.opt.disableflags |= self._disabled
+        if self._step is not None:
+            model.opt.timestep = self._step
+        return model
+
+
+def _at_level_of(own: Parts, other: Parts) -> Parts:
+    """Other parts on a rig's own base, which may tilt without anything being exchanged."""
+    return replace(other, level=own.level)
+
+
+def _keep_quiet() -> None:
+    """Keep the engine from writing MUJOCO_LOG.TXT and lines on the terminal.
+
+    A plant's ``warnings`` tell.
+    """
+    config = mujoco.MjLogConfig.get()
+    config.logto_console = config.logto_file = False
+    config.set()

@@ -10,18 +10,16 @@ from controllers.arrays import Mask
 from controllers.controller import Controller, PerRigLaw
 from controllers.interfaces import Measurement
 from twin.hal.cams import CamTable, FixedRatio
-from twin.hal.interface import Transmission
-from twin.hal.limits import Limits
+from twin.hal.interface import Limits, Transmission
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.sim.drives import DriveModel
-from twin.sim.encoders import EncoderModel
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.interface import Plant
 from twin.sim.plant.mechanism import Mechanism
 from twin.sim.rig import SimulatedDevices, SimulatedRig
-from twin.sim.touch import TouchModel
+from twin.sim.sensors import EncoderModel, TouchModel
 from twin.thesis.reproduce.cases import (
     BALL,
     DISTURBANCE,

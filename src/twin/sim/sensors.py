@@ -1,4 +1,9 @@
-"""The touch screen of simulated rigs: dead time, frames, grid, rotation and noise."""
+"""White noise of N rigs, one random stream per rig.
+
+The plate encoders of simulated rigs: counts and noise.
+
+The touch screen of simulated rigs: dead time, frames, grid, rotation and noise.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,159 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from controllers.arrays import Array, Mask, Number, put
+from controllers.arrays import Array, Mask, Number, column, constant, put
 from twin.hal.interface import SCREEN, Touch
 from twin.settings import Unit, setting
-from twin.sim.noise import HeldPeriods, Noise, Rigs
+
+Rigs = NDArray[np.integer]
+"""Numbers of some rigs of a batch, shape (k,)."""
+HeldPeriods = int | NDArray[np.integer]
+"""A number of control periods for all rigs, or one per rig, shape (N,)."""
+
+
+class Noise:
+    """White Gaussian noise of N rigs, held for a number of control periods.
+
+    Each rig draws from its own stream, so its noise does not depend on how many rigs run beside it.
+
+    Args:
+        variance: One variance per channel, shape (channels,), or (N, channels).
+        seeds: One seed sequence per rig.
+        hold: Control periods for which a draw is held.
+    """
+
+    BLOCK = 256
+
+    def __init__(
+        self, variance: ArrayLike, seeds: Sequence[np.random.SeedSequence], hold: HeldPeriods = 1
+    ) -> None:
+        self._streams = [np.random.default_rng(seed) for seed in seeds]
+        self._hold = hold
+        self._rows = np.arange(len(seeds))
+        shape = self.BLOCK, len(seeds), np.shape(variance)[-1]
+        self._drawn, self._block = np.zeros(shape), np.zeros(shape)
+        self._scale = np.zeros(shape[1:])
+        self._tick = 0
+        self.silent = True
+        """Whether every variance is zero."""
+        self.change(variance)
+
+    def change(self, variance: ArrayLike) -> None:
+        """Have another variance from now on; what is drawn differs by its scale alone.
+
+        Args:
+            variance: One per channel, shape (channels,), or (N, channels).
+        """
+        scale = np.broadcast_to(np.sqrt(np.asarray(variance, float)), self._block.shape[1:])
+        if np.array_equal(scale, self._scale):
+            return
+        self._scale = scale
+        self._block = self._drawn * scale
+        self.silent = not scale.any()
+
+    def draw(self) -> Array:
+        """The noise of the next control period, shape (N, channels)."""
+        index, tick = (self._tick // self._hold) % self.BLOCK, self._tick
+        self._tick += 1
+        if isinstance(self._hold, int):
+            if index == 0 and tick % self._hold == 0:
+                self._block = np.empty_like(self._block)  # who was given of the old one keeps it
+                for rig in range(len(self._streams)):
+                    self._fill(rig)
+            drawn: Array = self._block[index]
+            return drawn
+        for rig in np.flatnonzero((index == 0) & (tick % self._hold == 0)).tolist():
+            self._fill(rig)
+        each: Array = self._block[index, self._rows]
+        return each
+
+    def adopt(self, rigs: Rigs, other: Noise) -> None:
+        """Let some rigs go on with the streams of another noise, from where each of those is.
+
+        Args:
+            rigs: Which.
+            other: The noise of as many rigs, held for the same number of control periods.
+        """
+        assert isinstance(self._hold, int)
+        drawn, held = -(-self._tick // self._hold), self._tick % self._hold > 0
+        taken, channels = -(-other._tick // self._hold), self._scale.shape[1]
+        place = drawn % self.BLOCK
+        for rig, stream in zip(rigs.tolist(), other._streams, strict=True):
+            seed = stream.bit_generator.seed_seq
+            assert isinstance(seed, np.random.SeedSequence)
+            self._streams[rig] = again = np.random.default_rng(seed)
+            past = again.standard_normal((taken, channels))
+            if place:  # the rest of this block; a whole one is drawn when it begins
+                self._drawn[place:, rig] = again.standard_normal((self.BLOCK - place, channels))
+                self._block[place:, rig] = self._drawn[place:, rig] * self._scale[rig]
+            if held and taken:
+                self._drawn[place - 1, rig] = past[-1]
+                self._block[place - 1, rig] = past[-1] * self._scale[rig]
+
+    def _fill(self, rig: int) -> None:
+        drawn = self._streams[rig].standard_normal((self.BLOCK, self._scale.shape[1]))
+        self._drawn[:, rig] = drawn
+        self._block[:, rig] = drawn * self._scale[rig]
+
+
+COUNTS = 245760
+"""Of a plate encoder per turn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderModel:
+    """The plate encoders' imperfections; zero switches each off.
+
+    Fields may be arrays with one entry per rig.
+
+    Attributes:
+        counts: Counts per revolution: 4096 pulses, fourfold decoding, and 15 more of each, for
+            every plate angle printed in Tables 9.2 to 9.9 is a multiple of 360/245760 deg.
+        variance: Noise variance of phi and theta in rad^2; Table B.1.
+    """
+
+    counts: Number = setting("sensors.encoders.counts", COUNTS, ge=0)
+    variance: tuple[float, float] | Array = setting(
+        "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
+    )
+
+
+class SimulatedEncoders:
+    """Two incremental encoders on N simulated plates.
+
+    Args:
+        model: The imperfections.
+        seeds: One seed sequence per rig.
+        hold: Control periods for which a noise draw is held.
+    """
+
+    def __init__(
+        self, model: EncoderModel, seeds: Sequence[np.random.SeedSequence], hold: HeldPeriods = 1
+    ) -> None:
+        self._noise = Noise(model.variance, [s.spawn(1)[0] for s in seeds], hold)
+        counts = np.asarray(column(model.counts), float)
+        self._exact = counts == 0
+        self._counting, self._mixed = bool(counts.any()), bool(self._exact.any())
+        self._count = constant(2 * math.pi / np.where(self._exact, 1.0, counts))
+
+    def change(self, model: EncoderModel) -> None:
+        """Have the noise of another model from now on."""
+        self._noise.change(model.variance)
+
+    def adopt(self, rigs: Rigs, other: SimulatedEncoders) -> None:
+        """Let some rigs go on with the noise of others that count alike."""
+        self._noise.adopt(rigs, other._noise)
+
+    def read(self, plate: Array) -> Array:
+        """Measured plate angles in rad for the true ones, both (N, 2)."""
+        if not self._noise.silent:
+            plate = plate + self._noise.draw()
+        if self._counting:
+            counted = np.rint(plate / self._count) * self._count
+            plate = np.where(self._exact, plate, counted) if self._mixed else counted
+        return plate
 
 
 @dataclass(frozen=True, kw_only=True)

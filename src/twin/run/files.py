@@ -1,16 +1,29 @@
-"""Where runs are kept: folders named by what differs, the last one, and what was there before."""
+"""Where runs are kept: folders named by what differs, the last one, and what was there before.
+
+What a command is given to look at: scenarios to run, finished runs, logs of a rig.
+
+A recorded run as a file that other programs read.
+"""
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from twin.data_file import DataError, parse_json
-from twin.errors import RecordError
+from twin.errors import LogError, RecordError
+from twin.shipped import shipped
+from twin.writing import write_whole
+
+if TYPE_CHECKING:
+    from controllers.arrays import Array
+
 
 ROOT = Path("runs")
 """Folder of the working folder in which every run has its own, unless it is told another."""
@@ -179,3 +192,142 @@ def _records(folder: Path) -> Iterator[Path]:
         yield own
     else:
         yield from filter(Path.exists, map(record_in, folder.glob("*/")))
+
+
+IGNORED = {".png", ".json", ".html", ".pdf", ".tex", ".rrd", ".svg", ".md"}
+"""Endings of files that lie beside runs, as a pattern finds them."""
+
+
+class Sources(NamedTuple):
+    """Arguments sorted out.
+
+    Attributes:
+        scenarios: Names and files of scenarios, to be run.
+        runs: Run folders, folders of such, and Parquet files.
+        logs: CSV files.
+    """
+
+    scenarios: tuple[str, ...]
+    runs: tuple[Path, ...]
+    logs: tuple[Path, ...]
+
+
+def sorted_out(arguments: Sequence[str]) -> Sources:
+    """Which arguments are scenarios, which finished runs, and which logs.
+
+    A name of a shipped scenario stands for it; a folder or file of that name is ``./NAME``. Folders
+    without a run are passed over where there is anything else, as are the files a pattern finds.
+    """
+    known = shipped()
+    scenarios, runs, logs = [], [], []
+    for text in arguments:
+        path = Path(text)
+        if text in known or not (path.exists() or is_last(path) or path.suffix in OURS):
+            scenarios.append(text)
+        elif path.suffix == ".csv":
+            logs.append(path)
+        elif is_last(path) or path.suffix in OURS or (path.is_dir() and run_folders(path)):
+            runs.append(path)
+        elif not path.is_dir() and path.suffix not in IGNORED:
+            scenarios.append(text)
+    if not (scenarios or runs or logs):
+        return Sources((), tuple(map(Path, arguments)), ())
+    return Sources(tuple(scenarios), tuple(runs), tuple(logs))
+
+
+def log_file(path: Path) -> Path:
+    """The file of a recorded run or log.
+
+    Raises:
+        TwinError: If there is none.
+    """
+    check_no_scenario(path)
+    file = record_of(path)
+    if not file.is_file():
+        raise LogError(f"log {file}: not found; give a run.parquet, its folder, or a CSV file")
+    return file
+
+
+def check_no_scenario(path: Path) -> None:
+    """Make sure that what is to be opened is not the name of a scenario.
+
+    Raises:
+        RecordError: If it is.
+    """
+    if path.as_posix() in shipped() and not path.exists():
+        raise RecordError(
+            f"{path} is a scenario, not a run; first: ballplate run {path}, then open "
+            f"runs/{path.name}"
+        )
+
+
+OURS = {".csv", ".parquet", ".arrows"}
+"""Endings that no scenario has."""
+
+
+Columns = Mapping[str, "Array"]
+Units = Mapping[str, str]
+
+
+def export(path: Path, columns: Columns, units: Units) -> None:
+    """Write columns of one length into a file; its ending says how.
+
+    Args:
+        path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
+            digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB.
+            ``.parquet``: one column per name with its unit in the metadata.
+        columns: Name to values, shape (K,) each.
+        units: Name to unit.
+
+    Raises:
+        RecordError: If the ending is none of these, or the file cannot be written.
+    """
+    write = WRITERS.get(path.suffix)
+    if write is None:
+        known = ", ".join(WRITERS)
+        raise RecordError(f"{path}: the ending says what is written; known: {known}")
+    write_whole(path, lambda target: write(target, columns, units))
+
+
+def _csv(path: Path, columns: Columns, units: Units) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(f"{name} [{units[name]}]" if units.get(name) else name for name in columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _mat(path: Path, columns: Columns, units: Units) -> None:
+    from scipy.io import savemat  # noqa: PLC0415  heavy: loaded when needed
+
+    named = {_matlab(name): values for name, values in columns.items()}
+    savemat(
+        path,
+        {**named, "units": {_matlab(name): units.get(name, "") for name in columns}},
+        oned_as="column",
+        appendmat=False,
+        long_field_names=True,
+    )
+
+
+def _matlab(name: str) -> str:
+    """A name that MATLAB allows."""
+    return re.sub(r"\W", "_", name)
+
+
+def _parquet(path: Path, columns: Columns, units: Units) -> None:
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    fields = [
+        pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in columns
+    ]
+    arrays = [pa.array(values.tolist(), pa.float64()) for values in columns.values()]
+    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path)
+
+
+WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
+    ".csv": _csv,
+    ".mat": _mat,
+    ".parquet": _parquet,
+}
+"""Ending of a file to what writes it."""

@@ -1,4 +1,7 @@
-"""The picture of one or several runs: where the ball went, and what it took."""
+"""Strips in a run's picture where friction held the ball at rest.
+
+The picture of one or several runs: where the ball went, and what it took.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +20,55 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import offset_copy
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
-from twin.run.overview_held import GREY, shade
 from twin.writing import write_whole
+
+MARKED = ("x", "y", "error")
+STRIP: Any = {"alpha": 0.6, "linewidth": 0}
+HEIGHT, HIGHEST = 0.035, 0.14
+"""Height of a strip, and of all of them at most, as shares of a panel's."""
+GREY = "0.5"
+"""Colour of the legend's entry for several runs, each of which has bands in its own."""
+
+
+def shade(panels: Mapping[str, Axes], runs: Mapping[str, Motion], colours: Sequence[str]) -> None:
+    """Mark where friction held the ball: a thin strip for each such run, below the curves.
+
+    Args:
+        panels: The panels by name.
+        runs: Label to motion.
+        colours: Of the runs, again from the first when they are used up.
+    """
+    found: list[tuple[str, str, Mask, Array]] = [
+        (label, colours[index % len(colours)], motion.held, motion.time)
+        for index, (label, motion) in enumerate(runs.items())
+        if motion.held is not None and motion.held.any()
+    ]
+    if not found:
+        return
+    height = min(HEIGHT, HIGHEST / len(found))
+    share = len(found) * height
+    for panel in (panels[name] for name in MARKED):  # room for them below the curves
+        low, high = map(float, panel.get_ylim())
+        panel.set_yticks([at for at in panel.get_yticks() if low <= at <= high])
+        panel.set_ylim(low - share / (1 - share) * (high - low), high)
+    for lane, (_, colour, held, time) in enumerate(reversed(found)):
+        edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
+        first, last = time[edges[::2]], time[edges[1::2] - 1]
+        spans = list(zip(first, last - first, strict=True))
+        place = (lane * height, 0.8 * height)
+        for panel in (panels[name] for name in MARKED):
+            across = panel.get_xaxis_transform()
+            panel.broken_barh(spans, place, transform=across, facecolors=colour, **STRIP)
+    shares = [100 * float(held.mean()) for _, _, held, _ in found]
+    ends = dict.fromkeys(f"{share:.1f}" for share in (min(shares), max(shares)))
+    words = f"held by friction, {' to '.join(ends)} % of the time"
+    whose = f"{found[0][0]} " if len(found) == 1 < len(runs) else ""
+    colour = found[0][1] if len(found) == 1 else GREY
+    panels["plate"].fill_between([], [], [], label=whose + words, facecolor=colour, **STRIP)
+
 
 # Okabe and Ito's colours, told apart with any colour vision; their orange darker and indigo for
 # their light blue, which are hard to see as lines on white.
