@@ -39,7 +39,7 @@ from ballplate.studies import StudyResult, study
 from ballplate.sweeping import sweep
 from ballplate.swept import Sweep
 from twin.errors import TwinError
-from twin.run.finished import Signals
+from twin.run.signals import Signals
 
 if TYPE_CHECKING:
     from ballplate import laws, observers, references, systems

@@ -48,7 +48,7 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
-    from twin.run.assemble import connect
+    from twin.run.connect import connect
     from twin.scenario.rig import check_rig, read_rig
 
     if scenario.sensors.ideal:

@@ -108,6 +108,6 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    from twin.run.metrics import UNITS
+    from twin.run.indicators import UNITS
 
     return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}

@@ -87,7 +87,7 @@ class Sweep:
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
-        from twin.run.metrics import UNITS
+        from twin.run.indicators import UNITS
 
         store = StringIO()
         writer = csv.writer(store, lineterminator="\n")

@@ -83,10 +83,18 @@ def found():
 TOO_NARROW = pytest.mark.xfail(strict=True, reason="the interval of the dead time is too narrow")
 
 
+# The test of the model rejects the true one in 4 and more of 40 logs, which then have no interval.
+REJECTED = pytest.mark.xfail(strict=True, reason="the true model is rejected too often")
+
+
 @pytest.mark.parametrize(
     "name",
     [
-        *("rolling", "breakaway", "servo", "level_phi", "level_theta"),
+        "servo",
+        *(
+            pytest.param(name, marks=REJECTED)
+            for name in ("rolling", "breakaway", "level_phi", "level_theta")
+        ),
         pytest.param("delay", marks=TOO_NARROW),
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 
 from twin.cli import main
 from twin.hal.cams import CamTable
-from twin.run.assemble import connect
+from twin.run.connect import connect
 from twin.scenario import load
 from twin.scenario.rig import check_rig
 

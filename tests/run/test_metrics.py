@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.run.indicators import UNITS
 from twin.run.loop import Ending, Outcome
-from twin.run.metrics import UNITS, Metrics, Motion, held, measure, tracking_error
+from twin.run.metrics import Metrics, Motion, held, measure, tracking_error
 
 DONE = Outcome(Ending.FINISHED, 10.0)
 

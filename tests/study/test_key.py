@@ -42,9 +42,8 @@ def test_the_same_code_has_the_same_key(key):
         ("run", "record.py"),
         ("run", "batch.py"),
         ("run", "assemble.py"),
-        ("run", "control.py"),
         ("run", "plants.py"),
-        ("sim", "touch.py"),
+        ("sim", "sensors.py"),
         ("sim", "plant", "mechanism.py"),
         ("hal", "supervisor.py"),
         ("settings.py",),
@@ -81,12 +80,14 @@ BESIDE = {
     "data_file",
     "errors",
     "paths",
+    "run/files",
     "scenario/__init__",
     "scenario/load",
     "shipped",
     "validation",
+    "writing",
 }
-"""Modules of ``twin`` that find, read and refuse files before a run begins."""
+"""Modules of ``twin`` that find, read, refuse and write files."""
 
 
 def test_all_that_a_run_imports_is_in_the_key_but_what_reads_its_files():

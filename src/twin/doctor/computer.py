@@ -16,7 +16,8 @@ from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
-from twin.run.assemble import build_limits, narrower
+from twin.run.assemble import build_limits
+from twin.run.connect import narrower
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 

@@ -15,7 +15,7 @@ from twin.doctor.panels import calibrated, plugged_in
 from twin.doctor.steps import exchange
 from twin.doctor.swapped import swapped
 from twin.doctor.touch import touch
-from twin.run.assemble import cams_of
+from twin.run.connect import cams_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import degrees
 
 from twin.errors import nearest
-from twin.run.metrics import UNITS as ALL_UNITS
+from twin.run.indicators import UNITS as ALL_UNITS
 
 OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
 """Indicators that say how a run went, not what the ball did."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.page import Table, digits
-from twin.run.metrics import LEFT
+from twin.run.indicators import LEFT
 
 if TYPE_CHECKING:
     import pandas as pd

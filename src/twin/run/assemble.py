@@ -16,8 +16,6 @@ import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from math import radians
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,77 +33,17 @@ from controllers.controller import (
 )
 from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.smith import Smith
-from twin.devices.akd.servos import AkdServos
-from twin.devices.lumio.screen import LumioScreen
-from twin.devices.realtime import RealTimeClock
-from twin.devices.rig import HardwareRig
 from twin.errors import LawError, ScenarioError, TwinError
-from twin.hal.cams import CamTable
 from twin.hal.interface import Limits, Transmission
 from twin.hal.rig import Rig
 from twin.run.changes import changing
 from twin.run.plants import build_plant
-from twin.scenario.rig import RigFile
 from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 from twin.settings import filled, settings_of, value_of
 from twin.sim.drives import DriveModel
 from twin.sim.plant.interface import BallStart, Plant
 from twin.sim.rig import SimulatedDevices, SimulatedRig
 from twin.sim.sensors import EncoderModel, TouchModel
-
-
-def connect(
-    scenario: Scenario,
-    rig: RigFile,
-    *,
-    reset: bool = False,
-    transmission: Transmission | None = None,
-) -> HardwareRig:
-    """The rig of a file, to run a scenario's controller on; nothing is opened yet.
-
-    Args:
-        scenario: Period and limits.
-        rig: What is connected where.
-        reset: Whether faults found in the drives are reset when they are switched on.
-        transmission: Of a virtual rig that has another; that of the rig file by default.
-
-    Raises:
-        TwinError: If the settings do not go together.
-    """
-    period = scenario.rig.period
-    return HardwareRig(
-        servos=AkdServos(rig.servos(period)),
-        screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period, allowed=rig.late_periods),
-        transmission=transmission or cams_of(rig),
-        limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
-        home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
-        patience=rig.patience,
-        reset=reset,
-        relaxed=rig.relaxed(period),
-    )
-
-
-def cams_of(rig: RigFile) -> CamTable:
-    """The cam table of a real rig: the one its file names, or the one of the packaged model.
-
-    Raises:
-        ModelError: If it cannot be used.
-    """
-    return CamTable.from_file(Path(rig.cams)) if rig.cams else CamTable.packaged()
-
-
-def narrower(one: Limits, other: Limits) -> Limits:
-    """Limits that keep both."""
-    pairs = vars(other)
-    kept: dict[str, Any] = {
-        name: tuple(np.minimum(value, pairs[name]).tolist())
-        if name == "area"
-        else min(value, pairs[name])
-        for name, value in vars(one).items()
-    }
-    return Limits(**kept)
-
 
 Made = TypeVar("Made")
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -25,7 +25,7 @@ from controllers.ballplate import STATES
 from controllers.catalog import origin
 from controllers.interfaces import Reference
 from twin.data_file import DataError, parse_json
-from twin.errors import RecordError, ScenarioError, nearest
+from twin.errors import RecordError, ScenarioError
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
@@ -41,9 +41,11 @@ from twin.run.files import (
     record_of,
     run_folders,
 )
+from twin.run.indicators import UNITS
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
-from twin.run.metrics import UNITS, Motion, held, measure
+from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
+from twin.run.signals import Signals
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.changing import always_friction
 from twin.scenario.load import check, recorded
@@ -51,68 +53,7 @@ from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from controllers.arrays import Array
-
-
-class Signals(Mapping[str, "Array"]):
-    """Columns of one rig's record, shape (K,) each, by their names.
-
-    Attributes:
-        rows: Name to values.
-        units: Name to unit, as ``m`` or ``rad/s``.
-    """
-
-    rows: Mapping[str, Array]
-    units: Mapping[str, str]
-
-    def __getitem__(self, name: str) -> Array:
-        """The values of a column, shape (K,).
-
-        Raises:
-            RecordError: If there is none of that name.
-        """
-        try:
-            return self.rows[name]
-        except KeyError:
-            raise RecordError(f"no column '{name}'{nearest(name, self.rows)}") from None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.rows
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @property
-    def time(self) -> Array:
-        """Seconds since the start, shape (K,)."""
-        return self["time"]
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The columns as a table over time in s; ``attrs["units"]`` has their units."""
-        import pandas as pd  # noqa: PLC0415  heavy: loaded when needed
-
-        frame = pd.DataFrame(dict(self)).set_index("time")
-        frame.attrs["units"] = dict(self.units)
-        return frame
-
-    def export(self, file: str | Path) -> Path:
-        """Write the columns for other programs, with their units; returns the file.
-
-        Args:
-            file: Its ending says how: ``.csv``, ``.mat`` or ``.parquet``.
-
-        Raises:
-            RecordError: If the ending is none of these, or the file cannot be written.
-        """
-        from twin.run.files import export  # noqa: PLC0415  heavy: loaded when needed
-
-        export(Path(file), self.rows, self.units)
-        return Path(file)
 
 
 class RecordedReference(Reference):

@@ -256,9 +256,7 @@ def sources() -> list[Path]:
     return sorted(found)
 
 
-RUN = (
-    "assemble", "batch", "changes", "control", "indicators", "loop", "metrics", "plants", "record",
-)  # fmt: skip
+RUN = ("assemble", "batch", "changes", "indicators", "loop", "metrics", "plants", "record")
 """What of the room ``run`` a run of a study executes."""
-SCENARIO = ("change", "changing", "plant", "schema", "tables")
+SCENARIO = ("changing", "schema")
 """The same of the room ``scenario``."""
