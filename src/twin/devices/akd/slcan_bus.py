@@ -12,7 +12,7 @@ import os
 import select
 import time
 from contextlib import suppress
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from can import BusABC, Message
 from can.exceptions import CanOperationError
@@ -25,6 +25,25 @@ BUS_OFF_FRAME = (0x040, bytes(8))
 
 _FLAG_PASSIVE, _FLAG_BUS_ERROR = 0x20, 0x80
 _LAST_IDENTIFIER = 0x7FF
+
+
+@runtime_checkable
+class QueuedBus(Protocol):
+    """A bus that queues frames until ``send_queued``, and reads lines of text.
+
+    Not named ``flush``: python-can's buses of that name discard what has been received.
+    """
+
+    @property
+    def unreadable_lines(self) -> int:
+        """Lines received so far that are no frame and no answer."""
+
+    def send_queued(self) -> None:
+        """Send all queued frames.
+
+        Raises:
+            can.CanError: If the adapter cannot take them.
+        """
 
 
 class PromptSlcanBus(slcanBus):

@@ -16,7 +16,7 @@ from twin.devices.akd.conditions import (
     FaultReports,
 )
 from twin.devices.akd.network import BUS_ERRORS
-from twin.devices.akd.slcan_bus import PromptSlcanBus
+from twin.devices.akd.slcan_bus import QueuedBus
 
 _ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x040, 0x004
 _PASSIVE = 0x30
@@ -32,7 +32,7 @@ class CanTransport:
     """Frames out and in, and the faults of the bus that the adapter shows.
 
     Args:
-        bus: The open bus, any of python-can; a `PromptSlcanBus` sends at ``send_queued`` only.
+        bus: The open bus, any of python-can; a `QueuedBus` sends at ``send_queued`` only.
         where: How it is called in messages.
         reports: Where faults are reported.
         now: Monotonic time in s.
@@ -44,7 +44,7 @@ class CanTransport:
         self.up = True
         """Whether the adapter still works."""
         self._bus = bus
-        self._queued = bus if isinstance(bus, PromptSlcanBus) else None
+        self._queued = bus if isinstance(bus, QueuedBus) else None
         self._where = where
         self._reports = reports
         self._now = now
