@@ -1,9 +1,4 @@
-"""A law with a control period of its own: evaluated each k-th tick, its command held between.
-
-Law, observer and reference joined into one controller: measurement in, plate rate out.
-
-N rigs of one batch, each with a law, an observer and a reference of its own.
-"""
+"""Law, observer and reference joined into one controller, for one rig and for N of them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Where runs are kept: folders named by what differs, the last one, and what was there before.
-
-What a command is given to look at: scenarios to run, finished runs, logs of a rig.
-
-A recorded run as a file that other programs read.
-"""
+"""Run folders, what a command is given to look at, and a run as a file of other programs."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""Recorded signals by name, with their units.
-
-What a finished run is, just made or opened again: what was asked for, its rows, its verdict.
-
-One run from scenario to folder: assemble, drive, judge, record, draw.
-
-A run folder opened again: its rows, its scenario, its verdict.
-"""
+"""A run: from scenario to folder, what it is when finished, and opened again."""
 
 from __future__ import annotations
 

@@ -1,13 +1,4 @@
-"""Tables of a scenario, derived from the dataclasses whose settings they are.
-
-What a scenario may say of the plant: ball, friction, surface, drives, mechanism.
-
-The physics step of runs of which there are many.
-
-What a scenario may say: its tables, keys, types, ranges and defaults.
-
-What of a simulated rig changes while it runs: at a time, at once or along a ramp.
-"""
+"""What a scenario may say: its tables, keys, types, ranges and defaults."""
 
 from __future__ import annotations
 

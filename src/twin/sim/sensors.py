@@ -1,9 +1,4 @@
-"""White noise of N rigs, one random stream per rig.
-
-The plate encoders of simulated rigs: counts and noise.
-
-The touch screen of simulated rigs: dead time, frames, grid, rotation and noise.
-"""
+"""What a simulated rig measures with: noise, plate encoders, touch screen."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""What of a rig's mechanism differs from the model file.
-
-From the model file to a compiled mechanism: its names, and in what several ones differ.
-
-A mechanism with other parts than the model file's, standing level.
-
-The compiled mechanism of every rig of a batch, and how parts are exchanged.
-"""
+"""Compiled mechanisms of N rigs: from the model file, with other parts, standing level."""
 
 from __future__ import annotations
 
