@@ -1,6 +1,6 @@
 """Loops about the level plate: their linearisation, poles and margins, and the thesis's designs."""
 
-from controllers.analysis.designs import Assessment, LinearDesign, assess, designs
+from controllers.analysis.designs import Assessment, LinearDesign, assess, linear_designs
 from controllers.analysis.loops import (
     MEASUREMENTS,
     Loop,
@@ -26,9 +26,9 @@ __all__ = [
     "Margins",
     "System",
     "assess",
-    "designs",
     "instability",
     "linear_controller",
+    "linear_designs",
     "margins",
     "measured_late",
     "sampled_loop",

@@ -39,7 +39,7 @@ def design_rows(
     """
     observer = Luenberger(model=model)
     rows = []
-    for done, design in enumerate(designs(model)):
+    for done, design in enumerate(linear_designs(model)):
         found = assess(design.law, observer, DEAD_TIME)
         rows.append(
             {
@@ -132,7 +132,7 @@ INTEGRAL = ((-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.
 STEPS = ((0.1, 1, 1.5, 2), (1, 2, 2.5, 3), (1, 4, 5, 6))
 
 
-def designs(model: BallPlate | None = None) -> list[LinearDesign]:
+def linear_designs(model: BallPlate | None = None) -> list[LinearDesign]:
     """Every design of chapters 8 and 9 that has a linearisation: all but the sliding mode.
 
     Chapter 9 gives gains without poles; those beside them follow from its gains and the flat model.

@@ -240,44 +240,6 @@ def test_all_is_reached_on_a_narrow_window(browser, tmp_path, width):
         assert len(played.lines) == 1, played.lines  # nothing was done, so nothing is kept
 
 
-def spent(process):
-    """Processor time in s of a process and all that it has started."""
-    family = [process, *process.children(recursive=True)]
-    return sum(sum(each.cpu_times()[:2]) for each in family)
-
-
-def test_two_processors_do_for_thirty_pictures_a_second_beside_real_time(browser, tmp_path):
-    # counted in processor time, so that it does not depend on what else this machine does
-    with playing("circle", "--out", str(tmp_path / "run")) as played:
-        page = browser(tmp_path / "one", played.url)
-        server = psutil.Process(played.process.pid)
-        simulation = max(server.children(), key=lambda each: sum(each.cpu_times()[:2]))
-        chromium = [
-            each
-            for each in psutil.Process().children(recursive=True)
-            if str(tmp_path / "one") in " ".join(each.cmdline()) and each.pid != server.pid
-        ]
-        (root,) = [each for each in chromium if each.parent() not in chromium]
-
-        def now():
-            shown = float(page.locator("svg[data-time]").get_attribute("data-shown"))
-            whole, its = spent(server), sum(simulation.cpu_times()[:2])
-            return np.array([seen(page, "time"), shown, its, whole - its + spent(root)])
-
-        until(lambda: seen(page, "time") > 3.0)
-        before = now()
-        for way in range(6):
-            side = 1 if way % 2 else -1
-            drag(page, (-100 * side, -60), (100 * side, 60), steps=40)
-        simulated, pictures, simulating, drawing = now() - before
-        latencies = page.locator("svg[data-time]").get_attribute("data-latencies").split()
-    told = f"{simulating / simulated:.2f} s a simulated second, {30 * drawing / pictures:.2f} s for"
-    assert simulating / simulated < 1, told
-    assert 30 * drawing / pictures < 1, f"{told} 30 pictures"
-    # a quarter of the goals, at least, meets a machine that is free
-    assert np.quantile([float(each) for each in latencies], 0.25) < 100, latencies
-
-
 def test_one_drives_and_the_other_looks_until_the_first_has_gone(browser, tmp_path):
     with playing("hold", "--out", str(tmp_path / "run")) as played:
         first = browser(tmp_path / "one", played.url)

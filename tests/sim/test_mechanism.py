@@ -14,7 +14,7 @@ from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 
 BALL = BallPlate()
 TICK = 2

@@ -15,7 +15,8 @@ from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
 from twin.sim.plant.equilibrium import settle
-from twin.sim.plant.model import Parts, differing, fields_of, fitted, load_model, shaped
+from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
+from twin.sim.plant.parts import Parts
 
 KINDS = {
     "BODY": "nbody",

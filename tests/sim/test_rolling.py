@@ -11,7 +11,7 @@ from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.mechanism import Mechanism
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 
 BALL = BallPlate()
 RADIUS, GRAVITY, K1 = BALL.radius, BALL.gravity, BALL.k1

@@ -95,7 +95,7 @@ def mechanism(
     from twin.settings import changed
     from twin.sim.plant.linear import STATES as MOVING
     from twin.sim.plant.linear import linear_mechanism
-    from twin.sim.plant.model import Parts
+    from twin.sim.plant.parts import Parts
 
     chosen = scenario_of(scenario, changes_of(settings, changes))
     parts, period = changed(Parts, chosen), chosen.rig.period

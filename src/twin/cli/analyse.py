@@ -40,7 +40,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     analyse.
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
-    from controllers.analysis import designs
+    from controllers.analysis import linear_designs
     from controllers.analysis.designs import design_rows
     from controllers.ballplate import BallPlate
     from twin.scenario import load
@@ -48,7 +48,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
 
     chosen = titled(load(scenario, overrides), overrides)
     model = BallPlate()
-    with progress("analysis", len(designs(model)) + 1) as advance:
+    with progress("analysis", len(linear_designs(model)) + 1) as advance:
         rows = design_rows(model, advance)
         neglected = _neglected(chosen, model)
         loop = _loop(chosen)

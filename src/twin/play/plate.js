@@ -46,10 +46,6 @@ export default {
     this.way = [];
     this.now = null;
     this.held = null;
-    this.sent = null;
-    this.latencies = [];
-    this.pictures = [];
-    this.shown = 0;
     this.at = Object.fromEntries(this.columns.map((name, index) => [name, index]));
   },
   methods: {
@@ -69,9 +65,6 @@ export default {
       if (!row) return;
       while (this.way[0][a.time] < row[a.time] - SHOWN) this.way.shift();
       this.now = row;
-      this.pictures.push(performance.now());
-      while (this.pictures[0] < performance.now() - 1000) this.pictures.shift();
-      this.measure(row);
       this.draw(row);
     },
     draw(row) {
@@ -103,17 +96,6 @@ export default {
       svg.goalX = row[a.goal_x];
       svg.goalY = row[a.goal_y];
       svg.factor = row[a.factor];
-      svg.pictures = this.pictures.length;
-      svg.shown = this.shown += 1;
-    },
-    // time in ms from a goal that was sent to the picture of the simulation that follows it
-    measure(row) {
-      if (!this.sent) return;
-      const a = this.at;
-      if (Math.hypot(row[a.goal_x] - this.sent.x, row[a.goal_y] - this.sent.y) > 1e-6) return;
-      this.latencies.push(performance.now() - this.sent.when);
-      this.$refs.svg.dataset.latencies = this.latencies.slice(-50).map((ms) => ms.toFixed(1)).join(" ");
-      this.sent = null;
     },
     place(event) {
       const point = new DOMPoint(event.clientX, event.clientY);
@@ -159,7 +141,6 @@ export default {
     send() {
       const [x, y] = this.later;
       this.later = null;
-      this.sent = { x, y, when: performance.now() };
       this.$emit("goal", { x, y });
       this.waiting = true;
       setTimeout(() => {

@@ -15,7 +15,7 @@ from twin.scenario.schema import SLACK, Scenario
 from twin.settings import filled
 from twin.sim.drives import DriveModel, TransmissionError, WrongTransmission
 from twin.sim.plant.friction import Friction, SurfaceModel
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 from twin.sim.rig import SimulatedDevices
 from twin.sim.sensors import EncoderModel, TouchModel
 

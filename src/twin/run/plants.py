@@ -20,7 +20,7 @@ from twin.sim.drives import PerRigTransmission, TransmissionError, WrongTransmis
 from twin.sim.plant.exact import ExactPlant
 from twin.sim.plant.friction import Friction, SurfaceMap, SurfaceModel
 from twin.sim.plant.interface import Plant
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 
 
 def build_plant(scenarios: Sequence[Scenario], *, threads: int = 0) -> tuple[Plant, Transmission]:

@@ -29,7 +29,7 @@ from twin.settings import Setting, settings_of, value_of
 from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.friction import Friction, SurfaceModel
 from twin.sim.plant.interface import BallStart
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 from twin.sim.sensors import EncoderModel, TouchModel
 
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)

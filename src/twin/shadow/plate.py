@@ -21,7 +21,7 @@ from twin.shadow.belief import DRIVES, Belief
 from twin.shadow.evidence import Evidence
 from twin.shadow.gaps import undisturbed
 from twin.sim.plant.linear import STATES, linear_mechanism
-from twin.sim.plant.model import Parts
+from twin.sim.plant.parts import Parts
 
 WINDOW = 2.0
 """Length of a window in s."""

@@ -19,7 +19,8 @@ from twin.run.finished import columns, states_of
 from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
 from twin.settings import changed
-from twin.sim.plant.model import Parts, load_model
+from twin.sim.plant.model import load_model
+from twin.sim.plant.parts import Parts
 from twin.view.ball import rolled
 from twin.view.scene import Scene
 from twin.view.signals import RUNS, Signal, signals, tinted

@@ -11,7 +11,8 @@ import rerun as rr
 from controllers.arrays import Array
 from twin.scenario.schema import Scenario
 from twin.settings import changed
-from twin.sim.plant.model import Parts, load_model
+from twin.sim.plant.model import load_model
+from twin.sim.plant.parts import Parts
 from twin.view.scene import Scene
 from twin.view.signals import BLACK, GREY, PINK, VERMILION, WORDS
 from twin.view.streams import Batch

@@ -12,7 +12,8 @@ from controllers import ballplate
 from controllers.arrays import Array
 from twin.errors import ModelError
 from twin.sim.plant.mechanism import free_dimension
-from twin.sim.plant.model import Parts, cam_ratio, load_model
+from twin.sim.plant.model import cam_ratio, load_model
+from twin.sim.plant.parts import Parts
 
 STATES = (
     *ballplate.STATES,
