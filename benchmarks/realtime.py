@@ -19,19 +19,15 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from multiprocessing.connection import Connection
 
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import AkdConfig, BusConfig
+from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.devices.akd.watch import MonitorConfig
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import LatencyHistogram, RealTimeClock, TimingLog
 from twin.devices.scheduling import real_time
-from twin.devices.timing import LatencyHistogram, TimingLog
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_server import BusServer
-from twin.emulator.can_slcan import SlcanPort
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.can_slcan import BusServer, SlcanPort
+from twin.emulator.drive import DriveSettings, EmulatedDrive
 from twin.emulator.process import come_forward
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 

@@ -19,7 +19,7 @@ import numpy as np
 
 PIECE = """
 import sys, time
-from twin.study.carry import missing
+from twin.study.experiments import missing
 from twin.study.schema import read
 from twin.study.work import Work, carry_out
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.hal.cams import CamTable
 from twin.run.assemble import assemble, build_controller, build_limits
 from twin.run.loop import drive

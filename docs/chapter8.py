@@ -23,11 +23,9 @@ from controllers.ballplate import BallPlate
 from twin import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis.claims import terms
-from twin.thesis.reproduce import report
-from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare
-from twin.thesis.reproduce.jobs import plan, row_results
-from twin.thesis.reproduce.measures import COLUMNS, SimulationTrace
-from twin.thesis.reproduce.tables import SimulatedTable, chosen
+from twin.thesis.reproduce import compare as report
+from twin.thesis.reproduce.cases import COLUMNS, SimulatedTable, SimulationTrace, chosen
+from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare, plan, row_results
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.fit.misfit import cells as numbers_of
+from twin.fit.runs import cells as numbers_of
 from twin.fit.schema import read
 from twin.jobs import cores
 from twin.markdown import table

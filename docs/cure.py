@@ -47,8 +47,8 @@ class Cell(NamedTuple):
 
 def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     """Of every law in turn: the nominal rig with several noises, then those of the family."""
-    from twin.study.build import Builder  # noqa: PLC0415
     from twin.study.family import drawn, read  # noqa: PLC0415
+    from twin.study.work import Builder  # noqa: PLC0415
 
     build = Builder(plan["scenario"])
     turns = task.get("turns", [task["omega"]])

@@ -26,9 +26,9 @@ from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow import dead_time
-from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
 from twin.shadow.causes import likely
+from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
 from twin.shadow.plate import GAPS

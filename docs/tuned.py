@@ -67,9 +67,8 @@ def key(tune: Any) -> str:
 
 def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
     """What a tune found, as its ``--json`` says; None if it is not known."""
-    from twin.study.executors import executors  # noqa: PLC0415
-    from twin.study.store import Store  # noqa: PLC0415
-    from twin.tune.fragment import settings  # noqa: PLC0415
+    from twin.study.experiments import Store, executors  # noqa: PLC0415
+    from twin.tune.report import settings  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
     from twin.tune.tune import tuned  # noqa: PLC0415
     from twin.writing import write_json  # noqa: PLC0415

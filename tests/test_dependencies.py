@@ -28,12 +28,12 @@ def changed(path):
         (TABLES, "tests/thesis/test_reproduce_long.py"),
         (TABLES, "tests/conftest.py"),
         (TABLES, "src/twin/thesis/__init__.py"),
-        (TABLES, "src/twin/thesis/reproduce/sampled.py"),
+        (TABLES, "src/twin/thesis/reproduce/simulated.py"),
         (TABLES, "src/twin/thesis/reproduce/data/full_state.toml"),
         (TABLES, "src/twin/sim/plant/exact.py"),  # through several others
         (TABLES, "controllers/nonlinear.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),
-        (TRIALS, "src/twin/identify/levenberg_marquardt.py"),
+        (TRIALS, "src/twin/identify/search.py"),
         (TRIALS, "scenarios/excite.toml"),
         (STUDIES, "src/twin/view/viewer.py"),  # starts the command line, which imports by name
     ],

@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 from ballplate import own as own
 from ballplate.catalogue import Keys, describe, scenarios
 from ballplate.changes import Changes
-from ballplate.comparing import compare
-from ballplate.comparison import Comparison
+from ballplate.comparing import Comparison, compare
 from ballplate.first_law import law
 from ballplate.identifying import Identified, identify
 from ballplate.loading import Log, load
@@ -36,8 +35,7 @@ from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
 from ballplate.stepping import Rig, rig
 from ballplate.studies import StudyResult, study
-from ballplate.sweeping import sweep
-from ballplate.swept import Sweep
+from ballplate.sweeping import Sweep, sweep
 from twin.errors import TwinError
 from twin.run.signals import Signals
 

@@ -66,8 +66,8 @@ def connected(
                 )
         yield connect(scenario, read_rig(Path(on)), reset=reset)
         return
-    from twin.emulator.changes import follow_changes
     from twin.emulator.process import emulated
+    from twin.emulator.serve import follow_changes
     from twin.run.plants import believed
 
     # what a virtual rig knows of its cams is part of its scenario
@@ -135,8 +135,7 @@ def _stream(
     """Write what is recorded until the run has ended, or its process is gone."""
     from twin.jobs import orphaned
     from twin.run.record import stream
-    from twin.view.live_process import step_back
-    from twin.view.shared_ring_buffer import SharedRingBuffer
+    from twin.view.live_process import SharedRingBuffer, step_back
 
     step_back()
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:

@@ -13,7 +13,7 @@ from twin.run.signals import Signals
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ballplate.comparison import Comparison
+    from ballplate.comparing import Comparison
     from ballplate.results import Result
     from controllers.arrays import Array
 
@@ -75,7 +75,7 @@ def load(path: str | Path) -> Result | Comparison | Log:
     file = Path(path)
     if file.suffix == ".csv":
         return _log(file)
-    from ballplate.comparison import Comparison
+    from ballplate.comparing import Comparison
     from ballplate.reporter import default
     from ballplate.results import Result
     from twin.run.finished import open_runs

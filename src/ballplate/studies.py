@@ -42,7 +42,7 @@ class StudyResult:
     @property
     def sentences(self) -> list[str]:
         """What it found, in words."""
-        from twin.study.summary import sentences
+        from twin.study.report import sentences
 
         return sentences(self.work.study, self.answers)
 
@@ -126,9 +126,8 @@ def carried_out(
 ) -> StudyResult:
     """The runs of a study, those that are missing carried out; arguments as for ``study``."""
     from twin.study.answers import answers
-    from twin.study.carry import carry
     from twin.study.cluster import Cluster
-    from twin.study.store import Store
+    from twin.study.experiments import Store, carry
 
     if out is not None:
         check_writable(Path(out), reporter.name_of("out"))

@@ -12,7 +12,7 @@ import pytest
 import ballplate as bp
 from ballplate.hardware import streamed, tell_timing
 from ballplate.reporter import Reporter
-from twin.devices.timing import TimingLog
+from twin.devices.realtime import TimingLog
 from twin.hal.interface import Severity
 from twin.hal.rig import Entry
 from twin.identify.log import read

@@ -5,9 +5,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.calibrate_touch import touch
+from twin.cli.calibrate import touch
 from twin.cli.doctor import request
-from twin.devices.lumio.panels import UDEV_RULES
+from twin.devices.lumio.transports import UDEV_RULES
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.scenario.rig import read_rig
@@ -58,7 +58,7 @@ def test_a_person_is_asked_in_words():
 
 @pytest.mark.real_time
 def test_the_screen_of_the_virtual_rig_is_found_as_it_is_mounted(tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.doctor.touch_calibration.READINGS", 5)  # of a point, instead of 20
+    monkeypatch.setattr("twin.doctor.touch.READINGS", 5)  # of a point, instead of 20
     file = tmp_path / "touch.json"
     points = [
         part for at in ("-280,-150", "280,-150", "280,150", "-280,150") for part in ("--at", at)

@@ -6,11 +6,10 @@ from dataclasses import fields
 import pytest
 
 from twin.devices.akd.conditions import RELAXED
-from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
-from twin.devices.akd.watch import MonitorConfig
+from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, MonitorConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import ScenarioError
 from twin.run.assemble import build_limits
 from twin.scenario.rig import check_rig

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.timing import LatencyHistogram, TimingLog
+from twin.devices.realtime import LatencyHistogram, TimingLog
 
 MICRO = 1e-6
 

@@ -13,21 +13,18 @@ import ballplate as bp
 from twin.cli.doctor import doctor
 from twin.devices import scheduling
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
-from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.watch import MonitorConfig
+from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.doctor import computer as computer_checks
 from twin.doctor import drives
 from twin.doctor.cams import measure
-from twin.doctor.check import CheckStatus, failed, passed, warned
+from twin.doctor.check import CheckStatus, failed, next_step, passed, warned
 from twin.doctor.computer import computer
 from twin.doctor.examine import _drives
 from twin.doctor.limits import limits
-from twin.doctor.swapped import swapped
-from twin.doctor.verdict import next_step
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_settings import DriveSettings
+from twin.doctor.touch import swapped
+from twin.emulator.drive import DriveSettings, EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path

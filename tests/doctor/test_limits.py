@@ -5,8 +5,7 @@ import pytest
 from twin.doctor import drives
 from twin.doctor.check import CheckStatus
 from twin.doctor.limits import limits
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from twin.doctor.lost_motion import measure
 from twin.emulator.lockstep import LockstepDrives
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
 from twin.hal.cams import CamTable
 from twin.scenario import load

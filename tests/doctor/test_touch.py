@@ -5,18 +5,24 @@ import time
 import numpy as np
 import pytest
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError
+from twin.devices.lumio.calibration import Calibration, CalibrationError, Mounting
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.mounting import Mounting
 from twin.devices.lumio.screen import LumioScreen
 from twin.doctor.check import CheckStatus
-from twin.doctor.panels import calibrated, plugged_in
-from twin.doctor.touch import touch
-from twin.doctor.touch_calibration import LEAST, MeasuredTouch, judged, measure, usual_points
+from twin.doctor.touch import (
+    LEAST,
+    MeasuredTouch,
+    calibrated,
+    judged,
+    measure,
+    plugged_in,
+    touch,
+    usual_points,
+)
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError, TwinError
 from twin.run.assemble import build_limits
 from twin.scenario.rig import check_rig

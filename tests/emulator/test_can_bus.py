@@ -11,10 +11,8 @@ from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus, ErrorFrames, message
 from twin.emulator.can_faults import BusFaults, Frame, Towards
-from twin.emulator.can_server import BusServer
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.can_slcan import BusServer
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 
 
 @pytest.fixture

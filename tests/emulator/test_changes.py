@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.emulator.changes import follow_changes
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.serve import BEGIN, VirtualRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import BEGIN, EmulatedPlant, VirtualRig, follow_changes
 from twin.run.assemble import build_controller, build_limits
 from twin.run.loop import drive
 from twin.run.record import Recorder

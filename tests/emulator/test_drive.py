@@ -6,9 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.emulator.can_faults import Frame
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power, PowerStage
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power, PowerStage
 
 NODE = 5
 HOST = 127

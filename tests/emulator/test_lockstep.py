@@ -7,7 +7,7 @@ import pytest
 
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.hal.supervisor import State
 from twin.run.assemble import build_controller, build_limits
 from twin.run.finished import run

@@ -19,10 +19,9 @@ from click.testing import CliRunner
 from twin.cli.emulate import toml
 from twin.cli.export import export
 from twin.cli.report import report
-from twin.emulator.drive_power import MASTER_SILENT
+from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.process import emulated
-from twin.emulator.serve import VirtualRig
-from twin.emulator.virtual import TICK
+from twin.emulator.serve import TICK, VirtualRig
 from twin.run.finished import open_run
 from twin.run.record import read_run
 from twin.scenario.rig import check_rig, read_rig

@@ -4,9 +4,8 @@ import time
 
 import pytest
 
-from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.screen import Damage, EmulatedScreen, ScreenFault, ScreenLine
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
-from twin.emulator.screen_faults import Damage, ScreenFault
 
 pytestmark = pytest.mark.real_time
 

@@ -8,17 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd.bus import open_bus
+from twin.devices.akd.bus import PromptSlcanBus, open_bus
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.devices.akd.slcan_bus import PromptSlcanBus
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_server import BusServer
-from twin.emulator.can_slcan import SlcanAdapter, SlcanPort
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 
 
 def drives():

@@ -14,14 +14,11 @@ from can.interfaces.slcan import slcanBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.devices.akd.slcan_bus import PromptSlcanBus
+from twin.devices.akd.bus import PromptSlcanBus
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_faults import Frame
-from twin.emulator.can_server import BusServer
-from twin.emulator.can_slcan import SlcanPort
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_settings import DriveSettings
-from twin.emulator.pseudo_terminal import PseudoTerminal
+from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
+from twin.emulator.drive import DriveSettings, EmulatedDrive
 
 FRAMES = st.builds(
     lambda cob_id, data, remote: Frame(cob_id, b"" if remote else data, remote),

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.emulator.drive_power import Power
-from twin.emulator.lockstep import LockstepRig
-from twin.emulator.trace import MotionTrace
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.drive import Power
+from twin.emulator.lockstep import LockstepRig, MotionTrace
+from twin.emulator.serve import EmulatedPlant
 from twin.run.assemble import build_limits
 
 RPDO1 = 0x201

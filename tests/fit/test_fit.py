@@ -9,17 +9,13 @@ from click.testing import CliRunner
 
 from twin.cli.fit import fit as command
 from twin.errors import ScenarioError
-from twin.fit.fit import fit
-from twin.fit.indicators import UNITS
-from twin.fit.misfit import LOST, cells
-from twin.fit.runs import Runs, rounded
-from twin.fit.schema import FitTable, FittedParameter, read, shipped
-from twin.fit.search import Descent, Search, searched
-from twin.fit.uncertainty import bootstrap, correlation, estimates
+from twin.fit.fit import Descent, Search, bootstrap, correlation, estimates, fit, searched
+from twin.fit.runs import LOST, Runs, cells, rounded
+from twin.fit.schema import UNITS, FitTable, FittedParameter, read, shipped
 from twin.run.batch import simulate
 from twin.run.metrics import Metrics
+from twin.study.experiments import Store
 from twin.study.schema import METRICS
-from twin.study.store import Store
 
 GIVEN = """
 title = "two numbers"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
 from twin.run.assemble import assemble, build_limits

@@ -12,11 +12,10 @@ from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import SERVO
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
-from twin.identify.prepare import PreparedLog, Segment
+from twin.identify.prepare import PreparedLog, Segment, paces, rests, speed
 from twin.identify.problem import Linearisation
 from twin.identify.replay import PACE, STEP, AccelerationField, replay
 from twin.identify.report import parameters
-from twin.identify.rests import paces, rests, speed
 from twin.identify.verdict import BOUNDED, IDENTIFIED, REJECTED, _ball, _servo, whiteness
 from twin.scenario import load
 from twin.sim.drives import Hysteresis, Play, Resonance

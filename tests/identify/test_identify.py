@@ -11,12 +11,12 @@ from click.testing import CliRunner
 
 from twin.cli.identify import identify as command
 from twin.identify.identify import identify
-from twin.identify.levenberg_marquardt import TOLERANCE, minimise
 from twin.identify.log import COLUMNS, read
 from twin.identify.parameters import DEFAULT
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import prepare
 from twin.identify.report import page, parameters, sentences
+from twin.identify.search import TOLERANCE, minimise
 from twin.identify.verdict import _servo
 from twin.run.finished import run, save
 from twin.scenario import load

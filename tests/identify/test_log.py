@@ -13,7 +13,7 @@ from twin.identify.identify import identify
 from twin.identify.log import COLUMNS, LogError, read
 from twin.identify.parameters import CHOICES, DEFAULT, chosen
 from twin.identify.prepare import prepare
-from twin.identify.validation import hold_out
+from twin.identify.verdict import hold_out
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 

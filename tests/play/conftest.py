@@ -2,9 +2,7 @@
 
 import pytest
 
-from twin.play.events import End
-from twin.play.pace import Pace
-from twin.play.session import Session
+from twin.play.session import End, Pace, Session
 
 
 class AtOnce(Pace):

@@ -10,11 +10,9 @@ from click.testing import CliRunner
 from twin.cli.play import play
 from twin.errors import ViewError
 from twin.play import serve
-from twin.play.audience import Audience
-from twin.play.guard import Guard, is_loopback
-from twin.play.pace import AHEAD, BEHIND, Pace
-from twin.play.sight import COLUMNS, Errors
-from twin.play.sliders import PLANT, gains, moved, multiplied, shown_by
+from twin.play.page import PLANT, gains, moved, multiplied, shown_by
+from twin.play.serve import Audience, Guard, is_loopback
+from twin.play.session import AHEAD, BEHIND, COLUMNS, Errors, Pace
 from twin.scenario.load import load
 
 HERE = {"host": "127.0.0.1:8090"}

@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.play.driven import Driven
-from twin.play.events import Back, End, Goal, Pause, Push, Save, Settings
-from twin.play.kept import Kept, States
-from twin.play.sight import COLUMNS
+from twin.play.driven import Driven, Kept, States
+from twin.play.session import COLUMNS, Back, End, Goal, Pause, Push, Save, Settings
 from twin.report.diagnosis import Diagnosis
 from twin.report.summary import summary
 from twin.run.finished import open_run, run

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from twin.run.picture import COLOURS
-from twin.view.layout import GROUND, SKY
+from twin.view.recording import GROUND, SKY
 from twin.view.signals import RUNS, WORDS, Signal, tinted
 
 LEAST = 3.0

@@ -8,11 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.report import report as command
-from twin.devices.timing import TimingLog
+from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum
-from twin.report.figures import details
-from twin.report.html import html
+from twin.report.html import details, html
 from twin.report.numbers import as_csv, as_latex
 from twin.report.summary import summary, verdict
 from twin.run.finished import Run, open_run, open_runs, run, save

@@ -8,8 +8,8 @@ from twin.run.finished import run
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
-from twin.study.build import Builder
 from twin.study.family import drawn, read
+from twin.study.work import Builder
 
 ARM = 0.6 * 9.81 / 20
 """Friction in m/s^2 of a rolling resistance arm of 1 mm."""

@@ -15,8 +15,8 @@ from twin.scenario import load
 from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario
 from twin.shipped import shipped
-from twin.study.build import Builder
-from twin.tune.fragment import settings, toml
+from twin.study.work import Builder
+from twin.tune.report import settings, toml
 
 SOLID, HOLLOW = 5 / 7 * 9.81, 3 / 5 * 9.81
 """k1 of a solid ball and of a thin shell in m/s^2: g / (1 + J / (m r^2))."""

@@ -5,8 +5,8 @@ import pytest
 
 from twin.errors import ModelError, ScenarioError
 from twin.run.batch import Episodes
-from twin.study.build import Builder
 from twin.study.family import drawn, read
+from twin.study.work import Builder
 
 BUILD = Builder("circle")
 EVERYTHING = (

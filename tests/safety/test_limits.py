@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from controllers.ballplate import BallPlate
-from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.watch import MonitorConfig
-from twin.emulator.drive_motion import Motor
-from twin.emulator.drive_settings import DriveSettings
+from twin.devices.akd.config import AkdConfig, MonitorConfig
+from twin.emulator.drive import DriveSettings, Motor
 from twin.hal.interface import Clamp, Limits
 from twin.safety import limits
 from twin.safety.case import FaultCase

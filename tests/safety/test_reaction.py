@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.emulator.drive_power import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE, Power
-from twin.emulator.trace import PowerChange, TrueMotion
+from twin.emulator.drive import MASTER_SILENT, STO_FAULT, UNDERVOLTAGE, Power
+from twin.emulator.lockstep import PowerChange, TrueMotion
 from twin.safety.reaction import LEVEL, Stopper, reaction
 
 ENABLED, QUICK, OFF = Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.SWITCH_ON_DISABLED

@@ -15,7 +15,7 @@ from twin.cli.safety import safety
 from twin.hal.interface import Condition, Severity
 from twin.safety.cases import CASES
 from twin.safety.doc import document, write_doc
-from twin.safety.matrix import run_case
+from twin.safety.trial import run_case
 
 QUICK = (
     "The bit rate is wrong",
@@ -74,7 +74,7 @@ def test_names_of_the_cases_are_all_different():
 def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):
     case = CASES[NUMBER["The STO input of drive phi opens"]]
     idle = type(case)(name="nothing", act=lambda rig: None, expected=case.expected)
-    monkeypatch.setattr("twin.safety.matrix.CASES", (idle,))
+    monkeypatch.setattr("twin.safety.trial.CASES", (idle,))
     monkeypatch.setattr("twin.safety.trial.BEGIN", 0.3)
     monkeypatch.setattr("twin.safety.trial.AFTER", 0.3)
     row = run_case(0)
@@ -133,7 +133,7 @@ class Row:
 
 def commanded(monkeypatch, *arguments, good=True):
     """Output and exit code of the command whose rows are given."""
-    monkeypatch.setattr("twin.safety.matrix.run_all", lambda processes, progress: [Row(good=good)])
+    monkeypatch.setattr("twin.safety.trial.run_all", lambda processes, progress: [Row(good=good)])
     monkeypatch.setattr("twin.cli.safety._table", lambda rows: "")
     done = CliRunner(catch_exceptions=False).invoke(safety, arguments, standalone_mode=False)
     return done.stdout, done.return_value

@@ -24,9 +24,8 @@ from twin.shadow.friction_map import (
     resolved,
     unresolved,
 )
-from twin.shadow.horizon import BAND, Replays, replays
+from twin.shadow.horizon import BAND, LEAD, Lead, Replays, replays, smoothed
 from twin.shadow.simulated import logs
-from twin.shadow.smoothing import LEAD, Lead, smoothed
 
 NO_GAPS = np.zeros((0, 2))
 UNEVEN = ("plant.kind=lagrange", "duration=30", "seed=4", "plant.surface.spread_percent=20")

@@ -9,8 +9,8 @@ import pytest
 
 from twin.scenario import load
 from twin.shadow.belief import believed
+from twin.shadow.evidence import clear, gaps
 from twin.shadow.follow import shadow
-from twin.shadow.gaps import clear, gaps
 from twin.shadow.simulated import logs
 
 PERIOD = 0.002

@@ -12,11 +12,10 @@ from twin.identify.log import MECHANISM_LAG
 from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import Segment
 from twin.scenario import load
-from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import PARAMETERS, Belief
+from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.evidence import Evidence
-from twin.shadow.learned import MOST, scatter
-from twin.shadow.monitor import bounded, statistic
+from twin.shadow.monitor import MOST, bounded, scatter, statistic
 from twin.shadow.plate import plate_evidence
 from twin.sim.drives import Play
 

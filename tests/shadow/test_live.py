@@ -21,17 +21,16 @@ from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
 from twin.shadow import follow, report
-from twin.shadow.alarms import Alarm
 from twin.shadow.causes import Cause
-from twin.shadow.drawn import scores
+from twin.shadow.diagnosis import Alarm
 from twin.shadow.evidence import Evidence
 from twin.shadow.examine import examine
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
+from twin.shadow.report import scores
 from twin.view.recording import encoded
-from twin.view.saved_twin import saved_twin
-from twin.view.twin_stream import TwinStream
+from twin.view.twin_stream import TwinStream, saved_twin
 
 SETTINGS = (
     "plant.kind=lagrange",

@@ -13,8 +13,8 @@ from twin.cli.shadow import shadow as command
 from twin.identify.log import read
 from twin.run.finished import run, save
 from twin.scenario import load
-from twin.shadow.alarms import THRESHOLD
 from twin.shadow.belief import believed
+from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.follow import shadow
 from twin.shadow.simulated import logs
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin.identify.levenberg_marquardt import SETTLED, fit_starts
 from twin.identify.prepare import prepare
 from twin.identify.problem import Problem
+from twin.identify.search import SETTLED, fit_starts
 from twin.scenario import load
 from twin.shadow import ball
 from twin.shadow.ball import ball_evidence, ball_windows
@@ -62,7 +62,7 @@ def test_a_start_that_suits_is_not_looked_for_again(recorded, monkeypatch):
 
     first = problem.initial_starts()
     with monkeypatch.context() as patched:
-        patched.setattr("twin.identify.levenberg_marquardt.SETTLED", 0.0)
+        patched.setattr("twin.identify.search.SETTLED", 0.0)
         best = fit_starts(problem, belief.theta, first, 8)
     monkeypatch.setattr(Problem, "linearise", counted)
     found = fit_starts(problem, belief.theta, first, 8)

@@ -11,13 +11,11 @@ import pytest
 
 from twin.html import inline
 from twin.study.answers import Answer, SensitivityIndex, answers, spread
-from twin.study.carry import carry
 from twin.study.design import points
+from twin.study.experiments import Store, carry
 from twin.study.figures import figures
-from twin.study.report import write
+from twin.study.report import needed, sentences, write
 from twin.study.schema import METRICS, Study
-from twin.study.store import Store
-from twin.study.summary import needed, sentences
 from twin.study.work import Job, Row, Work
 
 KEYS = ("plant.start.x_rate", "plant.start.y_rate", "plant.start.spin")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from twin.errors import ScenarioError
-from twin.study.build import Builder
+from twin.study.work import Builder
 
 
 def test_a_law_that_says_nothing_of_a_key_has_its_default() -> None:

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.cli import main
-from twin.study import store
+from twin.study import experiments as store
 
 STUDY = """
 title = "short"

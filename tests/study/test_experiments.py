@@ -5,9 +5,8 @@ import pytest
 from twin.run.batch import simulate
 from twin.scenario import load
 from twin.study import work
-from twin.study.experiments import evaluate
+from twin.study.experiments import Store, evaluate
 from twin.study.schema import METRICS
-from twin.study.store import Store
 from twin.study.work import ScenarioRuns
 
 

@@ -10,11 +10,10 @@ from scipy import stats
 from twin.cli.study import study as command
 from twin.errors import ScenarioError
 from twin.run.batch import alike, simulate
-from twin.study.build import Builder
 from twin.study.design import points
-from twin.study.distribution import Parameter
-from twin.study.family import drawn, read
+from twin.study.family import Parameter, drawn, read
 from twin.study.schema import Study
+from twin.study.work import Builder
 
 FAMILY = read("uncertain")
 

@@ -9,9 +9,8 @@ import pytest
 
 from controllers.ballplate import BallPlate
 from twin.study.answers import answers
-from twin.study.carry import carry
+from twin.study.experiments import Store, carry
 from twin.study.schema import Study
-from twin.study.store import Store
 from twin.study.work import Work
 
 GAINS = (180.0, 162.0, 66.0, 13.0)

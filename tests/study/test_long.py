@@ -18,9 +18,8 @@ import pytest
 
 from twin.errors import ScenarioError
 from twin.study import cluster as clusters
-from twin.study.carry import carry
+from twin.study.experiments import Store, carry
 from twin.study.schema import Study
-from twin.study.store import Store
 from twin.study.work import Row, Work
 from twin.view.viewer import free_port
 
@@ -46,7 +45,8 @@ name = "backstepping"
 set = ["controller.kind=backstepping"]
 """
 MAIN = (
-    "import sys; from twin.study import carry, cluster; carry.CHUNK, carry.LEAST = 8, 1; "
+    "import sys; from twin.study import cluster, experiments; "
+    "experiments.CHUNK, experiments.LEAST = 8, 1; "
     "cluster.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
 )
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from twin.study import pilot
+from twin.study import experiments as pilot
 from twin.study.work import Job
 
 

@@ -14,10 +14,9 @@ import pytest
 
 from twin.errors import TwinError
 from twin.jobs import handed_out
-from twin.study import carry as carrying
-from twin.study.carry import carry, missing, remaining
+from twin.study import experiments as carrying
+from twin.study.experiments import Store, carry, missing, remaining
 from twin.study.schema import Study, Variant
-from twin.study.store import Store
 from twin.study.work import Job, Row, Work, carry_out
 
 

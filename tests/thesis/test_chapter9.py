@@ -11,13 +11,12 @@ from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.references.figures import Circle, Step
 from twin.cli.reproduce import reproduce as command
 from twin.errors import ScenarioError
-from twin.fit.misfit import cells
-from twin.fit.runs import Runs
+from twin.fit.runs import Runs, cells
 from twin.fit.schema import read
 from twin.run.assemble import build_controller
 from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS
-from twin.study.store import Store
+from twin.study.experiments import Store
 from twin.thesis import chapter9
 from twin.thesis.chapter9 import (
     COLUMNS,

@@ -10,13 +10,23 @@ from click.testing import CliRunner
 
 from twin.cli.reproduce import reproduce
 from twin.errors import ScenarioError, TwinError
-from twin.thesis.reproduce.cases import SimulationCase
-from twin.thesis.reproduce.compare import Agreement, compare
-from twin.thesis.reproduce.continuous import exact
-from twin.thesis.reproduce.jobs import ReproductionJob, carry_out, plan, row_results
-from twin.thesis.reproduce.measures import COLUMNS, SimulationTrace, judge
-from twin.thesis.reproduce.sampled import sampled
-from twin.thesis.reproduce.tables import chosen, tables
+from twin.thesis.reproduce.cases import (
+    COLUMNS,
+    SimulationCase,
+    SimulationTrace,
+    chosen,
+    judge,
+    tables,
+)
+from twin.thesis.reproduce.compare import (
+    Agreement,
+    ReproductionJob,
+    carry_out,
+    compare,
+    plan,
+    row_results,
+)
+from twin.thesis.reproduce.simulated import exact, sampled
 
 KEYS = {
     "table",
@@ -110,15 +120,15 @@ def test_a_settling_time_outside_what_could_be_read_differs(steps):
 @pytest.mark.long
 def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
     (table,), found = steps
-    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: found.values())
+    monkeypatch.setattr("twin.thesis.reproduce.compare.row_results", lambda *_: found.values())
     assert call("8.1").return_value == 0
-    monkeypatch.setattr("twin.thesis.reproduce.tables.chosen", lambda _: [altered(table, "u1_max")])
+    monkeypatch.setattr("twin.thesis.reproduce.cases.chosen", lambda _: [altered(table, "u1_max")])
     assert call("8.1").return_value == 1
 
 
 @pytest.mark.long
 def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
-    monkeypatch.setattr("twin.thesis.reproduce.jobs.row_results", lambda *_: steps[1].values())
+    monkeypatch.setattr("twin.thesis.reproduce.compare.row_results", lambda *_: steps[1].values())
     cells = json.loads(call("8.1", "--json").stdout)
     assert len(cells) == 15
     assert all(set(cell) >= KEYS for cell in cells)

@@ -18,16 +18,23 @@ from twin.thesis.reproduce.cases import (
     BALL,
     DISTURBANCE,
     PLATE,
+    ConstantGain,
     SimulationCase,
+    continuous,
     draw,
+    kalman_gain,
     laws,
     paths,
     repeated,
     streams,
 )
-from twin.thesis.reproduce.continuous import ContinuousLoop, exact, full_state, with_observer
-from twin.thesis.reproduce.estimators import ConstantGain, continuous, kalman_gain
-from twin.thesis.reproduce.sampled import sampled
+from twin.thesis.reproduce.simulated import (
+    ContinuousLoop,
+    exact,
+    full_state,
+    sampled,
+    with_observer,
+)
 
 MODEL = BallPlate()
 AXES = {"kind": "sine", "amplitude": 0.15, "omega": 1.0, "wave": ["sin", "cos"]}

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from twin.errors import TwinError
-from twin.thesis.reproduce.cases import SimulationCase
-from twin.thesis.reproduce.compare import Agreement, compare
-from twin.thesis.reproduce.continuous import with_observer
-from twin.thesis.reproduce.jobs import ReproductionJob, plan, row_results
-from twin.thesis.reproduce.measures import COLUMNS, judge
-from twin.thesis.reproduce.sampled import sampled
-from twin.thesis.reproduce.tables import chosen, tables
+from twin.thesis.reproduce.cases import COLUMNS, SimulationCase, chosen, judge, tables
+from twin.thesis.reproduce.compare import Agreement, ReproductionJob, compare, plan, row_results
+from twin.thesis.reproduce.simulated import sampled, with_observer
 
 pytestmark = pytest.mark.long
 

@@ -8,7 +8,7 @@ from controllers.linear import LQR
 from controllers.nonlinear import AFL, SlidingMode
 from controllers.observers import Kalman, Luenberger
 from controllers.smith import Smith
-from twin.tune.margins import loop_margins
+from twin.tune.trials import loop_margins
 
 HAND = (180.0, 162.0, 66.0, 13.0)
 

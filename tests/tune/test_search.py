@@ -4,13 +4,11 @@ import numpy as np
 import optuna
 import pytest
 
-from twin.tune.candidate import Candidate, score
-from twin.tune.cost import tail_mean
-from twin.tune.margins import NominalLoop
+from twin.tune.candidate import Candidate, score, tail_mean
 from twin.tune.schema import Tune
 from twin.tune.search import best_of, searched
-from twin.tune.sensitivity import importance, neighbours
-from twin.tune.trials import Indicators
+from twin.tune.trials import Indicators, NominalLoop
+from twin.tune.tune import importance, neighbours
 
 TABLES = {
     "title": "formula",

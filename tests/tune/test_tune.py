@@ -12,13 +12,12 @@ from scipy import stats
 from twin.cli.tune import tune as command
 from twin.errors import ScenarioError
 from twin.scenario import load
+from twin.study.experiments import Store
 from twin.study.family import drawn
 from twin.study.family import read as read_family
-from twin.study.store import Store
-from twin.tune.certificate import certified, upper_bound
 from twin.tune.schema import Tune, read, shipped
 from twin.tune.trials import Indicators, Trials
-from twin.tune.tune import planned_runs, tuned
+from twin.tune.tune import certified, planned_runs, tuned, upper_bound
 
 TUNE = """
 title = "small"

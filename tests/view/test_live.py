@@ -14,8 +14,7 @@ from twin.cli.scenarios import run as run_command
 from twin.errors import ScenarioError, TwinError, ViewError
 from twin.run.finished import run
 from twin.view import live, viewer
-from twin.view.live_process import LiveProcess
-from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.live_process import LiveProcess, SharedRingBuffer
 from twin.view.terminal import work
 
 

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.model import load_model
-from twin.view.ball import rolled
-from twin.view.scene import Scene, about, plate_to_rig
+from twin.view.scene import Scene, about, plate_to_rig, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()

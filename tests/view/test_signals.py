@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from twin.view.layout import blueprint
+from twin.view.recording import blueprint
 from twin.view.signals import BLACK, BLUE, ORANGE, PINK, Signal, explained, shown_range
 
 ANGLE = {

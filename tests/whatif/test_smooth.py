@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.whatif.smooth import FEWEST, HALF, path
+from twin.whatif.moment import FEWEST, HALF, path
 
 
 @given(seed=st.integers(0, 10_000), rate=st.sampled_from([30, 58, 200]))

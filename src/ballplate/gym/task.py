@@ -40,9 +40,9 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.run.assemble import build_reference
 from twin.scenario.schema import Scenario
-from twin.study.build import Builder
 from twin.study.family import drawn
 from twin.study.family import read as read_family
+from twin.study.work import Builder
 
 HOLD = 10
 """Control periods for which an action is held by default: 20 ms."""

@@ -3,22 +3,155 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.calibrate_lost_motion import lost_motion
-from twin.cli.calibrate_touch import touch
 from twin.cli.doctor import rig_file
-from twin.cli.options import JSON
-from twin.cli.output import console, print_json, print_table, progress
+from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING
+from twin.cli.output import console, print_json, print_table, progress, say
+from twin.errors import ScenarioError
 from twin.paths import model_path
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from twin.doctor.touch import MeasuredTouch
     from twin.identify.verdict import ParameterVerdict
     from twin.sim.calibration import StaticError
+
+
+@click.command("lost-motion")
+@EMPTY_RIG
+@click.option(
+    "--amplitude",
+    type=click.FloatRange(0.2, 8),
+    default=1.0,
+    help="Of the triangle, deg of the plate [1].",
+)
+@click.option("--rate", type=click.FloatRange(0.1, 5), default=1.0, help="Of the plate, deg/s [1].")
+@click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
+@SETTING
+@JSON
+def lost_motion(
+    rig: str,
+    amplitude: float,
+    rate: float,
+    cycles: int,
+    overrides: tuple[str, ...],
+    *,
+    as_json: bool,
+) -> None:
+    """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
+
+    Settings are those of the virtual rig.
+    """
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.scheduling import real_time
+    from twin.doctor.lost_motion import measure
+    from twin.hal.cams import CamTable
+    from twin.identify.lost_motion import KEYS
+    from twin.scenario import load
+
+    with (
+        rig_file(rig, load("circle", overrides)) as (file, _),
+        real_time(),
+        progress("turning the plate", 1.0) as advance,
+    ):
+        found = measure(
+            AkdServos(file.servos(0.002)),
+            CamTable.from_file(Path(file.cams) if file.cams else model_path("cams.json")),
+            amplitude=math.radians(amplitude),
+            rate=math.radians(rate),
+            cycles=cycles,
+            progress=advance,
+        )
+        advance(1.0)
+    if as_json:
+        print_json([each.as_dict() for each in found])
+        return
+    for each in found:
+        console.print(f"{each.axis}: {each.words}", markup=False, soft_wrap=True)
+        if each.shape in KEYS:
+            console.print(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}", markup=False)
+
+
+@click.command()
+@EMPTY_RIG
+@click.option(
+    "--at",
+    "places",
+    multiple=True,
+    metavar="X,Y",
+    help="A point to touch, mm in plate axes; again for each [nine over the screen].",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("touch-of-rig.json"),
+    help="Calibration file [touch-of-rig.json].",
+)
+@JSON
+def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> None:
+    """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
+
+    Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
+    """
+    from twin.doctor.touch import measure, usual_points
+    from twin.scenario import load
+
+    points = [_point(text) for text in places] or usual_points()
+    with rig_file(rig, load("circle")) as (file, ask):
+        shown = progress("calibrating the touch screen", len(points)) if rig == EMULATED else None
+        with shown or nullcontext(lambda _: None) as advance:
+            found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
+    write_whole(out, found.save)
+    if as_json:
+        print_json({"file": str(out), **found.as_dict()})
+        return
+    _print(found)
+    console.print(
+        f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"',
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _point(text: str) -> tuple[float, float]:
+    """A point in m of one in mm as it is typed.
+
+    Raises:
+        ScenarioError: It is none, or is not on the plate.
+    """
+    try:
+        x, y = (float(part) / 1e3 for part in text.split(","))
+        near = max(abs(x), abs(y)) < 1
+    except ValueError:
+        near = False
+    if not near:
+        raise ScenarioError(
+            f"--at {text}: must be X,Y in mm from the plate's middle, as in --at 280,-158"
+        )
+    return x, y
+
+
+def _print(found: MeasuredTouch) -> None:
+    import numpy as np
+
+    from twin.doctor.touch import place
+
+    rows = (
+        (place(point), *(f"{1e3 * each:+.2f}" for each in off))
+        for point, off in zip(found.points, found.fit.left, strict=True)
+    )
+    print_table(("point", "off x / mm", "off y / mm"), rows)
+    worst = int(np.argmax(found.fit.distances))
+    console.print(
+        f"residuals: {1e3 * found.fit.rms:.2f} mm RMS, largest "
+        f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}"
+    )
+    say(*found.mounting.lines)
 
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))

@@ -9,8 +9,7 @@ import click
 
 from twin.cli import completion as tab
 from twin.cli.options import ALL, JSON, LAW, PLANT, PROCESSES, SETTING, VARY, with_plant
-from twin.cli.output import print_json, print_metrics, print_reasons, say
-from twin.cli.terminal import Terminal
+from twin.cli.output import Terminal, print_json, print_metrics, print_reasons, say
 from twin.report.numbers import own_settings, ranking
 from twin.shipped import find
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import JSON, SETTING
+from twin.cli.options import EMULATED, JSON, SETTING
 from twin.cli.output import console, errors, print_json
-from twin.cli.rigs import EMULATED
 from twin.doctor.check import CheckStatus
 from twin.shipped import find
 
@@ -49,13 +48,13 @@ def doctor(
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
-        from twin.devices.lumio.panels import UDEV_RULES
+        from twin.devices.lumio.transports import UDEV_RULES
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
     find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.doctor.check import next_step
     from twin.doctor.examine import examine
-    from twin.doctor.verdict import next_step
     from twin.scenario import load
 
     chosen = load(scenario, overrides)
@@ -96,7 +95,7 @@ def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
 
 
 def _ask(word: str) -> str:
-    from twin.doctor.swapped import EDGES
+    from twin.doctor.touch import EDGES
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"

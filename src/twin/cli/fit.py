@@ -44,8 +44,7 @@ def fit(
     from twin.fit.report import row, sentences, write
     from twin.fit.runs import Runs
     from twin.fit.schema import read
-    from twin.study.executors import executors
-    from twin.study.store import Store
+    from twin.study.experiments import Store, executors
 
     about = read(table)
     folder = out or Path("runs") / f"fit-{Path(table).stem}"

@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Options that several commands have, among them which rig: real, emulated or simulated."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ballplate.hardware import EMULATED
 from twin.cli import completion as tab
 from twin.errors import ScenarioError
 from twin.shipped import find
@@ -96,3 +97,21 @@ def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
 def with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:
     """The overrides, and that of the option ``--plant``."""
     return (*overrides, f"plant.kind={plant}") if plant else overrides
+
+
+__all__ = ["EMPTY_RIG", "EMULATED", "RESET", "RIG"]
+
+RIG = click.option(
+    "--rig",
+    metavar="FILE",
+    help="Rig file, or `emulated` for the virtual rig.",
+)
+EMPTY_RIG = click.option(
+    "--rig",
+    metavar="FILE",
+    default=EMULATED,
+    help="Rig file [`emulated`, the virtual rig]; ball off, plate level.",
+)
+RESET = click.option(
+    "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."
+)

@@ -5,16 +5,23 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
-from ballplate.reporter import Advance
+from ballplate.reporter import Advance, Reporter
 from twin.report.numbers import IndicatorRow, all_rows, first_rows
+
+if TYPE_CHECKING:
+    from ballplate.running import Attach
+    from twin.cli.viewing import Viewing
+    from twin.scenario import Scenario
+
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -201,3 +208,52 @@ def duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+OPTIONS = {"on": "--rig"}
+"""Arguments of the package whose option has another name."""
+
+
+class Terminal(Reporter):
+    """Progress, warnings and notes on standard error."""
+
+    def __init__(self) -> None:
+        self._quiet = False
+
+    def progress(self, what: str, total: float, unit: str = "") -> AbstractContextManager[Advance]:
+        """A bar on a terminal, elsewhere a line now and then."""
+        if self._quiet:
+            return super().progress(what, total, unit)
+        return progress(what, total, unit)
+
+    def warn(self, message: str) -> None:
+        """One line."""
+        warn(message)
+
+    def note(self, line: str, *, weighty: bool = False) -> None:
+        """A line, dim unless it is weighty."""
+        style = None if weighty else "dim"
+        errors.print(line, style=style, highlight=False, markup=False)
+
+    def name_of(self, argument: str) -> str:
+        """The option that an argument is."""
+        return OPTIONS.get(argument, f"--{argument}")
+
+    @contextmanager
+    def watching(
+        self, viewing: Viewing, scenario: Scenario, folder: Path, *, twin: bool = False
+    ) -> Iterator[Attach]:
+        """The context of a run that is watched; a live summary takes the place of its progress.
+
+        Args:
+            viewing: How.
+            scenario: What is run.
+            folder: Its folder.
+            twin: Whether its twin runs beside it.
+        """
+        with viewing.of(scenario, folder, twin=twin) as attach:
+            self._quiet = viewing.watch
+            try:
+                yield attach
+            finally:
+                self._quiet = False

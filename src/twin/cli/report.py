@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.against import AGAINST
-from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
+from twin.cli.viewing import AGAINST
+from twin.cli.viewing import opened as open_all
 from twin.errors import RecordError
 from twin.run.files import run_folder
 
@@ -28,7 +28,7 @@ def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
 
     match kind:
         case "png" | "pdf":
-            from twin.report.figures import details, encoded, overview
+            from twin.report.html import details, encoded, overview
 
             return {
                 "": encoded(overview(runs), kind),

@@ -12,8 +12,8 @@ from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
     from twin.thesis.chapter9 import Row
+    from twin.thesis.reproduce.cases import SimulatedTable
     from twin.thesis.reproduce.compare import Cell, Results
-    from twin.thesis.reproduce.tables import SimulatedTable
 
 
 @click.command()
@@ -29,9 +29,8 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
     """
     from twin.jobs import cores
     from twin.thesis import chapter9
-    from twin.thesis.reproduce.compare import Agreement, compare
-    from twin.thesis.reproduce.jobs import plan, row_results
-    from twin.thesis.reproduce.tables import chosen
+    from twin.thesis.reproduce.cases import chosen
+    from twin.thesis.reproduce.compare import Agreement, compare, plan, row_results
 
     of_8, of_9 = _chapters(tables)
     wanted = chosen(of_8) if of_8 else []
@@ -61,7 +60,7 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
         ScenarioError: If there is no such table.
     """
     from twin.thesis import chapter9
-    from twin.thesis.reproduce.tables import tables as simulated_tables
+    from twin.thesis.reproduce.cases import tables as simulated_tables
 
     known = {"8": list(simulated_tables()), "9": list(chapter9.tables())}
     wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
@@ -102,7 +101,7 @@ def _show_measured(rows: list[Row], *, whole: bool) -> None:
 
 
 def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
-    from twin.thesis.reproduce.report import grid, sentence
+    from twin.thesis.reproduce.compare import grid, sentence
 
     for table in wanted:
         out, notes = grid(table, cells)

@@ -30,7 +30,7 @@ def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     from twin.safety.cases import CASES
     from twin.safety.doc import write_doc
-    from twin.safety.matrix import run_all
+    from twin.safety.trial import run_all
 
     if doc is not None:
         check_writable(doc.parent, "--doc")
@@ -52,7 +52,7 @@ def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
 def _table(rows: list[FaultRow]) -> Table:
     from rich.table import Table
 
-    from twin.safety.words import HEADING, cells
+    from twin.safety.row import HEADING, cells
 
     table = Table(*HEADING, "verdict")
     for row in rows:

@@ -11,8 +11,9 @@ from ballplate.catalogue import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import completion as tab
-from twin.cli.options import ALL, JSON, LAW, PLANT, SETTING, load_scenario, with_plant
+from twin.cli.options import ALL, JSON, LAW, PLANT, RESET, RIG, SETTING, load_scenario, with_plant
 from twin.cli.output import (
+    Terminal,
     print_json,
     print_metrics,
     print_reasons,
@@ -21,8 +22,6 @@ from twin.cli.output import (
     say,
     warn,
 )
-from twin.cli.rigs import RESET, RIG
-from twin.cli.terminal import Terminal
 from twin.cli.viewing import VIEWING, Viewing
 from twin.errors import LogError
 from twin.shipped import find

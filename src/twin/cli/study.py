@@ -12,8 +12,7 @@ from rich.filesize import decimal
 from ballplate.studies import carried_out, work_of
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER
-from twin.cli.output import console, duration, errors, print_json, print_titles, say
-from twin.cli.terminal import Terminal
+from twin.cli.output import Terminal, console, duration, errors, print_json, print_titles, say
 from twin.jobs import cores
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
@@ -83,10 +82,8 @@ def study(
 def _plan(
     work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
 ) -> int:
-    from twin.study.carry import remaining
     from twin.study.cluster import Cluster
-    from twin.study.pilot import seconds
-    from twin.study.store import Store
+    from twin.study.experiments import Store, remaining, seconds
 
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
         processes = processes or (cluster.workers if cluster else cores())
@@ -112,7 +109,7 @@ def _plan(
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
-    from twin.study.summary import sentences
+    from twin.study.report import sentences
 
     def number(value: float) -> float | None:
         return value if value == value else None  # noqa: PLR0124
@@ -152,8 +149,7 @@ def _show(about: Study, found: list[Answer]) -> None:
     from rich.markup import escape
 
     from twin.page import terminal
-    from twin.study.report import compared, grids
-    from twin.study.summary import sentences
+    from twin.study.report import compared, grids, sentences
 
     console.print(f"[bold]{escape(about.title)}[/bold]: {about.metrics[0]}")
     for table in (*grids(about, found), compared(about, found)):

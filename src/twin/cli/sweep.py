@@ -10,12 +10,11 @@ import click
 
 from twin.cli import completion as tab
 from twin.cli.options import JSON, LAW, PLANT, PROCESSES, SETTING, VARY, with_plant
-from twin.cli.output import print_json, print_table, say, warn
-from twin.cli.terminal import Terminal
+from twin.cli.output import Terminal, print_json, print_table, say, warn
 from twin.shipped import find
 
 if TYPE_CHECKING:
-    from ballplate.swept import Sweep
+    from ballplate.sweeping import Sweep
 
 
 @click.command()
@@ -80,7 +79,7 @@ def _tell(done: Sweep) -> None:
 
 
 def _show(done: Sweep) -> None:
-    from ballplate.swept import named
+    from ballplate.sweeping import named
     from twin.page import digits
     from twin.report.numbers import FIRST, LABELS
 

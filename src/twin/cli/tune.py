@@ -64,8 +64,7 @@ def tune(
     from twin.tune.schema import read
 
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
-    from twin.study.executors import executors
-    from twin.study.store import Store
+    from twin.study.experiments import Store, executors
     from twin.tune.report import sentences, write
     from twin.tune.search import library
     from twin.tune.trials import Trials

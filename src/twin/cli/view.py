@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import completion as tab
-from twin.cli.against import AGAINST
-from twin.cli.against import opened as open_all
 from twin.cli.options import SETTING
 from twin.cli.output import console
-from twin.cli.viewing import SERVE
+from twin.cli.viewing import AGAINST, SERVE
+from twin.cli.viewing import opened as open_all
 from twin.errors import TwinError, ViewError
 
 if TYPE_CHECKING:

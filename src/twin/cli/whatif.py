@@ -51,8 +51,7 @@ def whatif(
     folder = out or ROOT / f"whatif-{run_name(run)}"
     from twin.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
-    from twin.whatif.futures import branches_of, futures, moment_of, summary, write
-    from twin.whatif.page import agreement
+    from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
 
     with SecondProcess(wanted=cores() > 1) as beside:
         beside.begin(load_drawing)

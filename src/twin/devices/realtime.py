@@ -3,10 +3,180 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from typing import Any
 
-from twin.devices.timing import TimingLog
 from twin.hal.interface import Condition, Fault, Severity
+
+LATE = 0.25
+"""Share of a period from which a tick counts as late."""
+BLAMED = 0.05
+"""Share of late or missed periods from which on a fault is put down to the computer."""
+SLIP = 5.0
+"""Periods that a single one must be late for the same."""
+
+
+class LatencyHistogram:
+    """Durations in bins of a microsecond up to a limit; beyond it only the longest is kept.
+
+    Args:
+        limit: In s.
+    """
+
+    def __init__(self, limit: float = 0.02) -> None:
+        self.number = 0
+        """Number of durations."""
+        self.longest = 0.0
+        """The longest, s."""
+        self._top = round(1e6 * limit)
+        self._bins = [0] * (self._top + 1)
+
+    def add(self, seconds: float) -> None:
+        """Count one duration."""
+        self.number += 1
+        self.longest = max(self.longest, seconds)
+        index = int(1e6 * seconds + 0.5)
+        self._bins[index if 0 <= index < self._top else (self._top if index > 0 else 0)] += 1
+
+    def quantile(self, share: float) -> float:
+        """Quantile of the durations in s, to the microsecond: a share 0..1 do not exceed it.
+
+        Beyond the limit the longest of all; 0 if nothing was counted.
+        """
+        needed = share * self.number
+        passed = 0
+        for index, count in enumerate(self._bins):
+            passed += count
+            if count and passed >= needed:
+                return 1e-6 * index if index < self._top else self.longest
+        return 0.0
+
+    def counts(self, edges: tuple[float, ...]) -> list[int]:
+        """Numbers of durations below the first edge, between edges, and from the last one up.
+
+        Args:
+            edges: Ascending, in s, whole microseconds below the limit.
+        """
+        cuts = [0, *(round(1e6 * edge) for edge in edges), len(self._bins)]
+        return [sum(self._bins[a:b]) for a, b in pairwise(cuts)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Number, p50, p99 and max, in microseconds."""
+        return {
+            "number": self.number,
+            "p50_us": round(1e6 * self.quantile(0.5)),
+            "p99_us": round(1e6 * self.quantile(0.99)),
+            "max_us": round(1e6 * self.longest),
+        }
+
+
+class TimingLog:
+    """Lateness, missed periods and stage durations of one run.
+
+    Args:
+        period: Control period in s.
+        now: Clock in s.
+    """
+
+    EDGES = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+    """Edges of the lateness histogram, s."""
+
+    def __init__(self, period: float, now: Callable[[], float] = time.perf_counter) -> None:
+        self.period = period
+        self.ticks = 0
+        """Periods that were begun."""
+        self.missed = 0
+        """Periods that were skipped because the one before took too long."""
+        self.late = 0
+        """Periods that began late by more than ``LATE`` of a period."""
+        self.lateness = LatencyHistogram()
+        self.trips = LatencyHistogram()
+        self.stages: dict[str, LatencyHistogram] = {}
+        self._now = now
+        self._mark = 0.0
+
+    def tick(self, lateness: float, missed: int = 0) -> bool:
+        """Count a period that began late by some s after skipping a number of others.
+
+        Returns:
+            Whether it was late or others were missed.
+        """
+        self.ticks += 1
+        self.missed += missed
+        self.lateness.add(lateness)
+        late = lateness > LATE * self.period
+        self.late += late
+        return late or missed > 0
+
+    def begin(self) -> None:
+        """Start the stopwatch for the stages of a period."""
+        self._mark = self._now()
+
+    def mark(self, stage: str) -> None:
+        """Count the time since the last mark, or since ``begin``, as duration of a stage."""
+        now = self._now()
+        if stage not in self.stages:
+            self.stages[stage] = LatencyHistogram()
+        self.stages[stage].add(now - self._mark)
+        self._mark = now
+
+    def round_trip(self, seconds: float) -> None:
+        """Count the time in s from a command on the bus to the last answer."""
+        self.trips.add(seconds)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All statistics, for the record of a run."""
+        return {
+            "period_us": round(1e6 * self.period),
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "late": self.late,
+            "lateness": self.lateness.as_dict(),
+            "lateness_edges_us": [round(1e6 * edge) for edge in self.EDGES],
+            "lateness_histogram": self.lateness.counts(self.EDGES),
+            "stages": {name: stage.as_dict() for name, stage in self.stages.items()},
+            "round_trip": self.trips.as_dict(),
+        }
+
+    def blame(self) -> str:
+        """What to do if it was the computer that failed a run; empty if it was in time."""
+        return blamed(self.as_dict())
+
+    def text(self) -> list[str]:
+        """The statistics in a few lines, for the end of a run."""
+        due = max(1, self.ticks + self.missed)
+        lines = [
+            f"{self.ticks} ticks of {1e3 * self.period:g} ms, {self.missed} missed "
+            f"({100 * self.missed / due:.2f} %), {self.late} late by more than "
+            f"{1e3 * LATE * self.period:g} ms",
+            _line("lateness", self.lateness),
+        ]
+        lines += [_line(name, stage) for name, stage in self.stages.items()]
+        if self.trips.number:
+            lines.append(_line("bus round trip", self.trips))
+        return lines
+
+
+def blamed(ledger: Mapping[str, Any]) -> str:
+    """``TimingLog.blame`` of the statistics that a record has, ``TimingLog.as_dict``."""
+    slow = ledger["missed"] + ledger["late"]
+    due = max(1, ledger["ticks"] + ledger["missed"])
+    longest = ledger["lateness"]["max_us"]
+    if slow / due < BLAMED and longest < SLIP * ledger["period_us"]:
+        return ""
+    # after missed periods the next one begins in time
+    worst = f", one by {1e-3 * longest:.0f} ms" if longest > LATE * ledger["period_us"] else ""
+    return (
+        f"this computer was too late, not the rig: {slow} of {due} periods were late or missed"
+        f"{worst}; close other programs, or allow real-time priority (README), and run it again"
+    )
+
+
+def _line(name: str, times: LatencyHistogram) -> str:
+    p50, p99, most = (1e3 * t for t in (times.quantile(0.5), times.quantile(0.99), times.longest))
+    return f"{name}: p50 {p50:.3f} ms, p99 {p99:.3f} ms, max {most:.3f} ms"
+
 
 LOOP_OVERRUN = Condition(
     "loop overrun",

@@ -13,9 +13,8 @@ from controllers.arrays import Array
 from controllers.interfaces import Measurement
 from twin.devices.akd.conditions import RELAXED
 from twin.devices.interface import ListeningScreen, PoweredServos
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import RealTimeClock, TimingLog
 from twin.devices.scheduling import Scheduling, real_time
-from twin.devices.timing import TimingLog
 from twin.errors import RigError
 from twin.hal.interface import Fault, Limits, Severity, Transmission
 from twin.hal.rig import Entry, Rig

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
 
+from twin.devices.akd.bringup import BY_HAND
 from twin.devices.akd.config import AkdConfig, unconfirmed
-from twin.devices.akd.preconditions import BY_HAND
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import RealTimeClock, TimingLog
 from twin.devices.scheduling import real_time
-from twin.devices.timing import TimingLog
 from twin.doctor.check import CheckResult, failed, passed, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable

@@ -11,10 +11,8 @@ from twin.doctor import drives
 from twin.doctor.check import Ask, CheckResult, CheckStatus, warned
 from twin.doctor.computer import computer
 from twin.doctor.limits import limits
-from twin.doctor.panels import calibrated, plugged_in
 from twin.doctor.steps import exchange
-from twin.doctor.swapped import swapped
-from twin.doctor.touch import touch
+from twin.doctor.touch import calibrated, plugged_in, swapped, touch
 from twin.run.connect import cams_of
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario

@@ -1,17 +1,84 @@
-"""A serial-line CAN adapter (LAWICEL protocol) on a pty, as common USB-CAN adapters are."""
+"""A serial-line CAN adapter (LAWICEL protocol) on a pseudo-terminal, stepped in real time."""
 
 from __future__ import annotations
 
 import os
 import random
 import select
+import sys
+import tempfile
+import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Self
+from pathlib import Path
+from typing import Protocol, Self
 
+from twin.devices.realtime import LatencyHistogram
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_faults import Frame
-from twin.emulator.pseudo_terminal import PseudoTerminal
+from twin.errors import RigError
+
+
+class PseudoTerminal:
+    """A port that another program can open, and the end from which it is served.
+
+    Args:
+        name: What the port is called, in a temporary folder.
+
+    Raises:
+        RigError: This system has no pseudo-terminals.
+    """
+
+    def __init__(self, name: str) -> None:
+        check_pseudo_terminals()
+        self._folder = tempfile.TemporaryDirectory(prefix=f"{name}-")
+        self.path = Path(self._folder.name) / name
+        """The port to open; stays the same when unplugged and plugged in again."""
+        self.handle = self._port = -1
+        """File descriptor to read from and write to, which never blocks; -1 while unplugged."""
+
+    def plug(self) -> None:
+        """Bring the port up, freshly."""
+        import pty  # noqa: PLC0415  not on every system
+        import tty  # noqa: PLC0415
+
+        self.unplug()
+        self.handle, self._port = pty.openpty()
+        tty.setraw(self._port)
+        os.set_blocking(self.handle, False)
+        self.path.symlink_to(os.ttyname(self._port))
+
+    def unplug(self) -> None:
+        """Take the port away, as when the cable is pulled."""
+        self.path.unlink(missing_ok=True)
+        handles, self.handle, self._port = (self.handle, self._port), -1, -1
+        for handle in handles:
+            if handle >= 0:
+                with suppress(OSError):
+                    os.close(handle)
+
+    def close(self) -> None:
+        """Take the port away for good."""
+        self.unplug()
+        self._folder.cleanup()
+
+
+def check_pseudo_terminals() -> None:
+    """Make sure that this system has pseudo-terminals.
+
+    Raises:
+        RigError: It has none.
+    """
+    try:
+        import pty  # noqa: F401, PLC0415
+        import tty  # noqa: F401, PLC0415
+    except ImportError:
+        raise RigError(
+            f"emulated rig: its ports are pseudo-terminals, which {sys.platform} does not have; "
+            "Linux and macOS have them"
+        ) from None
+
 
 BITRATES = {
     b"S0": 10_000,
@@ -207,3 +274,68 @@ def _read(line: bytes) -> Frame | None:
     if cob_id > 0x7FF or length > 8 or len(data) != (0 if remote else length):
         return None
     return Frame(cob_id, data, remote)
+
+
+class CanPort(Protocol):
+    """Where the host's adapter is."""
+
+    def wait(self, seconds: float) -> None:
+        """Wait until the host sends something, at most for a time in s."""
+
+    def pump(self) -> None:
+        """Pass on what has arrived either way; never waits."""
+
+
+class BusServer:
+    """Pumps a port and steps its bus in real time; a context manager that does so in a thread.
+
+    Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it.
+
+    Args:
+        bus: What is emulated.
+        port: Where the host is.
+        step: Step in s.
+    """
+
+    BACKLOG = 0.1
+    """Longest lag in s that is made up for."""
+
+    def __init__(self, bus: EmulatedBus, port: CanPort, *, step: float = 0.0005) -> None:
+        self.bus = bus
+        self.port = port
+        self.lock = threading.Lock()
+        """Hold it to look at, or meddle with, several things at one time."""
+        self.lag = LatencyHistogram()
+        """How late the bus's time was at each round: an emulator that starves answers late."""
+        self._step = step
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def run(self) -> None:
+        """Serve until ``stop`` is called; in the calling thread."""
+        stepped = time.monotonic()
+        while not self._stop.is_set():
+            self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
+            with self.lock:
+                self.port.pump()
+                now = time.monotonic()
+                self.lag.add(max(0.0, now - stepped - self._step))
+                stepped = max(stepped, now - self.BACKLOG)
+                while stepped + self._step <= now:
+                    stepped += self._step
+                    self.bus.step(self._step)
+                self.port.pump()
+
+    def stop(self) -> None:
+        """End ``run``, wherever it runs."""
+        self._stop.set()
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self.run, name="emulated CAN", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        if self._thread is not None:
+            self._thread.join()

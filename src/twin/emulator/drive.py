@@ -1,23 +1,296 @@
 """An emulated AKD drive on CANopen: frames in, frames out, time in steps; no clock, no thread.
 
-Defaults are the documented ones: no heartbeat, nobody watched, so that it keeps turning when the
-master goes silent unless 1016h says otherwise; event-driven PDOs; nothing exchanged before NMT
-start. Not emulated: storing parameters, node guarding, homing and every mode but profile velocity
-(in which the drive turns), the PLL, and the bus's own timing.
+It has CiA 402's power stage, ramps, faults and STO. Defaults are the documented ones: no heartbeat,
+nobody watched, so that it keeps turning when the master goes silent unless 1016h says otherwise;
+event-driven PDOs; nothing exchanged before NMT start. Not emulated: storing parameters, node
+guarding, homing and every mode but profile velocity (in which the drive turns), the PLL, and the
+bus's own timing.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
 
 from twin.emulator.can_faults import Frame
 from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
-from twin.emulator.drive_motion import Motor
 from twin.emulator.drive_objects import ObjectStore
-from twin.emulator.drive_power import MASTER_SILENT, Power, PowerStage
-from twin.emulator.drive_settings import RPM, DriveSettings
+from twin.sim.sensors import COUNTS
+
+RPM = math.pi / 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSettings:
+    """One drive with its motor and its second encoder.
+
+    Attributes:
+        node: CANopen node, 1 to 127.
+        serial: Serial number.
+        motor_counts: Counts per motor revolution, a power of 2.
+        plate_counts: Counts per revolution of the second encoder.
+        plate_per_motor: How the second encoder turns with the motor where no plant says.
+        start_counts: Motor position at power-up; near 2^31 it soon wraps.
+        plate_start_counts: Second position at power-up.
+        coasting: Time constant in s with which the motor runs out without power.
+        velocity_unit: One count of 60FFh and 606Ch in rad/s.
+        parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
+        coarse: Counts to a multiple of which velocity limits and ramps are kept, as those are
+            floating-point numbers inside.
+        shows_bit_30: Whether COB-IDs are shown with bit 30 set.
+        stop_ramp: Deceleration of quick stop and fault reaction in rad/s^2; assumed.
+        emergency_codes: Emergency code for a fault number; others give 1081h. That of F129 is
+            CiA 301's for a heartbeat; AKD's own was not found.
+    """
+
+    node: int
+    serial: int = 0
+    motor_counts: int = 1 << 20
+    plate_counts: int = COUNTS
+    plate_per_motor: float = 0.2
+    start_counts: int = 0
+    plate_start_counts: int = 0
+    coasting: float = 0.2
+    velocity_unit: float = 0.001 * RPM
+    parameter_count: float = 0.001
+    coarse: int = 1
+    shows_bit_30: bool = False
+    stop_ramp: float = 1000.0
+    emergency_codes: tuple[tuple[int, int], ...] = (
+        (129, 0x8130),
+        (234, 0x4210),
+        (235, 0x4310),
+        (247, 0x3120),
+        (501, 0x3210),
+        (502, 0x3220),
+        (503, 0x3130),
+    )
+
+    def emergency_code(self, number: int) -> int:
+        """The code in the emergency message of a fault."""
+        return dict(self.emergency_codes).get(number, 0x1081)
+
+
+TURN = 2 * math.pi
+
+
+def int32(counts: int) -> int:
+    """Counts as a 32-bit counter shows them, wrapped."""
+    return (counts + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
+class Motor:
+    """Shaft and encoders of a drive.
+
+    Args:
+        settings: Encoders and how it runs out.
+    """
+
+    def __init__(self, settings: DriveSettings) -> None:
+        self.rate = 0.0
+        """Shaft rate in rad/s."""
+        self.limited = False
+        """Whether the velocity limit cut the target."""
+        self.frozen = False
+        self.frozen_plate = False
+        self._settings = settings
+        self._angle = self._plate = 0.0
+        self._sensed = False
+        self._offset = settings.start_counts
+        self._plate_offset = settings.plate_start_counts
+        self._shown = self._plate_shown = 0
+        self._look()
+
+    @property
+    def position(self) -> int:
+        """Motor counter."""
+        return int32(self._shown + self._offset)
+
+    @property
+    def plate(self) -> int:
+        """Second counter."""
+        return int32(self._plate_shown + self._plate_offset)
+
+    def jump(self, counts: int) -> None:
+        """Let the motor counter jump."""
+        self._offset += counts
+
+    def jump_plate(self, counts: int) -> None:
+        """Let the second counter jump."""
+        self._plate_offset += counts
+
+    def sense(self, motor: float, plate: float) -> None:
+        """Where shaft and plate are, rad; from now on nothing is integrated here."""
+        self._sensed = True
+        self._angle, self._plate = motor, plate
+        self._look()
+
+    def follow(
+        self, target: float, ramps: tuple[float, float], limits: MotionLimits, dt: float
+    ) -> None:
+        """Ramp towards a target in rad/s with (acceleration, deceleration) in rad/s^2."""
+        clipped = max(limits[0], min(limits[1], target))
+        self.limited = clipped != target
+        faster = abs(clipped) > abs(self.rate) and clipped * self.rate >= 0
+        step = ramps[0 if faster else 1] * dt
+        self._go(self.rate + max(-step, min(step, clipped - self.rate)), dt)
+
+    def coast(self, dt: float) -> None:
+        """Run out without torque."""
+        self.limited = False
+        rate = self.rate * math.exp(-dt / self._settings.coasting)
+        self._go(rate if abs(rate) > 1e-4 else 0.0, dt)
+
+    def _go(self, rate: float, dt: float) -> None:
+        if not self._sensed:
+            self._angle += (self.rate + rate) / 2 * dt
+            self._plate = self._settings.plate_per_motor * self._angle
+        self.rate = rate
+        self._look()
+
+    def _look(self) -> None:
+        settings = self._settings
+        if not self.frozen:
+            self._shown = math.floor(self._angle / TURN * settings.motor_counts)
+        if not self.frozen_plate:
+            self._plate_shown = math.floor(self._plate / TURN * settings.plate_counts)
+
+
+MotionLimits = tuple[float, float]
+"""Lowest and highest rate in rad/s."""
+
+
+class Power(IntEnum):
+    """States; the values are the status word's bits 0 to 3, 5 and 6."""
+
+    NOT_READY = 0x00
+    SWITCH_ON_DISABLED = 0x40
+    READY = 0x21
+    SWITCHED_ON = 0x23
+    OPERATION_ENABLED = 0x27
+    QUICK_STOP = 0x07
+    FAULT_REACTION = 0x0F
+    FAULT = 0x08
+
+
+STO_FAULT = 602
+UNDERVOLTAGE = 502
+NO_VOLTAGE = 247
+MASTER_SILENT = 129
+
+_LIVE = {Power.SWITCHED_ON, Power.OPERATION_ENABLED, Power.QUICK_STOP, Power.FAULT_REACTION}
+_RESET = 0x80
+
+
+class PowerStage:
+    """States of the power stage under control words, inputs and faults.
+
+    A fault whose cause is still there cannot be reset: open STO, missing DC link, and whatever
+    is in ``causes``.
+    """
+
+    def __init__(self) -> None:
+        self.state = Power.SWITCH_ON_DISABLED
+        self.sto_closed = True
+        self.dc_link = True
+        self.faults: list[int] = []
+        """Numbers of the present faults, oldest first."""
+        self.causes: set[int] = set()
+        """Faults whose cause is still there, apart from STO and DC link."""
+        self.refuse_reset = False
+        self.option = 2
+        """Quick stop option (605Ah): 2 ends in switch on disabled, 6 stays."""
+        self._control = 0
+
+    @property
+    def live(self) -> bool:
+        """Whether the motor has torque or would have it in a moment."""
+        return self.state in _LIVE
+
+    def control(self, word: int) -> list[int]:
+        """Obey a control word, one transition at most; numbers of faults that come of it."""
+        rising = word & _RESET and not self._control & _RESET
+        self._control = word
+        if self.state is Power.FAULT:
+            if rising and not self.refuse_reset and not self.standing:
+                self.faults.clear()
+                self.state = Power.SWITCH_ON_DISABLED
+            return []
+        if self.state is Power.FAULT_REACTION:
+            return []
+        voltage, running = word & 0x02, word & 0x04
+        if not voltage:
+            self.state = Power.SWITCH_ON_DISABLED
+        elif not running:
+            if self.state is Power.OPERATION_ENABLED:
+                self.state = Power.QUICK_STOP
+            elif self.state is not Power.QUICK_STOP:
+                self.state = Power.SWITCH_ON_DISABLED
+        elif self.state is Power.QUICK_STOP:
+            if word & 0x0F == 0x0F and self.option >= 5:
+                self.state = Power.OPERATION_ENABLED
+        else:
+            return self._step(word & 0x0F)
+        return []
+
+    def _step(self, word: int) -> list[int]:
+        if word & 0x07 == 0x06:
+            self.state = Power.READY
+        elif self.state is Power.READY:
+            return self._switch_on()
+        elif self.state in {Power.SWITCHED_ON, Power.OPERATION_ENABLED}:
+            self.state = Power.OPERATION_ENABLED if word == 0x0F else Power.SWITCHED_ON
+        return []
+
+    def _switch_on(self) -> list[int]:
+        if not self.sto_closed:
+            return self.fail(STO_FAULT)
+        if not self.dc_link:
+            return self.fail(NO_VOLTAGE)
+        self.state = Power.SWITCHED_ON
+        return []
+
+    def fault(self, place: int) -> int:
+        """Number of the present fault at a place, 0 being the oldest's; 0 if there is none."""
+        return self.faults[place] if place < len(self.faults) else 0
+
+    @property
+    def standing(self) -> set[int]:
+        """Present faults whose cause is still there."""
+        gone = set(self.causes)
+        if not self.sto_closed:
+            gone.add(STO_FAULT)
+        if not self.dc_link:
+            gone |= {UNDERVOLTAGE, NO_VOLTAGE}
+        return gone & set(self.faults)
+
+    def fail(self, number: int, *, braked: bool = False) -> list[int]:
+        """Go into fault; braked: with torque until standstill. The number, if it is new."""
+        if number in self.faults:
+            return []
+        self.faults.append(number)
+        if self.state is not Power.FAULT:
+            self.state = Power.FAULT_REACTION if braked and self.live else Power.FAULT
+        return [number]
+
+    def inputs(self) -> list[int]:
+        """Look at STO and DC link; numbers of faults that come of it."""
+        if self.live and not self.sto_closed:
+            return self.fail(STO_FAULT)
+        if self.live and not self.dc_link:
+            return self.fail(UNDERVOLTAGE)
+        return []
+
+    def still(self) -> None:
+        """The motor stands: a stop that was under way is done."""
+        if self.state is Power.FAULT_REACTION:
+            self.state = Power.FAULT
+        elif self.state is Power.QUICK_STOP and self.option == 2:
+            self.state = Power.SWITCH_ON_DISABLED
+
 
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 127, 5, 4
 PROFILE_VELOCITY = 3

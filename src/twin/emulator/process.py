@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
-from twin.emulator.pseudo_terminal import check_pseudo_terminals
+from twin.emulator.can_slcan import check_pseudo_terminals
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError

@@ -1,19 +1,348 @@
-"""A fit from end to end: search, leaving each group out, spread, verdicts."""
+"""A fit from end to end: search by CMA-ES, leaving each group out, spread, verdicts.
+
+Many searches go side by side, generation by generation, so that their runs share batches and the
+same run is never made twice. A search knows the cells it was given and nothing else.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from cmaes import CMA
 
 from controllers.arrays import Array
-from twin.fit.misfit import Cell, cells, computed, residuals
-from twin.fit.runs import Runs, Sample
+from twin.fit.runs import Cell, Runs, Sample, cells, computed, residuals, rounded, shares
 from twin.fit.schema import FitTable
-from twin.fit.search import Descent, Search, searched
-from twin.fit.uncertainty import Estimate, correlation, estimates, jacobian
+
+SIGMA = 0.25
+"""Standard deviation of the first generation, as a share of the ranges."""
+NEAR_SIGMA, NEAR_GENERATIONS = 0.12, 4
+"""The same of a search that begins near a sample, and its generations at most."""
+CLOSE = 0.3
+"""Spread of chi-squared within a generation at which a search is at its end."""
+
+
+class Search:
+    """A global search by CMA-ES.
+
+    Args:
+        table: The parameters.
+        numbers: The cells whose misfit is made small.
+        seed: Of its random numbers.
+        name: What it is for.
+        near: Sample about which it begins; the whole ranges without one.
+
+    Attributes:
+        name: What it is for.
+        best: The best sample so far.
+        chi2: Its sum of squared residuals.
+        rounds: Most times it is asked.
+        first: Its first generation, which was drawn before any cell was looked at.
+        over: Whether it has ended.
+    """
+
+    def __init__(
+        self,
+        table: FitTable,
+        numbers: Sequence[Cell],
+        seed: int,
+        name: str = "",
+        near: Sample | None = None,
+    ) -> None:
+        self.name = name
+        self.cells = tuple(numbers)
+        self.best: Sample = near or ()
+        self.chi2 = np.inf
+        whole = table.generations
+        self.rounds = whole if near is None else min(whole, NEAR_GENERATIONS)
+        self.first: list[Sample] = []
+        self.over = False
+        self._table = table
+        self._size = len(table.parameters)
+        # the library needs two dimensions; a second one to a single parameter changes nothing
+        space = max(2, self._size)
+        mean = np.full(space, 0.5)
+        if near is not None:
+            mean[: self._size] = shares(near, table)
+        self._cma = CMA(
+            mean=mean,
+            sigma=SIGMA if near is None else NEAR_SIGMA,
+            bounds=np.array([[0.0, 1.0]] * space),
+            seed=seed,
+            population_size=table.population or None,
+        )
+        self._asked: list[tuple[Array, Sample]] = []
+        self._generation = 0
+
+    @property
+    def experiments(self) -> tuple[int, ...]:
+        """The experiments it needs, by their places in the table."""
+        return tuple(dict.fromkeys(cell.experiment for cell in self.cells))
+
+    def ask(self) -> list[Sample]:
+        """The samples of the next generation."""
+        points = [self._cma.ask() for _ in range(self._cma.population_size)]
+        self._asked = [(p, rounded(p[: self._size], self._table)) for p in points]
+        found = [sample for _, sample in self._asked]
+        self.first = self.first or found
+        return found
+
+    def tell(self, values: Sequence[Array]) -> None:
+        """Take in the computed values of its cells for the samples it asked for."""
+        chi2 = []
+        for (_, sample), value in zip(self._asked, values, strict=True):
+            r = residuals(self.cells, value)
+            chi2.append(float(r @ r))
+            if chi2[-1] < self.chi2:
+                self.chi2, self.best = chi2[-1], sample
+        self._cma.tell([(p, c) for (p, _), c in zip(self._asked, chi2, strict=True)])
+        self._generation += 1
+        self.over = self._generation >= self.rounds or max(chi2) - min(chi2) < CLOSE
+
+
+class Descent:
+    """Least squares from a start, by steps on the linear model of its own samples.
+
+    Args:
+        table: The parameters.
+        numbers: The cells whose misfit is made small.
+        start: Where to begin.
+        name: What it is for.
+
+    Attributes:
+        name: What it is for.
+        best: The best sample so far.
+        chi2: Its sum of squared residuals.
+        over: Whether it has ended.
+    """
+
+    FIRST = 0.08
+    """Step of the first samples, as a share of the ranges."""
+    LENGTHS = (0.5, 1.0)
+    """Shares of the way to the model's minimum that are tried."""
+    rounds = 10
+    """Most times it is asked."""
+    LITTLE = 0.02
+    """Fall of chi-squared in a round at which it is at its end."""
+
+    def __init__(
+        self,
+        table: FitTable,
+        numbers: Sequence[Cell],
+        start: Sample,
+        name: str = "",
+    ) -> None:
+        self.name = name
+        self.cells = tuple(numbers)
+        self.best, self.chi2 = start, np.inf
+        self.over = False
+        self._table = table
+        self._seen: dict[Sample, Array] = {}
+        self._asked: list[Sample] = []
+        self._round = 0
+
+    @property
+    def experiments(self) -> tuple[int, ...]:
+        """The experiments it needs, by their places in the table."""
+        return tuple(dict.fromkeys(cell.experiment for cell in self.cells))
+
+    def ask(self) -> list[Sample]:
+        """The samples it wants next."""
+        at = shares(self.best, self._table)
+        if not self._round:
+            inwards = np.where(at + self.FIRST <= 1, self.FIRST, -self.FIRST)
+            steps = [np.zeros(len(at)), *np.diag(inwards)]
+        else:
+            steps = [length * self._to_minimum(at) for length in self.LENGTHS]
+        self._asked = [rounded(at + step, self._table) for step in steps]
+        return self._asked
+
+    def tell(self, values: Sequence[Array]) -> None:
+        """Take in the computed values of its cells for the samples it asked for."""
+        before = self.chi2
+        for sample, value in zip(self._asked, values, strict=True):
+            r = residuals(self.cells, value)
+            self._seen[sample] = r
+            if float(r @ r) < self.chi2:
+                self.chi2, self.best = float(r @ r), sample
+        self._round += 1
+        self.over = self._round >= self.rounds or before - self.chi2 < self.LITTLE
+
+    def _to_minimum(self, best: Array) -> Array:
+        at = np.array([shares(sample, self._table) for sample in self._seen]) - best
+        r = np.array(list(self._seen.values()))
+        model = np.linalg.lstsq(np.column_stack((np.ones(len(at)), at)), r, rcond=None)[0]
+        step = np.linalg.lstsq(model[1:].T, -model[0], rcond=None)[0]
+        return np.asarray(np.clip(step, -0.3, 0.3))
+
+
+def searched(
+    searches: Sequence[Search | Descent],
+    runs: Runs,
+    advance: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Carry all searches to their ends.
+
+    Args:
+        searches: Side by side.
+        runs: What carries out their runs.
+        advance: Called with the share done, 0 to 1.
+
+    Raises:
+        TwinError: If a run cannot be carried out.
+    """
+    turn, rounds = 0, max(each.rounds for each in searches)
+    while left := [search for search in searches if not search.over]:
+        asked = [(search, search.ask()) for search in left]
+        wanted = [(x, i) for search, samples in asked for x in samples for i in search.experiments]
+        found = runs.indicators(wanted)
+        for search, samples in asked:
+            search.tell([computed(search.cells, sample, found) for sample in samples])
+        turn += 1
+        advance(min(turn / rounds, 1.0))
+
+
+STEP = 0.03
+"""Half of the difference that derivatives are taken over, as a share of the ranges."""
+DRAWS = 2000
+"""Of the bootstrap."""
+WIDE = 0.5
+"""Share of its range from which on the interval of a parameter says that it is not seen."""
+CORRELATED = 0.9
+"""Correlation from which on two parameters are confounded."""
+FEW = 5
+"""Groups from which on the spread is that between them; with fewer it is that of the uncertainties
+that the table states."""
+FAINT = 1e-9
+"""Curvature of chi-squared, relative to the largest, below which a direction is taken as flat."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A parameter as found.
+
+    Attributes:
+        name: Its name in the table.
+        value: The best.
+        low: Lower end of the 95 % interval of the bootstrap over groups.
+        high: Upper end.
+        fold_low: Least value of the fits that left a group out; None without them.
+        fold_high: Largest.
+        verdict: ``seen``; or ``confounded with`` others, or ``not seen`` at all.
+        unit: Of all values.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    fold_low: float | None
+    fold_high: float | None
+    verdict: str
+    unit: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+
+def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs) -> Array:
+    """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
+    at = shares(best, table)
+    pairs = []
+    for k in range(len(at)):
+        step = np.zeros(len(at))
+        step[k] = STEP
+        pairs.append((rounded(at - step, table), rounded(at + step, table)))
+    experiments = tuple(dict.fromkeys(cell.experiment for cell in numbers))
+    found = runs.indicators((x, i) for pair in pairs for x in pair for i in experiments)
+    columns = []
+    for k, (low, high) in enumerate(pairs):
+        difference = residuals(numbers, computed(numbers, high, found)) - residuals(
+            numbers, computed(numbers, low, found)
+        )
+        columns.append(difference / (shares(high, table)[k] - shares(low, table)[k]))
+    return np.stack(columns, axis=1)
+
+
+def correlation(J: Array) -> Array:  # noqa: N803
+    """Correlation of the parameters by the linear model, shape (parameters, parameters)."""
+    covariance = np.linalg.pinv(J.T @ J, rcond=FAINT, hermitian=True)
+    deviation = np.sqrt(np.diag(covariance))
+    scale = np.where(deviation > 0, deviation, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))
+
+
+def bootstrap(J: Array, r: Array, groups: Sequence[str]) -> Array:  # noqa: N803
+    """How far the best shares move when groups are drawn anew, shape (draws, parameters).
+
+    Groups, not single cells, as the cells of a group share what is wrong with the model. The
+    residuals are taken as linear in the parameters. With fewer than ``FEW`` groups the shares are
+    drawn as if every residual were what the table states as its uncertainty.
+    """
+    names = list(dict.fromkeys(groups))
+    if len(names) < FEW:
+        covariance = np.linalg.inv(J.T @ J + FAINT * np.trace(J.T @ J) * np.eye(J.shape[1]))
+        middle = np.zeros(J.shape[1])
+        return np.asarray(np.random.default_rng(0).multivariate_normal(middle, covariance, DRAWS))
+    member = np.array([[group == name for group in groups] for name in names], float)
+    curvature = np.einsum("gc,ci,cj->gij", member, J, J)
+    slope = np.einsum("gc,ci,c->gi", member, J, r)
+    drawn = np.random.default_rng(0).multinomial(len(names), [1 / len(names)] * len(names), DRAWS)
+    # the slope of all is left out: the best is where the search ended, whatever the linear model
+    slope = slope - slope.mean(axis=0)
+    normal = np.einsum("bg,gij->bij", drawn, curvature)
+    right = np.einsum("bg,gi->bi", drawn, slope)
+    floor = FAINT * np.trace(curvature.sum(axis=0)) * np.eye(J.shape[1])
+    return -np.asarray(np.linalg.solve(normal + floor, right[..., None])[..., 0])
+
+
+def estimates(
+    table: FitTable,
+    best: Sample,
+    J: Array,  # noqa: N803
+    r: Array,
+    groups: Sequence[str],
+    folds: Sequence[Sample],
+) -> list[Estimate]:
+    """Every parameter with its spread and verdict, in the order of the table.
+
+    Args:
+        table: The parameters.
+        best: Their best values.
+        J: Derivatives of the residuals by shares of the ranges, shape (cells, parameters).
+        r: Residuals, shape (cells,).
+        groups: The group of each cell.
+        folds: Best values without a group each.
+    """
+    at, related = shares(best, table), correlation(J)
+    ends = np.percentile(np.clip(at + bootstrap(J, r, groups), 0, 1), (2.5, 97.5), axis=0)
+    names = list(table.parameters)
+    found = []
+    for k, (name, about) in enumerate(table.parameters.items()):
+        low, high = (about.low + end[k] * (about.high - about.low) for end in ends)
+        rivals = [names[j] for j in range(len(names)) if j != k and abs(related[k, j]) > CORRELATED]
+        if ends[1, k] - ends[0, k] < WIDE and (J[:, k] ** 2).sum() > 1:
+            verdict = "seen"
+        else:
+            verdict = f"confounded with {', '.join(rivals)}" if rivals else "not seen"
+        own = [fold[k] for fold in folds]
+        found.append(
+            Estimate(
+                name=name,
+                value=best[k],
+                low=float(low),
+                high=float(high),
+                fold_low=min(own, default=None),
+                fold_high=max(own, default=None),
+                verdict=verdict,
+                unit=about.unit,
+            )
+        )
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

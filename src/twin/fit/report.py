@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.fit.fit import FitResult
-from twin.fit.uncertainty import Estimate
+from twin.fit.fit import Estimate, FitResult
 from twin.html import inline, render
 from twin.writing import write_json, write_whole
 

@@ -1,20 +1,94 @@
-"""The runs of a fit: every experiment with the parameters of every sample, each run once."""
+"""The runs of a fit, each made once, and how far they are from what was measured."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 
 from controllers.arrays import Array
 from twin.errors import LawError
-from twin.fit.schema import Experiment, FitTable
+from twin.fit.schema import UNITS, Experiment, FitTable, factor
 from twin.scenario import Scenario
-from twin.study.build import Builder
-from twin.study.carry import carry
-from twin.study.store import Store
-from twin.study.work import ScenarioRuns
+from twin.study.experiments import Store, carry
+from twin.study.work import Builder, ScenarioRuns
+
+LOST = 10.0
+"""Residual of an indicator that a run does not have, such as that of a lost ball."""
+LEAST = 1e-9
+"""Least value of which a logarithm is taken."""
+
+
+class Cell(NamedTuple):
+    """A measured number.
+
+    Attributes:
+        experiment: Which, by its place in the table.
+        group: That it is left out with.
+        label: Of the experiment.
+        indicator: Its name.
+        unit: Of the value.
+        measured: The value.
+        scale: Standard uncertainty, of the value or of its logarithm.
+        logarithmic: Which of them.
+    """
+
+    experiment: int
+    group: str
+    label: str
+    indicator: str
+    unit: str
+    measured: float
+    scale: float
+    logarithmic: bool
+
+    def residual(self, computed: float) -> float:
+        """How many standard uncertainties a computed value is too large."""
+        if not math.isfinite(computed):
+            return LOST
+        if self.logarithmic:
+            off = math.log(max(computed, LEAST) / self.measured)
+        else:
+            off = computed - self.measured
+        return off / self.scale
+
+
+def cells(table: FitTable) -> tuple[Cell, ...]:
+    """Every measured number of a table, experiment by experiment."""
+    found = []
+    for place, experiment in enumerate(table.experiments):
+        for name, about in experiment.measured.items():
+            by = factor(name, about.unit)
+            logarithmic = about.uncertainty is None
+            found.append(
+                Cell(
+                    experiment=place,
+                    group=experiment.own_group,
+                    label=experiment.label,
+                    indicator=name,
+                    unit=UNITS[name],
+                    measured=by * about.value,
+                    scale=about.relative or by * (about.uncertainty or 1.0),
+                    logarithmic=logarithmic,
+                )
+            )
+    return tuple(found)
+
+
+def computed(
+    numbers: tuple[Cell, ...], sample: Sample, found: Mapping[Wanted, Mapping[str, float]]
+) -> Array:
+    """The computed values of cells for a sample, shape (cells,)."""
+    return np.array([found[sample, cell.experiment][cell.indicator] for cell in numbers])
+
+
+def residuals(numbers: tuple[Cell, ...], values: Array) -> Array:
+    """Residuals of cells for computed values, both shape (cells,)."""
+    return np.array([c.residual(v) for c, v in zip(numbers, values.tolist(), strict=True)])
+
 
 Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""

@@ -14,8 +14,14 @@ from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.search import FitResult, search
-from twin.identify.validation import Horizons, hold_out
-from twin.identify.verdict import ParameterVerdict, Whiteness, verdicts, whiteness
+from twin.identify.verdict import (
+    Horizons,
+    ParameterVerdict,
+    Whiteness,
+    hold_out,
+    verdicts,
+    whiteness,
+)
 from twin.identify.windows import cut, moving_spans
 
 LONGEST = 2.5

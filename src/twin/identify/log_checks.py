@@ -10,8 +10,7 @@ from twin.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.identify.log import Log
 from twin.identify.plate_motion import servo_response
-from twin.identify.prepare import PreparedLog
-from twin.identify.rests import ROLL, speed
+from twin.identify.prepare import ROLL, PreparedLog, speed
 
 STEEPEST = 0.26
 """Largest plate angle in rad that any such rig reaches; the thesis's stops at 10 deg."""

@@ -14,8 +14,7 @@ from scipy.signal import butter, filtfilt, lfilter
 from controllers.arrays import Array
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import SERVO
-from twin.identify.prepare import PreparedLog, Segment
-from twin.identify.samples import resolution
+from twin.identify.prepare import PreparedLog, Segment, resolution
 from twin.sim.drives import Play
 
 CORNERS = (0.8, 1.5, 3.0, 6.0, 12.0, 25.0)

@@ -1,16 +1,124 @@
-"""Cleans a log: leaves out what is broken, and cuts the rest into segments without gaps."""
+"""Cleans a log: what is broken is left out, the rest is cut into segments without gaps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.signal import savgol_filter
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.errors import LogError
 from twin.identify.log import Log
-from twin.identify.samples import ball_samples
+from twin.identify.replay import PACE
+
+REST, ROLL = 0.004, 0.008
+"""Measured speeds in m/s below which the ball rests and above which it rolls."""
+SPEED_SPAN = 0.3
+"""Time in s over which the speed is measured, and shortest rest."""
+CREPT = 6e-4
+"""Way in m from the first to the last third of a rest from which on it is none: some times the
+noise of these means."""
+MEMORY = 200
+"""Measured speeds before a replay that it is told of: of some seconds, as long as contacts age."""
+
+
+def speed(time: Array, ball: Array) -> Array:
+    """Speed of the ball by a local parabola through equally spaced samples, m/s, shape (K,)."""
+    period = float(time[1] - time[0])
+    samples = max(5, round(SPEED_SPAN / period) | 1)
+    velocity = savgol_filter(ball, samples, 2, deriv=1, delta=period, axis=0)
+    return np.hypot(velocity[:, 0], velocity[:, 1])
+
+
+def rests(time: Array, ball: Array, moving: Array) -> list[tuple[float, float]]:
+    """When the ball rests: first and last time of each, s.
+
+    A ball that creeps, because what pushes it is hardly more than what holds it, does not rest:
+    where it will be is decided by less than a log shows.
+
+    Args:
+        time: Equally spaced seconds, shape (K,).
+        ball: m, shape (K, 2).
+        moving: Speed of it, m/s, shape (K,).
+    """
+    found = []
+    for a, b in runs(moving < REST):
+        third = (b - a) // 3
+        if time[b - 1] - time[a] > SPEED_SPAN:
+            crept = ball[b - third : b].mean(axis=0) - ball[a : a + third].mean(axis=0)
+            if np.hypot(*crept) < CREPT:
+                found.append((float(time[a]), float(time[b - 1])))
+    return found
+
+
+def paces(segment: Segment, at: Array) -> Array:
+    """Speeds of the ball before times in s, as ``Windows.paces`` has them, shape (W, K)."""
+    time = segment.time
+    moving = speed(time, segment.even_ball)
+    still = moving.copy()
+    for first, last in rests(time, segment.even_ball, moving):
+        still[(time >= first) & (time <= last)] = 0.0
+    return np.interp(at[:, None] - PACE * np.arange(MEMORY, 0, -1), time, still)
+
+
+def ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array]:
+    """Rows that bring a usable ball sample, and the standard deviation of one in m, shape (2,).
+
+    Args:
+        log: K rows.
+        period: Seconds between two of them.
+        notes: Gets what had to be left out, in words.
+    """
+    usable = log.touched & np.isfinite(log.ball).all(axis=-1)
+    if (log.touched & ~usable).any():
+        missing = int((log.touched & ~usable).sum())
+        notes.append(f"{missing} rows without ball position left out")
+    fresh = usable & _new_position(log.age, log.ball, period)
+    sigma = _noise(log.ball[fresh])
+    spikes = np.zeros_like(fresh)
+    spikes[fresh] = _spikes(log.ball[fresh], sigma)
+    if spikes.any():
+        notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
+    return fresh & ~spikes, sigma
+
+
+def _new_position(age: Array, ball: Array, period: float) -> Mask:
+    """Rows that bring a new ball position, not one held from before."""
+    if np.ptp(age) > period / 2:
+        return np.concatenate(([True], np.diff(age) < period / 2))
+    change = np.concatenate(([True], (np.diff(ball, axis=0) != 0).any(axis=-1)))
+    at = np.flatnonzero(change)
+    lengths = np.diff(at)
+    lengths = lengths[lengths * period < 0.1]
+    held = int(np.median(lengths)) if len(lengths) else 1
+    if held <= 1:
+        return np.ones_like(change)
+    since = np.arange(len(ball)) - at[np.cumsum(change) - 1]
+    return np.asarray(since % held == 0)
+
+
+def _noise(ball: Array) -> Array:
+    """Standard deviation of one sample, from how three in a row differ from a line."""
+    bend = np.diff(ball, n=2, axis=0)
+    spread = np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6))
+    grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
+    return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
+
+
+def _spikes(ball: Array, sigma: Array) -> Mask:
+    usual = median_filter(ball, size=(9, 1), mode="nearest")
+    return np.asarray((np.abs(ball - usual) > np.maximum(8 * sigma, 0.003)).any(axis=-1))
+
+
+def resolution(measured: Array) -> float:
+    """Smallest step between two different readings, 0 if there is none."""
+    steps = np.diff(np.unique(measured))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
+
 
 SLOWEST = 0.05
 """Longest time in s between rows."""

@@ -12,8 +12,15 @@ from matplotlib.figure import Figure
 from twin.html import inline, render
 from twin.identify.identify import Identification
 from twin.identify.search import FitResult
-from twin.identify.validation import Horizons
-from twin.identify.verdict import BOUNDED, IDENTIFIED, NOT, REJECTED, ParameterVerdict, Whiteness
+from twin.identify.verdict import (
+    BOUNDED,
+    IDENTIFIED,
+    NOT,
+    REJECTED,
+    Horizons,
+    ParameterVerdict,
+    Whiteness,
+)
 from twin.identify.windows import LOOKBACK
 from twin.run.picture import COLOURS, LOOK
 from twin.writing import write_whole

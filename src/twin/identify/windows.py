@@ -11,9 +11,17 @@ import numpy as np
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.plate_motion import PlateMotion, plate_motion
-from twin.identify.prepare import PreparedLog, Segment, interpolated
+from twin.identify.prepare import (
+    ROLL,
+    SPEED_SPAN,
+    PreparedLog,
+    Segment,
+    interpolated,
+    paces,
+    rests,
+    speed,
+)
 from twin.identify.replay import STEP, AccelerationField
-from twin.identify.rests import ROLL, SPEED_SPAN, paces, rests, speed
 
 LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""

@@ -1,21 +1,247 @@
-"""What was driven so far: the scenario with all that a person changed of it, and when."""
+"""What a person drives: a rig with its controller, its clean model beside it, and what is kept."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.interfaces import Law, Reference
+from controllers.arrays import Array
+from controllers.controller import Controller, SampledReference
+from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
-from twin.run.assemble import build_controller, build_reference
+from twin.run.assemble import assemble, build_controller, build_reference
+from twin.run.changes import Changes
+from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
-from twin.scenario.load import check, put
+from twin.scenario.load import check, clean, put
 from twin.scenario.schema import JUMPS, RAMPS, SLACK, Change, Scenario, choices
-from twin.whatif.branch import CONTROL
+from twin.sim.rig import SimulatedRig
+from twin.whatif.futures import CONTROL
+from twin.whatif.moment import take_over
+
+EVERY = 1.0
+"""Simulated seconds from one state to the next."""
+RECENT = 30.0
+"""Seconds for which all of them are kept."""
+LATER = 5.0
+"""Seconds from one to the next of those before."""
+
+
+class Kept(NamedTuple):
+    """A state.
+
+    Attributes:
+        time: Of it, s.
+        row: Rows of the record before it.
+        driven: What had been driven.
+        rig: State of the rig and its controller.
+        ghost: Of the clean model and its controller.
+        acted: Whether something was done at this moment that the record's scenario does not say.
+    """
+
+    time: float
+    row: int
+    driven: Driven
+    rig: Snapshot
+    ghost: Snapshot
+    acted: bool = False
+
+
+class States:
+    """The states in the order of time, fewer of long ago."""
+
+    def __init__(self) -> None:
+        self.all: list[Kept] = []
+
+    def due(self, time: float) -> bool:
+        """Whether it is time for another one."""
+        return not self.all or time > self.all[-1].time + EVERY - 1e-9
+
+    def keep(self, state: Kept) -> None:
+        """Take one in; of two at one moment the later one counts."""
+        if self.all and abs(self.all[-1].time - state.time) < 1e-9:
+            former = self.all.pop()
+            state = state._replace(acted=state.acted or former.acted)
+        self.all.append(state)
+        self._thin(state.time)
+
+    def back_to(self, time: float) -> Kept:
+        """The last one before a time in s; all that follow are forgotten."""
+        while len(self.all) > 1 and self.all[-1].time > time + 1e-9:
+            self.all.pop()
+        return self.all[-1]
+
+    def _thin(self, now: float) -> None:
+        """Leave out what has just become old and is close to the one before."""
+        old = next((i for i, each in enumerate(self.all) if each.time > now - RECENT), 0) - 1
+        if old > 1 and not self.all[old].acted:
+            apart = self.all[old].time - self.all[old - 1].time
+            if apart < LATER - 1e-9:
+                del self.all[old]
+
+
+class DrivenRig:
+    """Rig, controller and clean model, as at the beginning of what was driven.
+
+    Args:
+        driven: What was driven so far.
+
+    Attributes:
+        rig: The rig.
+        controller: Of it.
+        ghost: The clean model.
+    """
+
+    def __init__(self, driven: Driven) -> None:
+        self._controlled = driven.scenario
+        self.rig, self.controller = assemble(self._controlled, changeable=True)
+        self.rig.LEVELLING_TIME = 0.0
+        self.ghost = Ghost(self._controlled, driven.reference)
+        self._before: tuple[Controller, Scenario] | None = None
+        self.follow(driven.reference)
+
+    def follow(self, reference: Reference) -> None:
+        """Let rig and clean model follow another path from now on."""
+        self.controller.reference = SampledReference(reference, self.rig.period)
+        self.ghost.follow(reference)
+
+    def push(self, x_rate: float, y_rate: float) -> None:
+        """Change both balls' velocity at once, m/s."""
+        push(self.rig, x_rate, y_rate)
+        self.ghost.push(x_rate, y_rate)
+
+    def change(self, scenario: Scenario, time: float) -> None:
+        """Let the rig be what a scenario says from a time in s on."""
+        assert isinstance(self.rig.changes, Changes)
+        self.rig.changes.follow([scenario], time)
+
+    def control(self, controller: Controller, scenario: Scenario) -> None:
+        """Have another controller, that of a scenario, once a state is gone on from."""
+        self._before = self.controller, self._controlled
+        self.controller, self._controlled = controller, scenario
+
+    def kept(self, measurement: Measurement, row: int, driven: Driven, *, acted: bool) -> Kept:
+        """The state of this moment; it must not hold what the path ahead was taken to be.
+
+        Args:
+            measurement: The one that begins the period.
+            row: Of the record.
+            driven: What was driven so far.
+            acted: Whether the person did something.
+        """
+        self.follow(driven.reference)
+        taken = Snapshot.take(self.rig, self.controller, measurement)
+        return Kept(measurement.time, row, driven, taken, self.ghost.taken(), acted)
+
+    def go_on(self, state: Kept) -> tuple[Measurement, bool]:
+        """Be in a state that was kept, with the controller that was chosen.
+
+        Returns:
+            The measurement that begins the period, and whether the controller is another.
+        """
+        before, self._before = self._before, None
+        if before is None:
+            measurement = state.rig.restore(self.rig, self.controller)
+            self.ghost.restore(state.ghost)
+        else:
+            measurement = state.rig.restore(self.rig)
+            take_over(self.controller, *before, self._controlled)
+        return measurement, before is not None
+
+    def picture(
+        self, time: float, driven: Driven, applied: Array | None, factor: float
+    ) -> tuple[float, ...]:
+        """The numbers of a picture, in the order of ``sight.COLUMNS``.
+
+        Args:
+            time: Of it, s.
+            driven: What was driven so far.
+            applied: Plate accelerations since the picture before, rad/s^2.
+            factor: Simulated seconds a second of the clock.
+        """
+        desired = self.controller.reference(time)[0].ravel()
+        goal = desired if driven.goals is None else np.array(driven.goals.points[-1][1:])
+        state = self.rig.devices.state[0]
+        ball, plate = state[0::4], state[2::4]
+        clean = self.ghost.state[0::4] if self.ghost.on_plate else np.full(2, np.nan)
+        errors = np.hypot(*(np.stack((ball, clean)) - desired).T)
+        effort = np.nan if applied is None else np.sqrt((applied**2).mean())
+        numbers = ([time], ball, plate, goal, desired, clean, errors, [effort, factor])
+        return tuple(np.concatenate(numbers).tolist())
+
+
+class Ghost:
+    """A clean model that is stepped period by period.
+
+    Args:
+        scenario: Of the rig it goes beside.
+        reference: The path to follow.
+    """
+
+    def __init__(self, scenario: Scenario, reference: Reference) -> None:
+        self._scenario = clean(scenario)
+        self._rig, self._controller = assemble(self._scenario)
+        self._rig.LEVELLING_TIME = 0.0
+        self._rig.__enter__()
+        self._measurement = self._rig.read()
+        self.follow(reference)
+        self._controller.start(self._measurement)
+        self._rig.start()
+
+    @property
+    def state(self) -> Array:
+        """Its state in the order of (5.5), shape (8,)."""
+        state: Array = self._rig.devices.state[0]
+        return state
+
+    @property
+    def on_plate(self) -> bool:
+        """Whether its ball has not left the plate."""
+        return not bool(self._rig.fallen[0])
+
+    def step(self) -> None:
+        """One control period."""
+        step = self._controller.command(self._measurement)
+        self._controller.applied(self._rig.write(step.rate))
+        self._rig.wait()
+        self._measurement = self._rig.read()
+
+    def follow(self, reference: Reference) -> None:
+        """Follow another path from now on."""
+        self._controller.reference = SampledReference(reference, self._rig.period)
+
+    def control(self, scenario: Scenario) -> None:
+        """Have the controller of a scenario from now on."""
+        now = clean(scenario)
+        controller = build_controller(now)
+        controller.start(self._measurement)
+        take_over(controller, self._controller, self._scenario, now)
+        self._scenario, self._controller = now, controller
+
+    def push(self, x_rate: float, y_rate: float) -> None:
+        """Change its ball's velocity at once, m/s."""
+        push(self._rig, x_rate, y_rate)
+
+    def taken(self) -> Snapshot:
+        """Its state."""
+        return Snapshot.take(self._rig, self._controller, self._measurement)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on from a state of one with the same controller."""
+        self._measurement = snapshot.restore(self._rig, self._controller)
+
+
+def push(rig: SimulatedRig, x_rate: float, y_rate: float) -> None:
+    """Change the velocity of a rig's ball at once, m/s, plate axes."""
+    ball = rig.devices.state[:, (0, 1, 4, 5)].copy()
+    ball[:, 1] += x_rate
+    ball[:, 3] += y_rate
+    rig.devices.place(ball)
+
 
 LONGEST = 1800.0
 """Longest time in s that can be driven: its record is kept in memory."""

@@ -3,19 +3,259 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
 from nicegui import ui
+from nicegui.element import Element
 
+from controllers.interfaces import DelayedObserver, Law, Observer
+from twin.hal.interface import SCREEN
 from twin.play.driven import drivable
-from twin.play.elements import CLEAN, RIG, Plate, Sides, Strips
-from twin.play.events import Back, Event, Goal, Pause, Push, Settings
-from twin.play.sight import COLUMNS, Errors, Status
-from twin.play.sliders import Slider, gains, moved, multiplied, shown_by, sliders, value_in
+from twin.play.session import COLUMNS, Back, Errors, Event, Goal, Pause, Push, Settings, Status
+from twin.scenario.describe import every_kind
 from twin.scenario.schema import choices
+
+RIG, CLEAN, PHI, THETA, EFFORT = "#0072b2", "#009e73", "#7a4fa3", "#b5651d", "#555555"
+STRIPS = [
+    dict(zip(("title", "curves", "factor", "least", "signed"), each, strict=True))
+    for each in (
+        (
+            "Tracking error, mm",
+            [("error", "rig", RIG), ("ghost_error", "clean model", CLEAN)],
+            *(1000, 5, False),
+        ),
+        (
+            "Plate angle, deg",
+            [("phi", "phi (moves x)", PHI), ("theta", "theta (moves y)", THETA)],
+            *(180 / math.pi, 1, True),
+        ),
+        ("Plate acceleration (RMS), rad/s²", [("effort", "", EFFORT)], 1, 1, False),
+    )
+]
+"""Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
+SIDES = [
+    dict(zip(("title", "axis", "angle", "lowers", "half", "colour"), each, strict=True))
+    for each in (
+        ("seen from the lower edge", "x", "phi", 1, 500 * SCREEN[0], PHI),
+        ("seen from the right edge", "y", "theta", -1, 500 * SCREEN[1], THETA),
+    )
+]
+"""The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
++y; half its length in mm."""
+
+Moved = Callable[[float, float], None]
+
+
+class Drawn(Element):
+    """A part of the page that is sent rows of numbers, oldest first."""
+
+    def __init__(self, **props: Any) -> None:
+        super().__init__()
+        self.props.update({"columns": list(COLUMNS), **props})
+
+    def show(self, rows: Sequence[Sequence[float]]) -> None:
+        """Show them."""
+        self.run_method("show", rows)
+
+
+class Plate(Drawn, component="plate.js"):
+    """The plate from above.
+
+    Args:
+        area: Operating area |x|, |y| in m.
+        goal: Called with the goal's x and y in m while a person drags it.
+        push: Called with the push along x and y in m/s.
+    """
+
+    def __init__(self, area: tuple[float, float], goal: Moved, push: Moved) -> None:
+        sizes = {"size": SCREEN, "area": area}
+        millimetres = {name: [1000 * each for each in sides] for name, sides in sizes.items()}
+        super().__init__(**millimetres, drives=False)
+        self.on("goal", lambda event: _called(goal, event.args))
+        self.on("push", lambda event: _called(push, event.args))
+
+    def let_drive(self, drives: bool) -> None:
+        """Whether who looks may drag."""
+        self.props["drives"] = drives
+        self.update()
+
+
+class Sides(Drawn, component="tilt.js"):
+    """The plate from two sides, so that its tilt is seen: the last row."""
+
+    def __init__(self) -> None:
+        super().__init__(sides=SIDES)
+
+
+class Strips(Drawn, component="strips.js"):
+    """Error, plate angle and effort over the last seconds."""
+
+    def __init__(self) -> None:
+        super().__init__(strips=STRIPS)
+
+
+def _called(done: Moved, given: Any) -> None:
+    """Hand over what a browser has sent, if it is two numbers."""
+    try:
+        x, y = float(given["x"]), float(given["y"])
+    except (TypeError, ValueError, KeyError):
+        return
+    if math.isfinite(x) and math.isfinite(y):
+        done(x, y)
+
+
+class Slider(NamedTuple):
+    """A slider.
+
+    Attributes:
+        key: Of the scenario.
+        entry: Which of the key's numbers; None if it has one.
+        label: In words.
+        unit: Of what is shown.
+        scale: What is shown of one of the key's own unit.
+        low: Least of what is shown.
+        high: Largest.
+        step: From one value to the next.
+        help: What it does, in a sentence.
+    """
+
+    key: str
+    entry: int | None
+    label: str
+    unit: str
+    scale: float
+    low: float
+    high: float
+    step: float
+    help: str
+
+
+DELAY = ("ms", 1000, 0, 150, 1)
+"""Unit, scale and range of a delay."""
+ARM = "Lever arm of the rolling resistance: the larger, the harder the ball is to set rolling."
+LATE = "How late the controller learns where the ball is."
+LEVEL = "The rig does not stand level: the ball rolls although the plate seems to be level."
+PLANT = (
+    Slider("plant.friction.rolling_mm", None, "rolling friction", "mm", 1, 0, 0.5, 0.01, ARM),
+    Slider("sensors.touch.dead_time", None, "dead time of the touch screen", *DELAY, LATE),
+    Slider("plant.level_deg", 0, "tilted base, along x", "deg", 1, -2, 2, 0.05, LEVEL),
+    Slider("plant.level_deg", 1, "tilted base, along y", "deg", 1, -2, 2, 0.05, LEVEL),
+)
+ASSUMED = "What the controller takes the dead time to be."
+PREDICTOR = Slider("predictor.delay", None, "dead time that is assumed", *DELAY, ASSUMED)
+
+
+class Gain(NamedTuple):
+    """A number of a law or an observer that a slider multiplies.
+
+    Attributes:
+        key: Of the scenario.
+        entry: Which of its numbers; None if it has one.
+        label: In words.
+        value: As it is now.
+        help: What it is, in words; of several numbers of a key the first has it.
+    """
+
+    key: str
+    entry: int | None
+    label: str
+    value: float
+    help: str = ""
+
+
+def value_in(tables: Mapping[str, Any], key: str, entry: int | None = None) -> Any:
+    """The value of a dotted key, or one of its numbers; None if there is none."""
+    value: Any = tables
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, Mapping) else None
+    return value if entry is None or value is None else value[entry]
+
+
+def moved(tables: Mapping[str, Any], slider: Slider, shown: float) -> dict[str, Any]:
+    """The setting that a slider stands for when it shows a value."""
+    value = shown / slider.scale
+    if slider.entry is None:
+        return {slider.key: value}
+    values = list(value_in(tables, slider.key))
+    values[slider.entry] = value
+    return {slider.key: values}
+
+
+def shown_by(tables: Mapping[str, Any], slider: Slider) -> float:
+    """The value that a slider shows of a scenario."""
+    return slider.scale * float(value_in(tables, slider.key, slider.entry))
+
+
+def multiplied(found: Sequence[Gain], gain: Gain, factor: float) -> dict[str, Any]:
+    """The setting in which one of the numbers found is multiplied."""
+    values = [
+        each.value * (factor if each == gain else 1.0) for each in found if each.key == gain.key
+    ]
+    return {gain.key: values[0] if gain.entry is None else values}
+
+
+def sliders(tables: Mapping[str, Any]) -> list[Slider]:
+    """The sliders of a scenario's plant, sensors and predictor."""
+    predictor = [] if tables.get("predictor") is None else [PREDICTOR]
+    return [*PLANT, *predictor]
+
+
+def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
+    """The numbers of the present law or observer other than 0, as written or by default.
+
+    Args:
+        tables: A scenario's.
+        table: ``controller`` or ``observer``.
+    """
+    present = tables[table]
+    cls = choices(table)[present["kind"]]
+    given = {item.name for base in (Law, Observer, DelayedObserver) for item in fields(base)}
+    found: list[Gain] = []
+    meanings = {each.key: each.meaning for each in every_kind()[f"{table}.{present['kind']}"]}
+    for item in fields(cls):
+        if item.name in given or not item.init:
+            continue
+        value = present.get(item.name, item.default)
+        if _unused(item.name, present):
+            continue
+        numbers = list(value) if isinstance(value, list | tuple) else [value]
+        if not all(isinstance(each, int | float) and each for each in numbers):
+            continue
+        if any(isinstance(each, bool) for each in numbers):
+            continue
+        key = f"{table}.{item.name}"
+        meaning = meanings.get(key, "")
+        if not isinstance(value, list | tuple):
+            found.append(Gain(key, None, item.name, float(value), meaning))
+            continue
+        for entry, (part, number) in enumerate(
+            zip(_parts(meaning, len(numbers)), numbers, strict=True)
+        ):
+            label, more = f"{item.name}: {part}", "" if entry else meaning
+            found.append(Gain(key, entry, label, float(number), more))
+    return found
+
+
+def _parts(meaning: str, count: int) -> list[str]:
+    """What each of a key's numbers is, if its meaning lists as many things; else their numbers."""
+    for listed in re.findall(r"\(([^()]+,[^()]+)\)|(?:of|on) ([^;:.]+)", meaning):
+        whole = re.sub(r" in [^,]*$", "", "".join(listed))
+        for text in (whole, whole.partition(",")[0]):  # a comma may be followed by units
+            parts = re.split(r",? and |, ", text)
+            if len(parts) == count:
+                return [part.removeprefix("the ") for part in parts]
+    return [str(number) for number in range(1, count + 1)]
+
+
+def _unused(name: str, present: Mapping[str, Any]) -> bool:
+    """Whether a setting does nothing, as another takes its place: gains that of poles."""
+    return name == "poles" and present.get("gains") is not None
+
 
 Do = Callable[[Event], None]
 WIDEST = 2.0

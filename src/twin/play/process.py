@@ -14,12 +14,10 @@ from controllers import catalog
 from controllers.arrays import Array
 from twin.errors import TwinError
 from twin.jobs import SecondProcess, let_go, settle, undisturbed
-from twin.play.events import End, Event, Told
 from twin.play.saving import Part, save_driven
-from twin.play.session import Session
-from twin.play.sight import COLUMNS, Status
+from twin.play.session import COLUMNS, End, Event, Session, Status, Told
 from twin.scenario.schema import Scenario
-from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.live_process import SharedRingBuffer
 
 ROWS = 1024
 """Pictures that wait to be fetched: 20 s of them."""

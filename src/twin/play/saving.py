@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from controllers.arrays import Array
 from twin.hal.rig import Entry
-from twin.play.driven import Driven
-from twin.play.kept import LATER, Kept
+from twin.play.driven import LATER, Driven, Kept
 from twin.run.finished import Run, save
 from twin.run.loop import Outcome
 from twin.run.record import Recorder

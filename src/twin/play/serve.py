@@ -1,25 +1,142 @@
-"""The server of the page: on this machine, unless another address is asked for."""
+"""The server of the page: on this machine, unless another address is asked for; one drives."""
 
 from __future__ import annotations
 
 import asyncio
 import errno
+import hmac
+import ipaddress
 import secrets
 import socket
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from twin.errors import ViewError
-from twin.play.audience import Audience
-from twin.play.events import Event, Pause, Save
-from twin.play.guard import Guard, is_loopback
 from twin.play.process import Simulation
-from twin.play.sight import Errors, Status
+from twin.play.session import Errors, Event, Pause, Save, Status
 from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from starlette.requests import HTTPConnection
+
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+COOKIE = "ballplate_token"
+REFUSED = "refused: the address needs ?token=..., as ballplate play has printed it\n"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host, by name or address, is this machine and nothing else."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Guard:
+    """An ASGI application that lets another one answer only those who may ask.
+
+    A page of another origin may not, whatever browser it runs in: neither open a connection nor,
+    by a name that leads to this machine, read what is served.
+
+    Args:
+        app: Who answers.
+        token: What the address must carry as ``?token=``, or a cookie that is set then; empty for
+            a server that is reached from this machine only.
+    """
+
+    def __init__(self, app: App, token: str = "") -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, refuse, or do what is no answer to anybody."""
+        from starlette.requests import HTTPConnection  # noqa: PLC0415 - of the extra
+        from starlette.responses import PlainTextResponse  # noqa: PLC0415
+
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+        asked = HTTPConnection(scope)
+        token = asked.query_params.get("token", "")
+        if self._may(asked, token):
+            marked = self._token and token and scope["type"] == "http"
+            await self._app(scope, receive, self._marking(send) if marked else send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse(REFUSED, 403)(scope, receive, send)
+
+    def _may(self, asked: HTTPConnection, token: str) -> bool:
+        host, origin = asked.headers.get("host", ""), asked.headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return False
+        if not self._token:
+            return is_loopback(urlsplit(f"//{host}").hostname or "")
+        given = (asked.cookies.get(COOKIE, ""), token)
+        return any(hmac.compare_digest(each.encode(), self._token.encode()) for each in given)
+
+    def _marking(self, send: Send) -> Send:
+        """Sends a cookie along to who has come with the token in the address."""
+        cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+
+        async def sent(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                headers = [*message.get("headers", ()), (b"set-cookie", cookie.encode())]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        return sent
+
+
+class Audience:
+    """Who looks, in the order in which they came.
+
+    Args:
+        clock: Seconds.
+        patience: Seconds without anybody, once somebody was there, until all are taken to have
+            gone for good: a page that is loaded again is away for a moment.
+    """
+
+    def __init__(self, clock: Callable[[], float], patience: float = 5.0) -> None:
+        self._clock, self._patience = clock, patience
+        self._there: list[str] = []
+        self._left: float | None = None
+
+    @property
+    def driver(self) -> str | None:
+        """Who drives."""
+        return self._there[0] if self._there else None
+
+    def __len__(self) -> int:
+        return len(self._there)
+
+    def come(self, who: str) -> None:
+        """Somebody looks from now on."""
+        if who not in self._there:
+            self._there.append(who)
+        self._left = None
+
+    def go(self, who: str) -> None:
+        """Somebody looks no more."""
+        if who in self._there:
+            self._there.remove(who)
+        if not self._there and self._left is None:
+            self._left = self._clock()
+
+    @property
+    def gone(self) -> bool:
+        """Whether everybody has gone for good."""
+        return self._left is not None and self._clock() - self._left > self._patience
+
 
 LOOPBACK = "127.0.0.1"
 PICTURES = 1 / 32

@@ -1,4 +1,4 @@
-"""A rig driven by a person: the run loop of every run, with events between its periods."""
+"""A rig driven by a person: the loop of every run, in real time, with events between periods."""
 
 from __future__ import annotations
 
@@ -7,22 +7,215 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from time import perf_counter
+from typing import Any, NamedTuple
 
 from controllers.interfaces import Measurement
 from twin.errors import TwinError
-from twin.play.driven import LONGEST, Driven
-from twin.play.driven_rig import DrivenRig
-from twin.play.events import Back, End, Event, Goal, Inbox, Pause, Push, Save, Settings, Told
-from twin.play.kept import States
-from twin.play.pace import Pace
+from twin.play.driven import LONGEST, Driven, DrivenRig, States
 from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
-from twin.play.sight import Said, Show, Tell
 from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.scenario.changing import at_time
 from twin.scenario.schema import Scenario
+
+
+class Goal(NamedTuple):
+    """Where the ball shall go, m, plate axes."""
+
+    x: float
+    y: float
+
+
+class Push(NamedTuple):
+    """What the ball's velocity changes by at once, m/s, plate axes."""
+
+    x_rate: float
+    y_rate: float
+
+
+class Settings(NamedTuple):
+    """New values of keys of plant, drives, sensors, law, observer and predictor."""
+
+    values: Mapping[str, Any]
+
+
+class Pause(NamedTuple):
+    """Whether time stands still."""
+
+    paused: bool
+
+
+class Back(NamedTuple):
+    """Go back by a time in s, to the last state kept before that; to the beginning at most."""
+
+    seconds: float
+
+
+class Save(NamedTuple):
+    """Save what was driven so far as a run folder."""
+
+    folder: Path
+
+
+class Told(NamedTuple):
+    """No person's: something that was begun elsewhere is done, or failed; said in words."""
+
+    message: str
+    wrong: bool = False
+
+
+class End(NamedTuple):
+    """Nothing follows; what was driven since it was last saved is saved, if there is a folder."""
+
+    folder: Path | None = None
+
+
+Event = Goal | Push | Settings | Pause | Back | Save | Told | End
+Inbox = Callable[[float], Sequence[Event]]
+"""Waits for events, at most a time in s, and gives those that have come, oldest first."""
+
+
+AHEAD = 0.004
+"""Seconds the simulation may be ahead of the clock, so that it need not sleep every period."""
+BEHIND = 0.1
+"""Seconds behind the clock from which on it is no longer caught up with."""
+OVER = 1.0
+"""Seconds over which the real-time factor is taken."""
+
+
+class Pace:
+    """When a simulated time is due by the clock.
+
+    Args:
+        clock: Seconds of the wall clock; another one for tests.
+    """
+
+    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+        self._clock = clock
+        self._passed: deque[tuple[float, float]] = deque()
+        self.begin(0.0)
+
+    def begin(self, time: float) -> None:
+        """Let it be a simulated time in s now: at the start, after a pause, after going back."""
+        self._zero = self._clock() - time
+        self._passed.clear()
+
+    def early(self, time: float) -> float:
+        """Seconds to wait until a simulated time in s is due; 0 if it is."""
+        now = self._clock()
+        late = now - self._zero - time
+        if late > BEHIND:
+            self._zero += late - BEHIND
+        self._passed.append((now, time))
+        while now - self._passed[0][0] > OVER:
+            self._passed.popleft()
+        return -late if late < -AHEAD else 0.0
+
+    @property
+    def factor(self) -> float:
+        """Simulated seconds a second of the clock, over the last second; 1 until it is known."""
+        if not self._passed or self._passed[-1][0] - self._passed[0][0] < OVER / 10:
+            return 1.0
+        (wall, time), (wall_now, time_now) = self._passed[0], self._passed[-1]
+        return (time_now - time) / (wall_now - wall)
+
+
+COLUMNS = (
+    "time",
+    "x",
+    "y",
+    "phi",
+    "theta",
+    "goal_x",
+    "goal_y",
+    "desired_x",
+    "desired_y",
+    "ghost_x",
+    "ghost_y",
+    "error",
+    "ghost_error",
+    "effort",
+    "factor",
+)
+"""Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
+since the picture before; ``factor`` is the simulated seconds a second of the clock."""
+
+
+class Errors:
+    """Root mean square distances of rig and clean model from where the ball shall be, so far."""
+
+    def __init__(self) -> None:
+        self._sums: list[tuple[float, float, float]] = []
+
+    def add(self, rows: Sequence[Sequence[float]]) -> None:
+        """Take pictures in, oldest first; one before the last one forgets what followed it."""
+        for row in rows:
+            now = dict(zip(COLUMNS, row, strict=True))
+            while self._sums and self._sums[-1][0] >= now["time"]:
+                self._sums.pop()
+            _, rig, clean = self._sums[-1] if self._sums else (0.0, 0.0, 0.0)
+            squares = now["error"] ** 2, now["ghost_error"] ** 2
+            self._sums.append((now["time"], rig + squares[0], clean + squares[1]))
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Of rig and clean model in m; NaN of a ball that has left the plate."""
+        if not self._sums:
+            return 0.0, 0.0
+        _, rig, clean = self._sums[-1]
+        return math.sqrt(rig / len(self._sums)), math.sqrt(clean / len(self._sums))
+
+
+class Status(NamedTuple):
+    """What the page says in words; sent when it changes.
+
+    Attributes:
+        tables: The scenario as it is now.
+        paused: Whether time stands still.
+        ended: How the run ended, if it has: only going back goes on from there.
+        message: What was done or refused last.
+        wrong: Whether that message is of something refused.
+    """
+
+    tables: Mapping[str, Any]
+    paused: bool = False
+    ended: str = ""
+    message: str = ""
+    wrong: bool = False
+
+
+Show = Callable[[tuple[float, ...]], None]
+"""Is given the numbers of a picture, in the order of ``COLUMNS``."""
+Tell = Callable[[Status], None]
+
+
+class Said:
+    """What was said last, told only when it changes.
+
+    Args:
+        tell: Is told.
+    """
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._status = Status({})
+        self._told: Status | None = None
+
+    def note(self, message: str, *, wrong: bool = False) -> None:
+        """Have a message to be told next."""
+        self._status = self._status._replace(message=message, wrong=wrong)
+        if wrong:
+            self._told = None  # told again, as the page may show what was refused
+
+    def say(self, tables: Mapping[str, Any], *, paused: bool, ended: str) -> None:
+        """Tell how things are, with the last message, if anything has changed."""
+        self._status = now = self._status._replace(tables=tables, paused=paused, ended=ended)
+        if now != self._told:
+            self._told = now
+            self._tell(now)
+
 
 ROOM = 300.0
 """Simulated seconds for which a record has room at first; it is doubled when they are over."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from twin.devices.timing import blamed
+from twin.devices.realtime import blamed
 from twin.report.diagnosis import Diagnosis
 from twin.run.assemble import build_law
 from twin.run.finished import Run

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.emulator.drive_power import Power
+from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Condition, Severity

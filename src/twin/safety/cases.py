@@ -11,12 +11,10 @@ from twin.devices.lumio import conditions as lumio
 from twin.devices.realtime import LOOP_OVERRUN
 from twin.devices.rig import HardwareRig
 from twin.emulator.can_faults import Towards
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import PATIENCE, LockstepRig
+from twin.emulator.screen import ScreenFault
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
 from twin.hal.interface import Condition
 from twin.safety import drive_causes

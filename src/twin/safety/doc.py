@@ -13,9 +13,8 @@ from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
-from twin.safety.row import FaultRow
+from twin.safety.row import HEADING, FaultRow, both, cells
 from twin.safety.trial import AFTER, LEFT
-from twin.safety.words import HEADING, both, cells
 from twin.writing import write_whole
 
 GROUPS: dict[str, Iterable[Condition]] = {

@@ -6,9 +6,7 @@ from collections.abc import Callable
 
 from twin.devices.akd import conditions as c
 from twin.emulator.can_faults import Towards
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives
 from twin.hal.interface import Condition
 

@@ -18,7 +18,7 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.servos import SHUTDOWN
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings
 from twin.hal.interface import SCREEN, Limits
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import FaultCase

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.emulator.drive_power import MASTER_SILENT, NO_VOLTAGE, STO_FAULT, UNDERVOLTAGE, Power
-from twin.emulator.trace import MotionTrace, PowerChange
+from twin.emulator.drive import MASTER_SILENT, NO_VOLTAGE, STO_FAULT, UNDERVOLTAGE, Power
+from twin.emulator.lockstep import MotionTrace, PowerChange
 
 STILL = 0.02
 """Plate rate in rad/s that counts as standstill: what levelling commands for one count of the

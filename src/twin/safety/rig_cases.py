@@ -10,15 +10,14 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd import conditions as akd
-from twin.devices.akd.config import AkdConfig
-from twin.devices.akd.watch import MonitorConfig
+from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.can_faults import Frame
-from twin.emulator.drive_power import Power
+from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import ScreenFault
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.screen_faults import ScreenFault
 from twin.hal import supervisor
 from twin.hal.interface import Limits, Transmission
 from twin.safety import drive_causes

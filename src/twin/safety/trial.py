@@ -1,9 +1,12 @@
-"""One rig on emulated devices, one fault: carried out, observed and judged."""
+"""The fault matrix: each fault done to an emulated rig that tracks a circle, observed and judged.
+
+It runs in virtual time: the same on every machine.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,22 +19,46 @@ from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.transports import ScreenError
 from twin.devices.rig import StartRefusedError
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.lockstep import LockstepRig
+from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.lockstep import LockstepRig, MotionTrace
 from twin.emulator.screen import DEAD_TIME, FRAME
-from twin.emulator.trace import MotionTrace
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.interface import Severity
+from twin.jobs import results
 from twin.run.assemble import build_controller, build_limits
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.safety import limits
 from twin.safety.case import FaultCase
+from twin.safety.cases import CASES
 from twin.safety.reaction import Reaction, Stopper, reaction
 from twin.safety.row import FaultRow
-from twin.safety.tracking import tracking
+from twin.scenario.load import check
+from twin.scenario.schema import Scenario
+
+
+def tracking(duration: float, *, resting: bool) -> Scenario:
+    """The circle, quickly under way, on the exact plant, with friction.
+
+    Args:
+        duration: In s.
+        resting: Whether the ball is held in the middle instead.
+    """
+    circle = {"kind": "circle", "amplitude": 0.1, "omega": 1.5, "start": 1.0}
+    return check(
+        {
+            "title": "fault matrix",
+            "duration": duration,
+            "seed": 1,
+            "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.1765}},
+            "controller": {"kind": "afl"},
+            "predictor": {},
+            "reference": {"kind": "hold"} if resting else circle,
+        },
+        "fault matrix",
+    )
+
 
 BEGIN = 2.0
 """When a fault begins, s: the ball runs at full speed by then."""
@@ -281,3 +308,22 @@ def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
 def _words(state: Power) -> str:
     """A state as CiA 402 calls it."""
     return state.name.lower().replace("_", " ")
+
+
+def run_case(index: int) -> FaultRow:
+    """Carry out one case; index: in ``CASES``."""
+    return Trial(CASES[index]).row()
+
+
+def run_all(processes: int, progress: Callable[[float], None]) -> list[FaultRow]:
+    """Carry out every case.
+
+    Args:
+        processes: How many to run at the same time.
+        progress: Called with the number of cases done.
+    """
+    rows: dict[int, FaultRow] = {}
+    for index, row in results(run_case, enumerate(range(len(CASES))), processes):
+        rows[index] = row
+        progress(len(rows))
+    return [rows[index] for index in range(len(CASES))]

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from controllers.arrays import Array, Mask
-from twin.identify.levenberg_marquardt import fit_starts
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Linearisation
+from twin.identify.search import fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
-from twin.shadow.evidence import Evidence, log_evidence
-from twin.shadow.gaps import clear
+from twin.shadow.evidence import Evidence, clear, log_evidence
 from twin.shadow.unevenness import products, unknown_motion
 
 LONGEST = 2.0

@@ -7,14 +7,16 @@ up, and every hypothesis is a prior of d: nothing else of a log is needed to wei
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
-from twin.shadow.belief import PARAMETERS
+from twin.identify.log import Log
+from twin.identify.prepare import PreparedLog, Segment
+from twin.shadow.belief import PARAMETERS, Belief
 
 
 @dataclass(frozen=True)
@@ -167,3 +169,111 @@ def posterior(
 
 def _times(matrix: Array, vector: Array) -> Array:
     return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+MISSED = 1.5
+"""Periods from one row to the next from which on there is a gap."""
+LATE = 0.5
+"""Share of a period from which on a row was taken too late: what it holds is of another time."""
+
+
+def gaps(log: Log, period: float) -> Array:
+    """Begin and end in s of what is missing or late, shape (G, 2).
+
+    Args:
+        log: What was recorded.
+        period: Seconds between rows.
+    """
+    known = np.isfinite(log.time)
+    time = log.time[known]
+    missing = np.flatnonzero(np.diff(time) > MISSED * period)
+    found = np.stack((time[missing], time[missing + 1]), axis=-1)
+    if log.late is not None:
+        late = np.nan_to_num(log.late[known])
+        behind = late > LATE * period
+        found = np.concatenate((found, np.stack((time, time + late), axis=-1)[behind]))
+    return found[np.argsort(found[:, 0], kind="stable")]
+
+
+def clear(begin: Array, end: Array, gaps: Array, after: float = 0.0) -> Mask:
+    """Which spans of time hold no part of a gap, shape (W,).
+
+    Args:
+        begin: Seconds, shape (W,).
+        end: Seconds, shape (W,).
+        gaps: Begin and end of each in s, shape (G, 2).
+        after: Seconds for which a gap is still felt.
+    """
+    touched = (gaps[:, 0] < end[:, None]) & (gaps[:, 1] + after > begin[:, None])
+    return np.asarray(~touched.any(axis=1))
+
+
+def undisturbed(
+    parts: Iterable[Evidence | None], gaps: Array, after: float = 0.0
+) -> Evidence | None:
+    """What windows without a gap say; None if there is no window at all.
+
+    Args:
+        parts: Of the segments of a log; None where one is too short.
+        gaps: Begin and end of each in s, shape (G, 2).
+        after: Seconds for which a gap is still felt.
+    """
+    found = [part for part in parts if part is not None]
+    if not found:
+        return None
+    every = Evidence.join(found)
+    return every.take(clear(every.begin, every.end, gaps, after))
+
+
+WINDOW = 2.0
+"""Length of a window in s."""
+LEAST = 30
+"""Samples below which a window says nothing."""
+# The second differences of white noise are correlated: so many of them count as one.
+_ALIKE = 35 / 18
+
+
+def noise_level(ball: Array, variance: Array) -> float:
+    """Logarithm of the noise of samples in a row, over what is believed.
+
+    From how three in a row differ from a line, as second differences forget the ball's motion.
+
+    Args:
+        ball: Samples in m, shape (K, 2).
+        variance: What is believed, m^2, shape (2,).
+    """
+    bend = np.diff(ball, n=2, axis=0)
+    return float(np.log(((bend**2).mean(axis=0) / (6 * variance)).mean()) / 2)
+
+
+def noise_evidence(
+    log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
+) -> Evidence | None:
+    """Evidence of ``noise``; None if no part of the log is long enough.
+
+    Args:
+        log: What was recorded.
+        belief: The twin.
+        gaps: Of the log; where there is one there is no evidence.
+        since: When the first window begins, s, where the log goes back further.
+    """
+    parts = (_of_segment(segment, belief, since) for segment in log.segments)
+    return undisturbed(parts, gaps)
+
+
+def _of_segment(segment: Segment, belief: Belief, since: float) -> Evidence | None:
+    begin = max(float(segment.time[0]), since)
+    begins = begin + WINDOW * np.arange(int((segment.time[-1] - begin) / WINDOW))
+    spans, levels, counts = [], [], []
+    for begin in begins:
+        ball = segment.ball[(segment.sampled >= begin) & (segment.sampled < begin + WINDOW)]
+        if len(ball) >= LEAST:
+            spans.append((begin, begin + WINDOW))
+            levels.append(noise_level(ball, np.maximum(belief.screen, 1e-12)))
+            counts.append(2 * (len(ball) - 2) / _ALIKE)
+    if not spans:
+        return None
+    # the logarithm of a standard deviation from n values has variance 1 / (2 n)
+    information = 2 * np.array(counts)
+    score = information * np.array(levels)
+    return Evidence.of(("noise",), np.array(spans), information[:, None, None], score[:, None])

@@ -21,19 +21,16 @@ from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import SETTLING, Alarm, Findings
 from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.dead_time import delayed, limited, standing
-from twin.shadow.evidence import Evidence
+from twin.shadow.diagnosis import SETTLING, Alarm, Findings
+from twin.shadow.evidence import Evidence, gaps, noise_evidence
 from twin.shadow.friction_map import FrictionMap
-from twin.shadow.gaps import gaps
 from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.learned import scatter
-from twin.shadow.monitor import LOOKBACKS, bounded, statistic
+from twin.shadow.monitor import LOOKBACKS, bounded, scatter, statistic
 from twin.shadow.plate import plate_evidence
-from twin.shadow.screen import noise_evidence
-from twin.view.fingerprint import fingerprint
+from twin.view.twin_stream import fingerprint
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""

@@ -11,12 +11,11 @@ from contextlib import closing
 import numpy as np
 
 from twin.scenario.schema import Scenario
-from twin.shadow.alarms import SETTLING, Alarm
+from twin.shadow.diagnosis import SETTLING, Alarm
 from twin.shadow.follow import MARGIN, LiveFollower
 from twin.shadow.horizon import BAND
-from twin.shadow.shown import Shown, Tell
-from twin.view.live_process import Address, LiveProcess, step_back
-from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.shadow.report import Shown, Tell
+from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
 
 EVERY = 0.2
 """Seconds between two looks for new rows."""
@@ -42,7 +41,7 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
     parent = os.getppid()
     tell: Tell = lambda _, __: None  # noqa: E731  nothing is drawn
     if shown is not None:
-        from twin.shadow.drawn import drawing  # noqa: PLC0415  only where there is a viewer
+        from twin.shadow.report import drawing  # noqa: PLC0415  only where there is a viewer
 
         tell = drawing(scenario, shown)
     commentary = Commentary(LiveFollower(scenario, "the run"), _print)

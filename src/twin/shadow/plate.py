@@ -18,8 +18,7 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.settings import changed
 from twin.shadow.belief import DRIVES, Belief
-from twin.shadow.evidence import Evidence
-from twin.shadow.gaps import undisturbed
+from twin.shadow.evidence import Evidence, undisturbed
 from twin.sim.plant.linear import STATES, linear_mechanism
 from twin.sim.plant.parts import Parts
 

@@ -20,7 +20,7 @@ from twin.identify.report import parameters
 from twin.identify.verdict import IDENTIFIED, REJECTED
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief
-from twin.shadow.gaps import gaps
+from twin.shadow.evidence import gaps
 from twin.shadow.horizon import replays
 from twin.writing import write_whole
 

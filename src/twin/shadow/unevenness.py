@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.arrays import Array
+from twin.identify.prepare import ROLL
 from twin.identify.replay import STEP
-from twin.identify.rests import ROLL
 from twin.identify.windows import Windows
 from twin.shadow.friction_map import EACH
 

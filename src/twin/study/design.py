@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from SALib.sample import latin, morris, sobol
 
 from controllers.arrays import Array
-from twin.study.distribution import column
-from twin.study.family import Point
+from twin.study.family import Point, column
 from twin.study.schema import Study
 
 LEVELS = 4

@@ -1,18 +1,265 @@
-"""Experiments: scenarios times points times rigs, and a table of what each run gave."""
+"""Experiments: scenarios times points times rigs, and a table of what each run gave.
+
+What is missing is carried out in chunks, on processes here or on a cluster; rows lie on disk in
+whole files only, and no run is made twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
-from twin.study.carry import carry
-from twin.study.store import Store
-from twin.study.work import ScenarioRuns
+from twin.errors import RecordError, TwinError
+from twin.jobs import AHEAD, cores, handed_out, pool, results
+from twin.study.cluster import Cluster
+from twin.study.schema import METRICS
+from twin.study.work import Job, Row, ScenarioRuns, Task, carry_out
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+SCHEMA = pa.schema(
+    [
+        ("key", pa.string()),
+        ("outcome", pa.string()),
+        ("reason", pa.string()),
+        *((name, pa.float64()) for name in METRICS),
+    ]
+)
+
+
+class Store:
+    """The finished runs in a folder, one file a chunk, named by what is in it.
+
+    A file is written under another name and renamed, so that a killed study leaves whole chunks or
+    none; what is in no file is run again.
+
+    Args:
+        folder: Where; made for the first chunk.
+
+    Raises:
+        RecordError: If it cannot be read.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "chunks"
+        if self.folder.exists() and not self.folder.is_dir():
+            raise RecordError(f"{self.folder}: is no folder")
+        self._chunks = [_read(path) for path in sorted(self.folder.glob("[!.]*.parquet"))]
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep a chunk of finished runs."""
+        name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
+        table = pa.Table.from_pylist(list(rows), SCHEMA)
+        write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
+        self._chunks.append(table)
+
+    def rows(self, keys: Sequence[str]) -> pa.Table:
+        """The runs with these keys, in their order; those that are not finished are left out."""
+        kept = pa.concat_tables([SCHEMA.empty_table(), *self._chunks])
+        places = pc.index_in(pa.array(keys, pa.string()), kept["key"].combine_chunks())
+        return kept.take(places.drop_null())
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordError(f"{path}: not a readable chunk; delete it: {reason}") from error
+    if table.schema.names != SCHEMA.names:
+        raise RecordError(
+            f"{path}: a chunk of another version of this program; choose another --out"
+        )
+    for name, wanted, kind in zip(SCHEMA.names, SCHEMA.types, table.schema.types, strict=True):
+        if kind != wanted:
+            raise RecordError(f"{path}: {name}: must be {wanted}, is {kind}; delete this chunk")
+    for name in ("key", "outcome"):
+        if table[name].null_count:
+            raise RecordError(f"{path}: {name}: missing in a row; delete this chunk")
+    return table
+
+
+@contextmanager
+def executors(
+    processes: int | None, scheduler: str | None = None
+) -> Iterator[tuple[Executor | None, int]]:
+    """The executor that was asked for, and how many runs it carries out side by side.
+
+    Args:
+        processes: How many; None for the cores there are, or all workers of the scheduler. One is
+            this process, which needs no executor.
+        scheduler: Address of a Dask scheduler; None for processes of this machine.
+
+    Raises:
+        ScenarioError: If no scheduler answers there.
+    """
+    if scheduler is not None:
+        with Cluster(scheduler) as cluster:
+            yield cluster, processes or cluster.workers
+        return
+    count = processes or cores()
+    with nullcontext() if count == 1 else pool(count) as executor:
+        yield executor, count
+
+
+PILOT = (0.1, 0.5)
+"""Simulated seconds of the two short batches from which the time of a study is estimated."""
+
+
+def seconds(chunk: list[Job]) -> float:
+    """Time per run of a chunk in s, from two short ones: set-up, and the rest by its duration.
+
+    On a machine so busy that the longer one took no longer, all of its time counts as simulating.
+    """
+    carry_out([_short(chunk[0], PILOT[0])])  # what is loaded on first use is no time of a run
+    times = []
+    for length in PILOT:
+        begin = perf_counter()
+        carry_out([_short(job, length) for job in chunk])
+        times.append(perf_counter() - begin)
+    if times[1] <= times[0]:
+        times = [0.0, times[1]]
+    rate = (times[1] - times[0]) / (PILOT[1] - PILOT[0])
+    whole = float(json.loads(chunk[0].scenario)["duration"])
+    return (times[0] + rate * (whole - PILOT[0])) / len(chunk)
+
+
+def _short(job: Job, length: float) -> Job:
+    scenario = json.loads(job.scenario)
+    scenario |= {"duration": length, "metrics": {"start": 0.0}}
+    return job._replace(scenario=json.dumps(scenario))
+
+
+LARGE = 256
+"""Most runs that share a batch and are kept together: what a kill may cost, on every processor."""
+TURNS = 8
+"""So many chunks every processor has at least where they have more than ``CHUNK`` runs."""
+CHUNK = 64
+"""Runs from which on a larger batch is hardly faster."""
+WHOLE = 512
+"""Most runs of a batch where a kill may cost all: of 12 s each they take 0.25 GB."""
+LEAST = 16
+"""Fewest that are worth a batch of their own."""
+MOST = 256
+"""Chunks that are under way on other machines even if few workers are known: more may join."""
+RETRIES = 3
+"""So often a chunk is tried whose worker was lost."""
+
+Do = Callable[[Sequence[Job]], list[Row]]
+
+
+def missing(
+    tasks: Sequence[Task], done: Collection[str], processes: int = 1, *, whole: bool = False
+) -> list[list[Task]]:
+    """The runs that are not finished, each once, in chunks of such as can share a batch.
+
+    Chunks are smaller where there are not enough runs for every process to have one, and larger
+    where there are very many. With ``whole`` they are as large as they can be with one for every
+    process, up to ``WHOLE``: the fastest for runs on the exact equations, of which a kill then
+    costs all.
+    """
+    left: dict[str, dict[str, Task]] = {}
+    for task in tasks:
+        if task.key not in done:
+            left.setdefault(task.alike, {})[task.key] = task
+    total = sum(map(len, left.values()))
+    share = math.ceil(total / processes)
+    most = max(LEAST, min(share, WHOLE if whole else CHUNK), min(share // TURNS, LARGE))
+    chunks = []
+    for alike in left.values():
+        # runs under one law side by side: they are calculated together
+        some = sorted(alike.values(), key=lambda task: task.variant)
+        chunks += [some[i : i + most] for i in range(0, len(some), most)]
+    return sorted(chunks, key=len, reverse=True)
+
+
+def carry(
+    work: ScenarioRuns,
+    store: Store,
+    *,
+    executor: Executor | None = None,
+    processes: int | None = None,
+    do: Do | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    whole: bool = False,
+) -> pa.Table:
+    """Finish all runs and return their rows, in the order of the tasks.
+
+    Args:
+        work: The runs.
+        store: Where finished ones are, and are put.
+        executor: Anything with the interface of ``concurrent.futures``; None for processes here.
+        processes: So many of them, or of its workers; None for one a processor.
+        do: What carries out a chunk in place of ``carry_out``; a function of a module, because it
+            goes to other processes.
+        progress: Told how many runs are finished, and how many of those did not end well.
+        whole: Whether chunks are as large as can be, see ``missing``.
+
+    Raises:
+        TwinError: If a process is killed, or a chunk is lost too often.
+    """
+    count, do = processes or cores(), do or partial(carry_out, seen=work.seen)
+    known, chunks = remaining(work.tasks, store, count, whole=whole)
+    finished = known.num_rows
+    failed = finished - known["outcome"].to_pylist().count("finished")
+    progress(finished, failed)
+    found: Iterator[list[Row]]
+    if executor is None:
+        jobs = enumerate(map(work.jobs, chunks))
+        found = (rows for _, rows in results(do, jobs, min(count, max(1, len(chunks)))))
+    else:
+        found = _elsewhere(work, chunks, do, executor, max(AHEAD * count, MOST))
+    for rows in found:
+        store.add(rows)
+        finished += len(rows)
+        failed += sum(row["outcome"] != "finished" for row in rows)
+        progress(finished, failed)
+    return store.rows([task.key for task in work.tasks])
+
+
+def remaining(
+    tasks: Sequence[Task], store: Store, processes: int, *, whole: bool = False
+) -> tuple[pa.Table, list[list[Task]]]:
+    """The rows of the runs that are finished, each once, and the chunks that are left."""
+    known = store.rows(list({task.key for task in tasks}))
+    return known, missing(tasks, set(known["key"].to_pylist()), processes, whole=whole)
+
+
+def _elsewhere(
+    work: ScenarioRuns, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+) -> Iterator[list[Row]]:
+    left, why = list(chunks), ""
+    for _ in range(RETRIES):
+        lost = []
+        for number, future in handed_out(executor, do, enumerate(map(work.jobs, left)), most):
+            try:
+                rows = future.result()
+            except TwinError:
+                raise
+            except Exception as error:  # noqa: BLE001 - every kind of cluster loses work in its own way
+                why = f"{type(error).__name__}: {error}".splitlines()[0]
+                lost.append(left[number])
+            else:
+                yield rows
+        if not lost:
+            return
+        left = lost
+    raise TwinError(f"{len(left)} chunks of runs were lost {RETRIES} times; the last one: {why}")
 
 
 def evaluate(

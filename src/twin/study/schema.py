@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, model_validator
 from twin.errors import nearest
 from twin.run.metrics import Metrics
 from twin.shipped import chosen, shipped_in
-from twin.study.distribution import Parameter
+from twin.study.family import Parameter
 from twin.study.family import read as read_family
 from twin.validation import LENIENT, read_model
 

@@ -22,7 +22,7 @@ from twin.errors import ScenarioError
 from twin.fit.runs import Runs, Sample
 from twin.fit.schema import FitTable, read
 from twin.run.finished import run
-from twin.study.store import Store
+from twin.study.experiments import Store
 
 COLUMNS = {
     "e_ss": ("steady_error", "m"),

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, model_validator
 from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest
 from twin.shipped import chosen, shipped_in
-from twin.study.distribution import Parameter
+from twin.study.family import Parameter
 from twin.study.family import read as read_family
 from twin.study.schema import METRICS
 from twin.validation import LENIENT, read_model

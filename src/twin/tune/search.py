@@ -14,8 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twin.errors import ScenarioError
-from twin.study.distribution import Parameter
-from twin.study.family import Point
+from twin.study.family import Parameter, Point
 from twin.tune.candidate import Candidate, Score, loop_constraints, score
 from twin.tune.schema import Tune
 from twin.tune.trials import Trials

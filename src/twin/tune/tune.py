@@ -1,17 +1,163 @@
-"""A tune from end to end: search, verdict on the mechanism, certificate on fresh rigs."""
+"""A tune from end to end: search, verdict on the mechanism, certificate on fresh rigs.
+
+How much each field matters is measured, not estimated from the candidates of the search: those
+crowd where the sampler looked, and any importance made of them says as much of the sampler as of
+the fields.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from twin.tune.candidate import Candidate, Score, score
-from twin.tune.certificate import certified
+import numpy as np
+from scipy import stats
+
+from twin.study.family import Parameter
+from twin.tune.candidate import Candidate, Score, rig_costs, score, tail_mean
 from twin.tune.schema import Tune
-from twin.tune.search import best_of, searched
-from twin.tune.sensitivity import Neighbour, importance, neighbours
-from twin.tune.trials import Trials
+from twin.tune.search import best_of, rounded, searched
+from twin.tune.trials import Indicators, Trials
+
+CONFIDENCE = 0.95
+QUANTILES = (0.5, 0.9, 1.0)
+
+
+def upper_bound(failures: int, rigs: int, confidence: float = CONFIDENCE) -> float:
+    """The failure rate that so few failures exclude with a confidence, one-sided, exact.
+
+    Clopper and Pearson 1934: the p at which at most so many failures of so many rigs have the
+    probability 1 - confidence.
+
+    Args:
+        failures: How many rigs failed.
+        rigs: Of how many that were drawn independently.
+        confidence: Between 0 and 1.
+    """
+    less = stats.binomtest(failures, rigs, alternative="less")
+    return float(less.proportion_ci(confidence, method="exact").high)
+
+
+def certified(tune: Tune, found: Indicators) -> dict[str, Any]:
+    """What the runs on fresh rigs certify, as ``--json`` says it.
+
+    Rigs and how many of them did not finish every task, the rate of failure that this excludes, the
+    mean cost of the worst share of them, None if one failed. Of each task: how many finished it,
+    quantiles of its indicator over those, the median root mean square effort in rad/s^2, and the
+    indicator rig by rig, None where it was not finished. At last why runs did not finish.
+
+    Args:
+        tune: With the tasks.
+        found: What they gave.
+    """
+    rigs, lost = len(found.values), found.lost
+    costs = rig_costs(found.values, np.array([task.scale for task in tune.tasks]))
+    tasks = {}
+    for task, values, effort in zip(tune.tasks, found.values.T, found.effort.T, strict=True):
+        good = values[np.isfinite(values)]
+        middle, most, largest = np.quantile(good, QUANTILES).tolist() if len(good) else (None,) * 3
+        tasks[task.name] = {
+            "finished": len(good),
+            "median": middle,
+            "quantile_90": most,
+            "largest": largest,
+            "effort": float(np.nanmedian(effort)) if len(good) else None,
+            "values": [None if np.isnan(value) else value for value in values.tolist()],
+        }
+    return {
+        "rigs": rigs,
+        "failures": lost,
+        "failure_rate_below": upper_bound(lost, rigs),
+        "confidence": CONFIDENCE,
+        "cost": None if lost else tail_mean(costs, tune.tail),
+        "tasks": tasks,
+        "reasons": found.reasons,
+    }
+
+
+STEP = 0.1
+"""Of a field, as a share of its range; of the range of its logarithm if that is searched."""
+
+
+class Neighbour(NamedTuple):
+    """The result with one field changed.
+
+    Attributes:
+        key: The field.
+        value: What it was changed to.
+        ratio: Cost over that of the result, on the rigs of the first rung; None if its controller
+            is refused, or it loses a rig.
+        kept: Whether it keeps every constraint.
+    """
+
+    key: str
+    value: float | str
+    ratio: float | None
+    kept: bool
+
+
+def neighbours(trials: Trials, chosen: Candidate) -> list[Neighbour]:
+    """The result with every field a step lower and higher, or every other value of it.
+
+    Args:
+        trials: What carries candidates out.
+        chosen: The result.
+
+    Raises:
+        TwinError: If a run cannot be carried out.
+    """
+    tune = trials.tune
+    about = tune.fields
+    moved = [
+        (key, rounded({**chosen.fields, key: value}, about))
+        for key in about
+        for value in _beside(about[key], chosen.fields[key])
+    ]
+    loops = trials.loops([point for _, point in moved])
+    ran = [(point, loop) for (_, point), loop in zip(moved, loops, strict=True) if not loop.refused]
+    points = [chosen.fields, *(point for point, _ in ran)]
+    first, *gave = trials.indicators(
+        [(point, tune.rigs[0]) for point in points], tune.draw, tune.search
+    )
+    scores = iter([score(tune, loop, found) for (_, loop), found in zip(ran, gave, strict=True)])
+    whole = score(tune, chosen.loop, first).cost
+    found = []
+    for (key, point), loop in zip(moved, loops, strict=True):
+        got = None if loop.refused else next(scores)
+        cost = None if got is None else got.cost
+        ratio = None if cost is None or not whole else cost / whole
+        found.append(Neighbour(key, point[key], ratio, got is not None and got.kept))
+    return found
+
+
+def _beside(about: Parameter, value: float | str) -> list[float | str]:
+    """Values a step beside one, within the range."""
+    if about.values is not None:
+        return [other for other in about.values if other != value]
+    assert not isinstance(value, str)
+    low, high = about.ends
+    if about.integers is not None:
+        step = max(1, round(STEP * (high - low)))
+        sides: list[float] = [value - step, value + step]
+    elif about.loguniform is not None:
+        factor = math.exp(STEP * math.log(high / low))
+        sides = [value / factor, value * factor]
+    else:
+        sides = [value - STEP * (high - low), value + STEP * (high - low)]
+    inside = [min(max(side, low), high) for side in sides]
+    return [side for side in inside if side != value]
+
+
+def importance(found: list[Neighbour]) -> dict[str, float | None]:
+    """Of each field, the largest rise of the cost by a step, as a share of it; None if it fails."""
+    keys = dict.fromkeys(each.key for each in found)
+    rises: dict[str, float | None] = {}
+    for key in keys:
+        own = [each.ratio for each in found if each.key == key]
+        rises[key] = None if None in own else max(r - 1 for r in own if r is not None)
+    return rises
 
 
 @dataclass(frozen=True, kw_only=True)

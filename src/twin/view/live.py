@@ -16,10 +16,8 @@ from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
 from twin.jobs import orphaned
 from twin.scenario.schema import Scenario
-from twin.view.layout import blueprint
-from twin.view.live_process import Address, LiveProcess, step_back
-from twin.view.recording import new_stream, send
-from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
+from twin.view.recording import blueprint, new_stream, send
 from twin.view.signals import explained
 from twin.view.streams import TIMELINE, Batch, RunStream
 from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS

@@ -1,4 +1,4 @@
-"""The mechanism as Rerun entities: shapes from the compiled model, and how they move."""
+"""Mechanism, plate and rolling ball as Rerun entities, in space and from above."""
 
 from __future__ import annotations
 
@@ -11,8 +11,152 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from controllers.arrays import Array
-from twin.view.ball import marked_ball
+from twin.hal.interface import SCREEN
+from twin.sim.plant.friction import SurfaceMap
 from twin.view.signals import Colour
+
+
+def rolled(turn: Array, position: Array, radius: float) -> Array:
+    """How a ball lies that rolls without slip along positions (K, 2), quaternions (K, 4).
+
+    A way d along the screen turns it by |d| / radius about the axis (-d_y, d_x, 0), in plate axes.
+    The first entry is ``turn``, the way it lay at the first position. Spin about the normal is not
+    seen in positions and so left out.
+    """
+    steps = np.diff(position, axis=0)
+    way = np.hypot(steps[:, 0], steps[:, 1])
+    safe = np.where(way > 0, way, 1.0)[:, None]
+    axis = np.stack((-steps[:, 1], steps[:, 0], np.zeros(len(way))), axis=1) / safe
+    half = way[:, None] / radius / 2
+    each = np.concatenate((np.sin(half) * axis, np.cos(half)), axis=1)
+    out = np.empty((len(position), 4))
+    out[0] = x, y, z, w = turn
+    for k, (a, b, c, d) in enumerate(each.tolist(), start=1):
+        x, y, z, w = (
+            d * x + a * w + b * z - c * y,
+            d * y - a * z + b * w + c * x,
+            d * z + a * y - b * x + c * w,
+            d * w - a * x - b * y - c * z,
+        )
+        out[k] = x, y, z, w
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return out
+
+
+def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
+    """A ball in two colours with a dark cap, so that one sees it roll; half axes in m."""
+    rings, sectors = 24, 32
+    lat, lon = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, sectors + 1), indexing="ij"
+    )
+    unit = np.stack((np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon), np.cos(lat)), axis=-1)
+    corner = np.arange(rings * (sectors + 1)).reshape(rings, sectors + 1)[:, :-1].ravel()
+    below = corner + sectors + 1
+    quads = np.concatenate(
+        (np.stack((corner, below, below + 1), 1), np.stack((corner, below + 1, corner + 1), 1))
+    )
+    points = unit.reshape(-1, 3)
+    # triangles share no corners, so that the colours meet in a sharp line
+    flat = points[quads].reshape(-1, 3)
+    middle = np.repeat(points[quads].mean(axis=1), 3, axis=0)
+    white, orange, dark = [248, 246, 238], [238, 120, 20], [25, 25, 25]
+    odd = (middle[:, 0] * middle[:, 1] * middle[:, 2] > 0)[:, None]
+    colours = np.where(odd, orange, white)
+    colours = np.where((np.abs(middle) > 0.93).any(axis=1)[:, None], dark, colours)
+    return rr.Mesh3D(
+        vertex_positions=flat * [radius, radius, upright],
+        vertex_normals=flat,
+        vertex_colors=colours.astype(np.uint8),
+    )
+
+
+def in_view(points: Array) -> Array:
+    """Points in m, (..., 2), as the view draws them: mm, y upwards (its own y goes down)."""
+    drawn: Array = points * np.array([1000.0, -1000.0])
+    return drawn
+
+
+def fixed(
+    root: str,
+    path: Array,
+    area: tuple[float, float],
+    surface: SurfaceMap | None,
+    *,
+    colour: Colour,
+) -> Iterator[tuple[str, rr.AsComponents]]:
+    """What does not move in the top view.
+
+    Args:
+        root: Entity of the top view.
+        path: Reference path in m, shape (K, 2).
+        area: Operating area |x|, |y| in m.
+        surface: How friction varies over the screen; None for a plain one.
+        colour: Of the ball and its trail.
+    """
+    width, height = 1000 * np.array(SCREEN)
+    yield (
+        f"{root}/screen",
+        rr.Boxes2D(
+            centers=[[0, 0]],
+            half_sizes=[[width / 2, height / 2]],
+            colors=[[120, 130, 140]],
+            radii=1.2,
+            draw_order=1.0,
+        ),
+    )
+    yield (
+        f"{root}/operating_area",
+        rr.Boxes2D(
+            centers=[[0, 0]],
+            half_sizes=[[1000 * area[0], 1000 * area[1]]],
+            colors=[[120, 170, 200]],
+            radii=0.7,
+            draw_order=2.0,
+        ),
+    )
+    corner = np.array([-0.32, -0.17])
+    tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
+    yield (
+        f"{root}/axes",
+        rr.Arrows2D(
+            origins=[in_view(corner)] * 2,
+            vectors=tips,
+            colors=[[230, 80, 80], [80, 200, 90]],
+            labels=["x", "y"],
+            radii=1.5,
+        ),
+    )
+    if surface is not None and surface.relative is not None:
+        shift = [-width / 2, -height / 2, 0.0]
+        yield f"{root}/friction_map", rr.Transform3D(translation=shift)
+        yield f"{root}/friction_map", _map(surface)
+    yield (
+        f"{root}/reference_path",
+        rr.LineStrips2D([in_view(path)], colors=[[235, 235, 235]], radii=0.6, draw_order=10.0),
+    )
+    for name, dot, radius, order in (
+        ("ball", colour, 20.0, 15.0),
+        ("measured", (160, 160, 160), 5.0, 20.0),
+        ("estimate", (230, 159, 0), 5.0, 21.0),
+        ("reference", (255, 255, 255), 5.0, 22.0),
+    ):
+        look = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
+        yield f"{root}/{name}", look
+    trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
+    yield f"{root}/trail", trail
+
+
+def _map(surface: SurfaceMap) -> rr.AsComponents:
+    """Friction as a picture of one dot per mm: dark where it is least, red where most."""
+    width, height = (round(1000 * side) for side in SCREEN)
+    x = (np.arange(width) + 0.5) / width - 0.5
+    y = 0.5 - (np.arange(height) + 0.5) / height
+    places = np.stack(np.meshgrid(SCREEN[0] * x, SCREEN[1] * y), axis=-1)
+    friction = surface(places)[0]
+    share = (friction - friction.min()) / (np.ptp(friction) or 1.0)
+    low, high = np.array([25, 35, 55]), np.array([165, 60, 40])
+    return rr.Image((low + share[..., None] * (high - low)).astype(np.uint8), draw_order=0.5)
+
 
 _BOX, _CYLINDER, _CAPSULE = (
     mujoco.mjtGeom.mjGEOM_BOX,

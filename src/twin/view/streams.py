@@ -21,10 +21,8 @@ from twin.scenario.schema import Scenario
 from twin.settings import changed
 from twin.sim.plant.model import load_model
 from twin.sim.plant.parts import Parts
-from twin.view.ball import rolled
-from twin.view.scene import Scene
+from twin.view.scene import Scene, fixed, in_view, rolled
 from twin.view.signals import RUNS, Signal, signals, tinted
-from twin.view.top_view import fixed, in_view
 
 TIMELINE = "simulated time [s]"
 FRAMES = 50.0

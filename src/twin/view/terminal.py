@@ -20,8 +20,7 @@ from twin.jobs import orphaned
 from twin.run.assemble import build_reference
 from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
-from twin.view.live_process import Address, step_back
-from twin.view.shared_ring_buffer import SharedRingBuffer
+from twin.view.live_process import Address, SharedRingBuffer, step_back
 
 SHOWN_EVERY = 0.5
 """Seconds between two updates on a terminal; half a kilobyte each."""

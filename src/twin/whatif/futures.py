@@ -1,29 +1,202 @@
-"""From a run folder or a log to several futures of one moment, and their folder."""
+"""From a run folder or a log to several futures of one moment, their folder and their page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twin.errors import RecordError
+from controllers.interfaces import Measurement
+from twin.errors import RecordError, ScenarioError
 from twin.jobs import SecondProcess
-from twin.run.assemble import build_reference
-from twin.run.files import WHATIF, forget_listed, free, record_of
-from twin.run.finished import Run, drawn, open_run, versions
+from twin.page import Block, Picture, Text, Verdict, digits, html
+from twin.report.numbers import IndicatorRow, all_rows, indicators
+from twin.run.assemble import assemble, build_reference
+from twin.run.files import WHATIF, forget_listed, free, record_of, short_key, slug
+from twin.run.finished import Run, drawn, open_run, record_run, versions
+from twin.run.loop import drive
 from twin.run.metrics import Motion
-from twin.scenario.load import load
-from twin.scenario.schema import Scenario
-from twin.whatif.branch import branch
-from twin.whatif.exact import exact
-from twin.whatif.future import Future, future, save
-from twin.whatif.moment import Moment
-from twin.whatif.page import page
-from twin.whatif.recorded import save_recorded
+from twin.run.record import Recorder
+from twin.scenario.load import check, load, put, setting
+from twin.scenario.schema import JUMPS, RAMPS, Scenario
+from twin.whatif.moment import LOOK_BACK, Moment, Recorded, exact, save_recorded, take_over
 from twin.writing import write_json, write_whole
+
+CONTROL = ("controller.", "observer.", "predictor.", "reference.")
+"""Beginnings of the keys that belong to the controller and its task."""
+
+
+def branch(scenario: Scenario, at: float, end: float, settings: Sequence[str]) -> Scenario:
+    """The scenario of a future in which something is changed at a moment.
+
+    What belongs to the controller is another one from the beginning; what belongs to the plant
+    changes at the moment, as ``[[change]]`` does.
+
+    Args:
+        scenario: Of the run.
+        at: The moment, s.
+        end: Time of the run in s at which the future ends.
+        settings: ``key=value`` each.
+
+    Raises:
+        ScenarioError: If a key cannot change while a rig runs, or a value is out of range.
+    """
+    values = dict(map(setting, settings))
+    plant = {key: value for key, value in values.items() if key in RAMPS + JUMPS}
+    for key in values:
+        if key not in plant and not key.startswith(CONTROL):
+            raise ScenarioError(
+                f"--set {key}: cannot change while a plant runs (what can: "
+                f"{', '.join(f'{begin}*' for begin in CONTROL)}, {', '.join(RAMPS + JUMPS)})"
+            )
+    tables = scenario.model_dump(mode="json")
+    control = {key: value for key, value in values.items() if key not in plant}
+    tables = put(tables, [*control.items(), ("duration", end), ("baseline", False)])
+    later: list[Mapping[str, Any]] = [each for each in tables["change"] if each["at"] < end]
+    tables["change"] = [*later, *([{"at": at, "set": plant}] if plant else [])]
+    tables["metrics"]["start"] = max(at, min(scenario.metrics.start, at + (end - at) / 2))
+    what = ", ".join(settings) or "unchanged"
+    tables["title"] = f"{scenario.title} ({what} from {at:g} s on)"
+    return check(tables, "what-if")
+
+
+@dataclass(frozen=True)
+class Future:
+    """What would have happened.
+
+    Attributes:
+        settings: What was changed, ``key=value`` each; none for nothing.
+        run: The run from the moment on.
+        max_difference: Largest distance in m of its ball from the recorded one, where the record
+            goes on; None if it does not.
+    """
+
+    settings: tuple[str, ...]
+    run: Run
+    max_difference: float | None
+
+    @property
+    def label(self) -> str:
+        """What it is called in pictures and tables."""
+        return ", ".join(self.settings) or "unchanged"
+
+    @property
+    def name(self) -> str:
+        """The label in its shortest form, as the name of its folder."""
+        pairs = (text.partition("=") for text in self.settings)
+        return slug("-".join(f"{short_key(key)}={value}" for key, _, value in pairs) or self.label)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "set": [*self.settings],
+            **self.run.metrics,
+            "max_difference_m": self.max_difference,
+        }
+
+
+def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Future:
+    """Go on from a moment.
+
+    Args:
+        moment: The moment.
+        scenario: Of the branch.
+        settings: What it changes.
+
+    Raises:
+        TwinError: If the branch cannot be assembled.
+    """
+    rig, controller = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    period = scenario.rig.period
+
+    def begin(_: Measurement) -> Measurement:
+        take_over(controller, moment.controller(), moment.scenario, scenario)
+        return moment.put(rig)
+
+    ticks = round(scenario.duration / period) - round(moment.at / period)
+    record = Recorder(ticks, 1, period, rig.channels, controller.observer.knows)
+    (outcome,) = drive(rig, controller, scenario.duration, record, begin=begin)
+    run = Run.of(
+        scenario,
+        record,
+        outcome,
+        controller.reference,
+        real_time_factor=float("nan"),
+        journal=rig.journal,
+    )
+    return Future(settings, run, difference(moment.recorded, run.motion, period))
+
+
+def difference(recorded: Recorded, motion: Motion, period: float) -> float | None:
+    """Largest distance in m of a motion's ball from the recorded one at the periods of both."""
+    ticks = [np.rint(time / period).astype(int) for time in (recorded.time, motion.time)]
+    _, known, own = np.intersect1d(*ticks, return_indices=True)
+    apart = np.hypot(*(recorded.ball[known] - motion.ball[own]).T)
+    apart = apart[np.isfinite(apart)]
+    return float(apart.max()) if len(apart) else None
+
+
+def save(each: Future, moment: Moment, folder: Path) -> None:
+    """Write the run folder of a future.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    origin = {"of": moment.name, "at": moment.at, "exact": moment.exact, "set": [*each.settings]}
+    record_run(each.run, folder, {"branch": origin})
+
+
+POOR = 5.0
+"""Millimetres that twin and record may be apart before a branch that is to be trusted."""
+
+
+def agreement(moment: Moment) -> str:
+    """How well the twin knows where the futures begin, in words."""
+    state = "the run's own state" if moment.exact else "the state estimated from the log"
+    begins = f"{moment.name} from {moment.at:g} s on, {state}"
+    if moment.before_mm is None:
+        return begins
+    return (
+        f"{begins}; in the second before, twin and record are {moment.before_mm:.2g} mm apart at "
+        "most"
+    )
+
+
+def page(moment: Moment, found: Sequence[Future], picture: bytes) -> str:
+    """One HTML file that needs nothing else.
+
+    Args:
+        moment: Where the futures begin.
+        found: The futures.
+        picture: Record and futures over each other, as PNG.
+    """
+    before, sentences = moment.before_mm, [f"{agreement(moment)}."]
+    if before is None:
+        sentences.append(
+            f"There is no whole {LOOK_BACK:g} s before it to compare twin and record over: nothing "
+            "says whether the twin is right."
+        )
+    elif before > POOR:
+        sentences.append(
+            f"That is more than {POOR:g} mm: the twin does not fit, and a future is no better."
+        )
+    found_rows = all_rows([each.run.metrics for each in found])
+    apart = tuple(digits(each.max_difference, "mm") for each in found)
+    found_rows.append(IndicatorRow("most from the record", "mm", apart))
+    title = f"What if: {moment.name} from {moment.at:g} s on"
+    blocks: list[Block] = [
+        Verdict(sentences, before is not None and before <= POOR),
+        Picture("Record and futures", picture),
+        indicators("The futures", found_rows, [each.label for each in found]),
+    ]
+    if moment.notes:
+        blocks.append(Text(moment.notes, "The record"))
+    return html(title, blocks)
+
 
 SHOWN_BEFORE = 2.0
 """Time in s before the moment that the picture shows."""
@@ -113,8 +286,7 @@ def _not_repeated(run: Run, at: float) -> tuple[str, ...]:
 def _estimated(name: str, file: Path, scenario: Scenario, at: float) -> Moment:
     """A moment of what was measured."""
     from twin.identify.log import read  # noqa: PLC0415  heavy: loaded when needed
-    from twin.whatif.estimated import estimated  # noqa: PLC0415
-    from twin.whatif.judge import judge  # noqa: PLC0415
+    from twin.whatif.moment import estimated, judge  # noqa: PLC0415
 
     return estimated(name, judge(read(file), scenario, at), scenario, at)
 

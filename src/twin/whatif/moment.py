@@ -1,16 +1,80 @@
-"""A moment of a run, from which futures go on: where a rig and its controller are then."""
+"""A moment from which futures go on: where a rig and its controller are then.
+
+Of a simulated run it is simulated again from the last snapshot before it, to the bit; along a log
+the twin is led, and let go in the state that the log shows, if the log is fit for that.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
-from controllers.arrays import Array
+import numpy as np
+
+from controllers.arrays import Array, Mask
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
+from twin.errors import RecordError
+from twin.hal.supervisor import State
+from twin.identify.log import Log
+from twin.identify.log_checks import check_ranges
+from twin.run.assemble import assemble, build_controller
+from twin.run.finished import Run, versions
+from twin.run.loop import drive
+from twin.run.record import CHANNELS, Recorder, write_run
+from twin.run.state import Snapshot, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
+
+HALF = 0.08
+"""Half of the time in s over which a parabola is fitted."""
+FEWEST = 5
+"""Touches that a parabola needs."""
+
+
+def touches(log: Log, dead_time: float) -> tuple[Array, Array]:
+    """When the ball was where, shapes (K,) in s and (K, 2) in m: one entry a new sample.
+
+    Args:
+        log: The log.
+        dead_time: Time in s from a touch to its arrival.
+    """
+    shown = log.time - log.age - dead_time
+    seen = log.touched & np.isfinite(log.ball).all(axis=1) & np.isfinite(shown)
+    time, ball = shown[seen], log.ball[seen]
+    # a sample that waits is one and the same, read again
+    new = np.concatenate(([True], np.diff(time) > 1e-6)) if len(time) else np.zeros(0, bool)
+    return time[new], ball[new]
+
+
+def path(time: Array, samples: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Position in m and velocity in m/s at some times, each (M, 2); NaN where too little is known.
+
+    Of a parabola through the samples about each time, by least squares.
+
+    Args:
+        time: In s, shape (M,).
+        samples: Times in s, shape (K,), and positions in m, shape (K, 2).
+    """
+    known, ball = samples
+    found = np.full((len(time), 2, 2), np.nan)
+    first, last = np.searchsorted(known, time - HALF), np.searchsorted(known, time + HALF)
+    enough = np.flatnonzero(last - first >= FEWEST)
+    about = known[first[enough]] <= time[enough], known[last[enough] - 1] >= time[enough]
+    rows = enough[about[0] & about[1]]
+    at = first[rows, None] + np.arange(np.max(last - first, initial=0))
+    there = at < last[rows, None]
+    at = np.minimum(at, len(known) - 1)
+    s = np.where(there, (known[at] - time[rows, None]) / HALF, 0.0)
+    powers = there[..., None] * s[..., None] ** np.arange(3)
+    flipped = powers.swapaxes(1, 2)
+    fitted = np.linalg.solve(flipped @ powers, flipped @ ball[at])
+    found[rows, 0], found[rows, 1] = fitted[:, 0], fitted[:, 1] / HALF
+    return found[:, 0], found[:, 1]
+
 
 LOOK_BACK = 1.0
 """Time in s before a moment over which twin and record are compared."""
@@ -82,3 +146,387 @@ def take_over(new: Controller, old: Controller, was: Scenario, now: Scenario) ->
         new.observer.start(old.observer.x)
     if now.reference == was.reference:
         new.reference = old.reference
+
+
+EXACTLY = 1e-9
+"""Largest distance in m at which a run counts as simulated again."""
+
+
+def exact(run: Run, file: Path, at: float) -> Moment:
+    """A moment of a simulated run of this version.
+
+    Args:
+        run: The run, opened.
+        file: Its record.
+        at: The moment, s; a whole number of periods within the run.
+
+    Raises:
+        RecordError: If the run ends before the twin gets there.
+    """
+    before = [each for each in snapshots_of(file) if each.time < at + 1e-9]
+    snapshot, times, ball = _simulated_again(run.scenario, before[-1] if before else None, at)
+    motion = run.motion
+    known = motion.ball[np.searchsorted(motion.time, times - 1e-9)]
+    last = times > at - LOOK_BACK
+    apart = float(np.hypot(*(ball - known)[last].T).max()) if last.any() else None
+    return Moment(
+        name=run.name,
+        at=at,
+        scenario=run.scenario,
+        recorded=Recorded(motion.time, motion.ball, motion.plate, motion.u),
+        columns=run.rows,
+        exact=True,
+        before_mm=None if apart is None else 1000 * apart,
+        controller=partial(_controller, run.scenario, snapshot),
+        put=snapshot.restore,
+        notes=(
+            ("simulated again, the run is another: the program has changed since it was recorded",)
+            if apart is not None and apart > EXACTLY
+            else ()
+        ),
+    )
+
+
+def _controller(scenario: Scenario, snapshot: Snapshot) -> Controller:
+    """The controller of a scenario in the state of a snapshot."""
+    controller = build_controller(scenario)
+    controller.start(snapshot.measured)
+    snapshot.restore_controller(controller)
+    return controller
+
+
+def _simulated_again(
+    scenario: Scenario, since: Snapshot | None, at: float
+) -> tuple[Snapshot, Array, Array]:
+    """The state at a moment; times in s, shape (K,), and places of the ball in m on the way there.
+
+    Raises:
+        RecordError: If the run ends before.
+    """
+    rig, controller = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    period = scenario.rig.period
+    record = Recorder(round(at / period) + 1, 1, period, rig.channels, keep=("state",))
+    kept: list[Snapshot] = []
+
+    def keep(tick: int, measurement: Measurement) -> None:
+        if tick == round(at / period):
+            kept.append(Snapshot.take(rig, controller, measurement))
+
+    begin = None if since is None else lambda _: since.restore(rig, controller)
+    drive(rig, controller, at + period, record, begin=begin, keep=keep)
+    if not kept:
+        raise RecordError(f"--at {at:g}: the twin's run ended before, at {record.end:g} s")
+    return kept[0], record.time[:-1], record["state"][:-1, 0, 0::4]
+
+
+MISSED = 0.05
+"""Time in s from one row to the next from which on there is a gap; a loop that is late for less
+leaves the last command in force, which is known."""
+UNSEEN = 0.1
+"""Time in s between two touches from which on the ball's path has a gap."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usable:
+    """A log that the twin can go on from, its incomplete rows left out.
+
+    Attributes:
+        time: Of the rows, s, shape (K,).
+        ball: Measured x and y in m, shape (K, 2); where the screen felt none, the last ones.
+        plate: Measured phi and theta in rad, shape (K, 2).
+        age: Seconds since the ball's position arrived, shape (K,).
+        touched: Whether the screen felt the ball, shape (K,).
+        command: Commanded plate rates in rad/s from each row on, shape (K, 2).
+        samples: When the ball was where: times in s, (M,), and positions in m, (M, 2).
+        gaps: Beginning and end in s of where the log has nothing.
+        notes: A sentence on the gaps; none without.
+    """
+
+    time: Array
+    ball: Array
+    plate: Array
+    age: Array
+    touched: Mask
+    command: Array
+    samples: tuple[Array, Array]
+    gaps: tuple[tuple[float, float], ...]
+    notes: tuple[str, ...]
+
+    def unbroken_since(self, at: float) -> float:
+        """Time in s from which on there is no gap before a moment."""
+        ends = [end for _, end in self.gaps if end <= at]
+        return max([float(self.time[0]), *ends])
+
+    def measurement(self, row: int) -> Measurement:
+        """What the rig handed over in a row."""
+        y = np.empty((1, 4))
+        y[0, 0::2], y[0, 1::2] = self.ball[row], self.plate[row]
+        one = slice(row, row + 1)
+        return Measurement(float(self.time[row]), y, self.age[one], self.touched[one])
+
+    def commanded(self, time: Array) -> Array:
+        """Plate rates in rad/s in force at some times, shape (M, 2)."""
+        return self.command[np.maximum(0, np.searchsorted(self.time, time + 1e-9) - 1)]
+
+
+def judge(log: Log, scenario: Scenario, at: float) -> Usable:
+    """The log as the twin can use it.
+
+    Args:
+        log: As it was read.
+        scenario: What ran.
+        at: The moment from which to go on, s.
+
+    Raises:
+        RecordError: If it has no commands, or does not know the moment.
+        LogError: If it is of another rig, or in another unit.
+    """
+    if log.command is None:
+        raise RecordError(
+            f"{log.source}: no commands; what-if needs applied_phi_acc and applied_theta_acc, or "
+            "applied_phi_rate and applied_theta_rate"
+        )
+    whole = np.isfinite(np.column_stack((log.time, log.plate, log.command))).all(axis=1)
+    time, period = log.time[whole], scenario.rig.period
+    _check_rows(log, time, period)
+    check_ranges(log.rows(whole))
+    if not time[0] - period / 2 <= at <= time[-1] + period / 2:
+        raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
+    samples = touches(log, scenario.sensors.touch.dead_time)
+    missing, unseen = _between(time, MISSED), _between(samples[0], UNSEEN)
+    gaps = _joined([*missing, *unseen])
+    for begin, end in gaps:
+        if begin < at < end:
+            raise RecordError(f"--at {at:g}: {log.source} has a gap from {begin:g} to {end:g} s")
+    if not np.isfinite(path(np.array([at]), samples)[0]).all():
+        raise RecordError(
+            f"--at {at:g}: {log.source}: the ball is not seen often enough about then"
+        )
+    ball, touched = log.ball[whole], log.touched[whole]
+    felt = touched & np.isfinite(ball).all(axis=1)
+    held = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), np.argmax(felt)))
+    return Usable(
+        time=time,
+        ball=ball[held],
+        plate=log.plate[whole],
+        age=log.age[whole],
+        touched=felt,
+        command=log.command[whole],
+        samples=samples,
+        gaps=gaps,
+        notes=_told(log.source, gaps),
+    )
+
+
+def _told(source: str, gaps: tuple[tuple[float, float], ...]) -> tuple[str, ...]:
+    """The gaps in a sentence; none without gaps."""
+    if not gaps:
+        return ()
+    spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in gaps[:3])
+    more = f" and {len(gaps) - 3} more" if len(gaps) > 3 else ""
+    return (f"{source}: gaps, which nothing is put into: {spans}{more}",)
+
+
+def _check_rows(log: Log, time: Array, period: float) -> None:
+    steps = np.diff(time)
+    if len(time) < 2 or not (steps > 0).all():
+        raise RecordError(f"{log.source}: time: must rise from row to row")
+    own = float(np.median(steps))
+    if abs(own - period) > 0.1 * period:
+        raise RecordError(
+            f"{log.source}: a row every {1000 * own:.3g} ms, but the scenario has rig.period = "
+            f"{period:g} s; is it a log of this rig?"
+        )
+
+
+def _between(time: Array, longest: float) -> list[tuple[float, float]]:
+    """Where two neighbouring times are too far apart."""
+    wide = np.flatnonzero(np.diff(time) > longest)
+    return [(float(time[row]), float(time[row + 1])) for row in wide.tolist()]
+
+
+def _joined(gaps: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Gaps in the order of time, those that overlap as one."""
+    found: list[tuple[float, float]] = []
+    for begin, end in sorted(gaps):
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], max(end, found[-1][1])
+        else:
+            found.append((begin, end))
+    return tuple(found)
+
+
+def columns_of(log: Usable) -> dict[str, Array]:
+    """A log as the columns of a record.
+
+    The estimate is the smoothed path, with the encoders' angles and the commanded rates; what was
+    requested before the clamps nobody knows.
+    """
+    ball, velocity = path(log.time, log.samples)
+    period = float(np.median(np.diff(log.time)))
+    applied = np.diff(log.command, axis=0, prepend=log.command[:1]) / period
+    known = {
+        "measured": np.stack(
+            (log.ball[:, 0], log.plate[:, 0], log.ball[:, 1], log.plate[:, 1]), axis=1
+        ),
+        "age": log.age[:, None],
+        "touched": log.touched[:, None],
+        "estimate": np.stack(
+            [
+                values[:, axis]
+                for axis in (0, 1)
+                for values in (ball, velocity, log.plate, log.command)
+            ],
+            axis=1,
+        ),
+        "requested": np.full_like(applied, np.nan),
+        "applied": applied,
+        "supervisor": np.full((len(log.time), 1), float(State.RUNNING)),
+    }
+    found = {"time": log.time}
+    for name, values in known.items():
+        found |= dict(zip(CHANNELS[name].columns, values.T, strict=True))
+    return found
+
+
+def save_recorded(moment: Moment, begin: float, end: float, folder: Path) -> None:
+    """Write what was recorded from one time in s to another as a run folder.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    time = moment.columns["time"]
+    shown = (time > begin - 1e-9) & (time < end + 1e-9)
+    rows = {name: values[shown] for name, values in moment.columns.items()}
+    state = [name for each in CHANNELS.values() for name in each.columns]
+    plant = tuple(name for name in rows if name not in {"time", "rig", *state})
+    record = Recorder(int(shown.sum()), 1, moment.scenario.rig.period, plant)
+    record.begin_with(rows)
+    part = {"of": moment.name, "at": moment.at, "recorded": True}
+    scenario = moment.scenario.model_dump(mode="json")
+    metadata = {"scenario": scenario, "versions": versions(), "branch": part}
+    write_run(folder, record, metadata)
+
+
+LED = 0.6
+"""Time in s for which the twin is led along the log before it is let go."""
+CATCH_UP = 0.3
+"""Time in s of it within which the plate gets from level to where the log has it."""
+DRAWN = 0.1
+"""Time constant in s with which the plate is kept on the log's angles."""
+WARMED = 8.0
+"""Longest time in s for which an observer is warmed; a law with a memory sees the whole log."""
+
+
+def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
+    """A moment of a log.
+
+    Args:
+        name: What the log is called.
+        log: Fit for it, see ``judge``.
+        scenario: What ran.
+        at: The moment, s; a whole number of periods within the log.
+    """
+    columns = columns_of(log)
+    ball, u = (
+        np.stack([columns[name] for name in names], axis=1)
+        for names in (("estimated_x", "estimated_y"), CHANNELS["applied"].columns)
+    )
+    return Moment(
+        name=name,
+        at=at,
+        scenario=scenario,
+        recorded=Recorded(log.time, ball, log.plate, u),
+        columns=columns,
+        exact=False,
+        before_mm=_apart(log, scenario, at),
+        controller=partial(_warmed, log, scenario, at),
+        put=partial(_led, log, at),
+        gaps=log.gaps,
+        notes=log.notes,
+    )
+
+
+def _warmed(log: Usable, scenario: Scenario, at: float) -> Controller:
+    """The controller of a scenario, having seen the log up to a moment and no gap."""
+    controller = build_controller(scenario)
+    since = log.unbroken_since(at)
+    if not controller.law.memory:
+        since = max(since, at - WARMED)
+    rows = np.flatnonzero((log.time > since - 1e-9) & (log.time < at - 1e-9))
+    for number, row in enumerate(rows.tolist()):
+        measurement = log.measurement(row)
+        if number == 0:
+            controller.start(measurement)
+            controller.rate = log.command[max(row - 1, 0)][None]
+        controller.command(measurement)
+        controller.applied(log.command[row : row + 1])
+    return controller
+
+
+def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measurement:
+    """Lead a rig along the log up to a moment and let it go there."""
+    period = rig.period
+    ticks = min(round(led / period), round((at - log.unbroken_since(at)) / period))
+    begin = at - ticks * period
+    rig.devices.begin_at(begin)
+    times = begin + period * np.arange(ticks + 1)
+    angle = _counted_less(
+        np.stack([np.interp(times, log.time, log.plate[:, axis]) for axis in (0, 1)], axis=1)
+    )
+    rate = log.commanded(times)
+    share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
+    blend = share**2 * (3 - 2 * share)
+    ball, velocity = path(times, log.samples)
+    state = np.stack((ball[:, 0], velocity[:, 0], ball[:, 1], velocity[:, 1]), axis=1)
+    # right after a gap the path is not known yet: the ball is kept where it is known first
+    known = np.isfinite(state).all(axis=1)
+    state = state[np.maximum(np.arange(ticks + 1), int(np.argmax(known)))]
+    rig.devices.place(state[:1])
+    rig.devices.forget()
+    rig.supervisor.forget_ball()
+    for tick in range(ticks):
+        rig.devices.place(state[tick : tick + 1])
+        rig.read()
+        # d/dt (blend angle), and what draws the plate there
+        rising = (blend[tick + 1] - blend[tick]) / period
+        steered = blend[tick] * rate[tick] + rising * angle[tick]
+        lacking = blend[tick] * angle[tick] - rig.supervisor.angle[0]
+        rig.write((steered + lacking / DRAWN)[None])
+        rig.wait()
+    rig.devices.place(state[ticks : ticks + 1])
+    rig.supervisor.rate = log.commanded(np.array([at - period]))
+    return rig.read()
+
+
+def _counted_less(angle: Array, rows: int = 10) -> Array:
+    """Angles of encoders, shape (K, 2), as means over some rows on both sides."""
+    padded = np.pad(angle, ((rows, rows), (0, 0)), mode="reflect", reflect_type="odd")
+    total = np.cumsum(np.concatenate((np.zeros((1, 2)), padded)), axis=0)
+    mean: Array = (total[2 * rows + 1 :] - total[: -2 * rows - 1]) / (2 * rows + 1)
+    return mean
+
+
+def _apart(log: Usable, scenario: Scenario, at: float) -> float | None:
+    """Largest distance in mm of twin and log over the last second, under the log's commands."""
+    begin = at - LOOK_BACK
+    period = scenario.rig.period
+    if log.unbroken_since(at) > begin - LED / 2:
+        return None
+    rig, _ = assemble(scenario)
+    rig.LEVELLING_TIME = 0.0
+    times = begin + period * np.arange(round(LOOK_BACK / period))
+    found: list[Array] = []
+    with rig:
+        rig.read()
+        rig.start()
+        _led(log, begin, rig)
+        for rate in log.commanded(times):
+            rig.write(rate[None])
+            rig.wait()
+            rig.read()
+            found.append(rig.devices.state[0, 0::4])
+    known, _ = path(times + period, log.samples)
+    apart = np.hypot(*(np.array(found) - known).T)
+    return float(1000 * np.nanmax(apart)) if np.isfinite(apart).any() else None

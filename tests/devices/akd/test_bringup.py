@@ -5,11 +5,9 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.network import Network
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
-from twin.emulator.virtual import EmulatedPlant
+from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
 from twin.run.assemble import build_limits
 

@@ -7,11 +7,8 @@ import pytest
 from twin.devices.akd import conditions as c
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
-from twin.devices.akd.config import RPM, AkdConfig
-from twin.devices.akd.watch import MonitorConfig
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_power import Power
-from twin.emulator.drive_settings import DriveSettings
+from twin.devices.akd.config import RPM, AkdConfig, MonitorConfig
+from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, still
 from twin.hal.interface import Severity
 from twin.safety import drive_causes as cause_of

@@ -6,10 +6,10 @@ import can
 import pytest
 
 from twin.devices.akd import conditions as c
+from twin.devices.akd.bus import CanTransport
 from twin.devices.akd.conditions import DriveError, FaultReports
-from twin.devices.akd.transport import CanTransport
 from twin.emulator.can_faults import Frame, Towards
-from twin.emulator.drive_power import Power
+from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepDrives
 
 RATE = struct.Struct("<Hi").pack(0x0F, round(1.2 * 9549.297))

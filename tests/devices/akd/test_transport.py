@@ -8,11 +8,9 @@ import can
 import pytest
 from can.interfaces.slcan import slcanBus
 
-from twin.devices.akd.bus import open_bus
+from twin.devices.akd.bus import CanTransport, PromptSlcanBus, open_bus
 from twin.devices.akd.conditions import GARBLED, DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
-from twin.devices.akd.slcan_bus import PromptSlcanBus
-from twin.devices.akd.transport import CanTransport
 
 
 class Loopback(can.BusABC):

@@ -11,8 +11,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import kept
 from twin.devices.akd.units import Quantity
-from twin.emulator.drive import EmulatedDrive
-from twin.emulator.drive_settings import DriveSettings
+from twin.emulator.drive import DriveSettings, EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives
 
 SPEED, RAMP = 6000, 30_000

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError
-from twin.devices.lumio.calibration_fit import fit
+from twin.devices.lumio.calibration import Calibration, CalibrationError, fit
 
 SHARE = st.floats(0, 1)
 

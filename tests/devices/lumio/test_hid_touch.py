@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio import transports
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.hid_descriptor import parse
-from twin.devices.lumio.hid_touch import HidDecoder, TouchLayout
+from twin.devices.lumio.hid import HidDecoder, TouchLayout, parse
 from twin.devices.lumio.protocols import DECODERS
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.transports import HIDIOCGRDESC, HIDIOCGRDESCSIZE, ScreenError

@@ -6,8 +6,7 @@ import pytest
 
 from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.detector import Detector
-from twin.devices.lumio.protocols import DECODERS
+from twin.devices.lumio.protocols import DECODERS, Detector
 from twin.devices.lumio.stream import TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 from twin.sim.plant.exact import SCREEN

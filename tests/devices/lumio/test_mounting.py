@@ -9,9 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError, read_calibration
-from twin.devices.lumio.calibration_fit import DOUBT, fit, outlier
-from twin.devices.lumio.mounting import Mounting
+from twin.devices.lumio.calibration import (
+    DOUBT,
+    Calibration,
+    CalibrationError,
+    Mounting,
+    fit,
+    outlier,
+    read_calibration,
+)
 
 POINTS = np.array([(x, y) for y in (-0.15, 0, 0.15) for x in (-0.28, 0, 0.28)])
 

@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.detector import Detector, Doubt
 from twin.devices.lumio.protocols import (
     DECODERS,
+    Detector,
+    Doubt,
     EloDecoder,
     Hid0006Decoder,
     Hid0007Decoder,

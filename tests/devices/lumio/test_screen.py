@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.presence import TouchState
 from twin.devices.lumio.screen import LumioScreen
+from twin.devices.lumio.stream import TouchState
 from twin.devices.lumio.transports import ScreenError
-from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.screen import EmulatedScreen, ScreenFault, ScreenLine
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.screen_faults import ScreenFault
 
 pytestmark = pytest.mark.real_time
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.conditions import CONDITIONS
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.presence import Presence, TouchState, touch_state
-from twin.devices.lumio.stream import TouchStream
+from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.sim.plant.exact import SCREEN
 

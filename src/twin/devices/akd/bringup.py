@@ -1,7 +1,14 @@
-"""Bring-up of the drives over SDO: identity, settings, PDO mapping, heartbeat monitoring."""
+"""Bring-up of the drives over SDO: identity, safe settings, PDO mapping, heartbeats, current limit.
+
+Currents count in 0.001 A and the torque constant in 0.001 N m/A, which the defaults of the vendor's
+EDS suggest (MOTOR.ICONT 9900, MOTOR.IPEAK 29 700). Their product, the motor's continuous torque, is
+known from its datasheet: it tells whether both are read rightly, and whether the drive knows its
+motor.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,6 +16,8 @@ from typing import NamedTuple
 import can
 
 from twin.devices.akd import cia402, frames
+from twin.devices.akd.axis import difference
+from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import (
     BIT_RATE,
     DUPLICATE_ID,
@@ -20,13 +29,191 @@ from twin.devices.akd.conditions import (
     DriveError,
 )
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.current import current_limit
 from twin.devices.akd.dictionary import PDO_INVALID
 from twin.devices.akd.network import Network, Remote, absent
-from twin.devices.akd.preconditions import Precondition, read_preconditions
-from twin.devices.akd.second_master import master_frames
-from twin.devices.akd.standstill import take_torque_away
 from twin.devices.akd.units import read_units
+
+BY_HAND = (
+    "DRV.TYPE is CANopen",
+    "DRV.CMDSOURCE is 1 (fieldbus)",
+    "with everything off there are 60 ohm between CANH and CANL: a terminator at either end",
+)
+"""What no object of the drive tells: to be looked at in WorkBench, and measured."""
+
+
+class Precondition(NamedTuple):
+    """One setting.
+
+    Attributes:
+        name: What it is called in the drive.
+        seen: Its value in words.
+        advice: What to do; empty if it is as it should be.
+    """
+
+    name: str
+    seen: str
+    advice: str
+
+
+def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
+    """What the drive says; a setting that this drive does not have is left out.
+
+    Raises:
+        DriveError: If the drive does not answer.
+    """
+    checks = (
+        (0x36E5, lambda value: _bit_rate(value, config.bus.bitrate // 1000)),
+        (0x3506, _hardware_enable),
+        (0x3498, _protection),
+    )
+    values = ((remote.read_if_there(index), judge) for index, judge in checks)
+    return tuple(judge(value) for value, judge in values if value is not None)
+
+
+def _bit_rate(value: int, configured: int) -> Precondition:
+    name = "FBUS.PARAM01 (bit rate)"
+    if value == configured:
+        return Precondition(name, f"{value} kbit/s", "")
+    advice = f"set it to {configured} in the drive and power-cycle it"
+    if value == 0:
+        return Precondition(name, "automatic: found from the first frames at power-up", advice)
+    return Precondition(name, f"{value} kbit/s from the next power-up on", advice)
+
+
+def _hardware_enable(value: int) -> Precondition:
+    name = "DRV.HWENMODE"
+    if value:
+        return Precondition(name, "the hardware enable clears no faults", "")
+    seen = "an edge of the hardware enable clears faults, though nobody asked for --reset"
+    return Precondition(name, seen, "set it to 1 in the drive")
+
+
+def _protection(value: int) -> Precondition:
+    name = "FBUS.PROTECTION"
+    if value:
+        return Precondition(name, "other tools cannot write while the bus runs", "")
+    seen = "WorkBench can write while the bus runs"
+    return Precondition(name, seen, "set it to 1 in the drive, or keep WorkBench closed")
+
+
+_RPDOS = 4
+
+
+def master_frames(config: AkdConfig) -> dict[int, str]:
+    """Identifiers of those frames, and what each is in words.
+
+    Args:
+        config: Nodes of the drives and of the host.
+    """
+    beat = frames.HEARTBEAT + config.host
+    known = {
+        frames.NMT: "NMT commands (000h)",
+        frames.SYNC: "SYNC (080h)",
+        beat: f"a heartbeat of node {config.host} ({beat:03X}h), "
+        "so the drives would not notice that this host falls silent",
+    }
+    for axis in config.axes:
+        for number in range(_RPDOS):
+            command = frames.RPDO1 + 0x100 * number + axis.node
+            known[command] = f"RPDO{number + 1} to {axis.where} ({command:03X}h)"
+        request = frames.SDO_REQUEST + axis.node
+        known[request] = f"SDO requests to {axis.where} ({request:03X}h)"
+    return known
+
+
+_PATIENCE = 3.0
+"""Longest wait in s for a drive that was found turning."""
+_POLL = 0.01
+"""Time in s between two readings of the position."""
+_STILL = 5e-5
+"""Motion in rad between them that counts as none."""
+
+_TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION}
+
+
+def take_torque_away(remote: Remote) -> None:
+    """Bring a drive from any state to rest without torque, whatever its quick stop option says.
+
+    With option 6 (605Ah), and by one reading of the manual with every option, a quick stop ends
+    at rest with torque: then, and when it takes too long, the voltage is disabled.
+
+    Raises:
+        DriveError: If the drive does not answer, keeps its torque, or does not come to rest.
+    """
+    remote.write(0x60FF, 0, 0)
+    network = remote.network
+    deadline = network.now() + _PATIENCE
+    while (state := cia402.state(remote.read(0x6041))) in _TORQUE and network.now() < deadline:
+        resting = _moved(remote) < _STILL
+        over = state is DriveState.QUICK_STOP and resting
+        remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE if over else cia402.QUICK_STOP)
+    remote.write(0x6040, 0, cia402.DISABLE_VOLTAGE)
+    status = remote.read(0x6041)
+    if cia402.state(status) in _TORQUE:
+        detail = f"keeps its torque (status word {status:04X}h); open the STO circuit, then look"
+        raise DriveError(WRONG_SETTING, remote.axis.where, detail)
+    deadline = network.now() + _PATIENCE
+    while _moved(remote) >= _STILL:
+        if network.now() > deadline:
+            raise DriveError(WRONG_SETTING, remote.axis.where, "does not come to rest")
+
+
+def _moved(remote: Remote) -> float:
+    """Motion in rad at the cam shaft within the time between two readings."""
+    before = remote.read(0x6064)
+    remote.network.pump(_POLL)
+    return abs(remote.axis.position.value(difference(remote.read(0x6064), before)))
+
+
+_PER_UNIT = 1000
+_TRUST = 1.5
+"""Factor by which the drive's motor may differ from the datasheet's."""
+_STEP = 0.1
+"""Step in A to which the limit is rounded up."""
+
+
+class CurrentLimit(NamedTuple):
+    """A current that the drive's controller does not pass.
+
+    Attributes:
+        counts: In the drive's counts.
+        words: What it means.
+    """
+
+    counts: int
+    words: str
+
+
+def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
+    """The current that gives the torque limit, in the counts of IL.LIMITP (356Eh).
+
+    Raises:
+        DriveError: If the drive's motor is not the one configured, or its currents count unlike.
+    """
+    axis = remote.axis
+    continuous, constant = remote.read(0x358E), remote.read(0x3593)
+    motor = continuous * constant / _PER_UNIT**2
+    known = (
+        f"MOTOR.ICONT {continuous / _PER_UNIT:g} A times MOTOR.KT {constant / _PER_UNIT:g} N m/A"
+    )
+    if not config.motor_torque / _TRUST <= motor <= config.motor_torque * _TRUST:
+        detail = (
+            f"{known} are {motor:.3g} N m, the motor's continuous torque is "
+            f"{config.motor_torque:g}; choose the motor in the drive, or set drives.motor_torque"
+        )
+        raise DriveError(WRONG_SETTING, axis.where, detail)
+    found = remote.read(0x356E)
+    if found and not continuous / 100 <= found <= 100 * continuous:
+        detail = (
+            f"IL.LIMITP (356Eh) holds {found} and MOTOR.ICONT (358Eh) {continuous}: they do not "
+            "count alike; set IL.LIMITP to the motor's peak current in the drive"
+        )
+        raise DriveError(WRONG_SETTING, axis.where, detail)
+    amperes = config.torque_limit / axis.gear / (constant / _PER_UNIT)
+    amperes = _STEP * math.ceil(amperes / _STEP - 1e-9)
+    words = f"torque {amperes * axis.gear * constant / _PER_UNIT:.3g} N m ({amperes:.3g} A)"
+    return CurrentLimit(round(amperes * _PER_UNIT), words)
+
 
 VENDOR = 0x6A
 DEVICE = 0x00020192

@@ -12,16 +12,14 @@ from controllers.arrays import Array
 from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
 from twin.devices.akd.axis import Axis
-from twin.devices.akd.bringup import SettingsFound, bring_up
-from twin.devices.akd.bus import open_bus
+from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames
+from twin.devices.akd.bus import CanTransport, open_bus
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.monitor import AxisMonitor
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.akd.sdo_poll import SdoPolling
-from twin.devices.akd.second_master import master_frames
-from twin.devices.akd.transport import CanTransport
 from twin.hal.interface import Fault, Severity
 
 _STANDSTILL = 0.05

@@ -1,10 +1,150 @@
-"""The protocols a Lumio screen may speak: two serial ones, two USB reports."""
+"""The protocols a Lumio screen may speak, serial and USB, and which of them bytes are of."""
 
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
-from twin.devices.lumio.decoder import INCOMPLETE, Contact, Packet, Report, StreamDecoder
+
+class Contact(NamedTuple):
+    """Something on the screen.
+
+    Attributes:
+        x: Position along the screen's first axis, as a fraction 0..1 of the protocol's range.
+        y: Position along its second axis, downwards, as a fraction 0..1.
+        down: Whether it touches; False in the one report of the lift-off.
+        id: Number that stays the same while it touches; always 1 in protocols that have none.
+    """
+
+    x: float
+    y: float
+    down: bool
+    id: int = 1
+
+
+Report = tuple[Contact, ...]
+"""The contacts of one packet."""
+
+
+@dataclass(slots=True)
+class DecoderStats:
+    """What a decoder has met so far.
+
+    Attributes:
+        bytes: Bytes fed.
+        reports: Packets with contacts.
+        replies: Packets that answer a command.
+        cut: Bytes before the first packet that may end one whose beginning was not heard.
+        skipped: Other bytes that belong to no packet.
+        checksum: Packets whose checksum is wrong.
+        outside: Packets refused for a coordinate beyond the protocol's range.
+    """
+
+    bytes: int = 0
+    reports: int = 0
+    replies: int = 0
+    cut: int = 0
+    skipped: int = 0
+    checksum: int = 0
+    outside: int = 0
+
+
+class Packet(NamedTuple):
+    """What a decoder makes of the beginning of its buffer.
+
+    Attributes:
+        length: Bytes it takes; 0 for a packet that is not complete yet.
+        report: Its contacts, if it has any.
+    """
+
+    length: int
+    report: Report | None = None
+
+
+INCOMPLETE = Packet(0)
+
+
+class Decoder(ABC):
+    """Reports out of bytes; never raises, whatever the bytes."""
+
+    name: ClassVar[str]
+    """What a rig file calls the protocol."""
+    patience: ClassVar[float] = 0.05
+    """Seconds of silence after which half a packet will not be completed any more."""
+
+    def __init__(self) -> None:
+        self.stats = DecoderStats()
+
+    @property
+    def extent(self) -> tuple[float, float] | None:
+        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
+        return None
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[Report]:
+        """The reports that these bytes complete, oldest first."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Give up on what has begun and has not been completed."""
+
+
+class StreamDecoder(Decoder):
+    """Reports out of a stream of bytes in any portions.
+
+    A subclass says what a packet looks like. Bytes that start none are skipped one by one, so the
+    stream is understood again at the next whole packet.
+    """
+
+    size: ClassVar[int]
+    """Bytes of a packet with contacts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._buffer = bytearray()
+        self._joined = False
+
+    def feed(self, data: bytes) -> list[Report]:
+        """The reports that these bytes complete, oldest first."""
+        self.stats.bytes += len(data)
+        self._buffer += data
+        reports = []
+        at = 0
+        while at < len(self._buffer):
+            packet = self._packet(self._buffer, at)
+            if packet is None:
+                self._leave_out()
+                at += 1
+            elif packet.length == 0:
+                break
+            else:
+                at += packet.length
+                self._joined = True
+                if packet.report is not None:
+                    self.stats.reports += 1
+                    reports.append(packet.report)
+        del self._buffer[:at]
+        return reports
+
+    def reset(self) -> None:
+        """Give up on the beginning of a packet that has not been completed."""
+        for _ in self._buffer:
+            self._leave_out()
+        self._buffer.clear()
+
+    def _leave_out(self) -> None:
+        """Count a byte that belongs to no packet, or to one that began before the port was open."""
+        if self._joined or self.stats.cut == self.size - 1:
+            self.stats.skipped += 1
+        else:
+            self.stats.cut += 1
+
+    @abstractmethod
+    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
+        """The packet that begins at an index; INCOMPLETE, or None where none can begin."""
+
 
 _TABLET_TOP = 16383
 _REPLY_START, _REPLY_END = 0x01, 0x0D
@@ -166,3 +306,76 @@ DECODERS: dict[str, type[StreamDecoder]] = {
     for decoder in (MicroTouchDecoder, EloDecoder, Hid0006Decoder, Hid0007Decoder)
 }
 """Every protocol by the name a rig file gives it; they can be told apart by listening."""
+
+
+class Detector:
+    """Feeds the decoders of all byte protocols until one of them understands the stream.
+
+    A protocol is taken when it has given several reports and these account for nearly all bytes of
+    a stream long enough: a few packets of one can look like several of another.
+    After ``WINDOW`` bytes without a decision it starts afresh.
+    """
+
+    REPORTS = 3
+    """Reports that a protocol must have given."""
+    SHARE = 0.8
+    """Share of the bytes that they must account for."""
+    LEAST = 60
+    """Bytes that must have been heard."""
+    WINDOW = 1024
+
+    def __init__(self) -> None:
+        self._listened = 0
+        self._start()
+
+    @property
+    def listened(self) -> int:
+        """Bytes heard in vain."""
+        return self._listened + self._decoders[0].stats.bytes
+
+    def feed(self, data: bytes) -> tuple[StreamDecoder, list[Report]] | None:
+        """The decoder of the protocol and what it makes of these bytes, once it is known."""
+        found = []
+        for decoder in self._decoders:
+            reports = decoder.feed(data)
+            heard, given = decoder.stats.bytes, decoder.stats.reports
+            understood = decoder.size * given / max(1, heard)
+            if heard >= self.LEAST and given >= self.REPORTS and understood >= self.SHARE:
+                found.append((understood, decoder, reports))
+        if found:
+            _, decoder, reports = max(found, key=lambda entry: entry[0])
+            return decoder, reports
+        if self._decoders[0].stats.bytes > self.WINDOW:
+            self._listened += self._decoders[0].stats.bytes
+            self._start()
+        return None
+
+    def _start(self) -> None:
+        self._decoders = [decoder() for decoder in DECODERS.values()]
+
+
+class Doubt:
+    """Whether bytes are of another protocol than the one that was set.
+
+    It listens until they are seen to be of that one. Reports of the decoder set prove nothing:
+    bytes of one protocol can look like now and then a packet of another.
+
+    Args:
+        protocol: The one set.
+    """
+
+    def __init__(self, protocol: str) -> None:
+        self.looks_like = ""
+        """The protocol that the bytes look like instead; empty while none does."""
+        self._protocol = protocol
+        self._detector: Detector | None = Detector()
+
+    def feed(self, data: bytes) -> None:
+        """Take in more bytes."""
+        if self._detector is None:
+            return
+        found = self._detector.feed(data)
+        if found:
+            name = found[0].name
+            self.looks_like = "" if name == self._protocol else name
+            self._detector = None if name == self._protocol else Detector()

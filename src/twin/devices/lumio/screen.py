@@ -13,8 +13,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.presence import Presence, TouchState, touch_state
-from twin.devices.lumio.stream import TouchStream
+from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
 from twin.hal.interface import Fault, Touch
 
