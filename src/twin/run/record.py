@@ -340,6 +340,8 @@ def read_run(file: Path) -> tuple[dict[str, Array], dict[str, str], dict[str, An
     except FileNotFoundError as error:
         raise RecordError(f"{file}: no such record; a run folder holds run.parquet") from error
     except (OSError, pa.ArrowException) as error:
+        if file.name == STREAM and not file.stat().st_size:
+            raise RecordError(f"{file}: nothing has been recorded yet") from error
         reason = str(error).splitlines()[0]
         raise RecordError(f"{file}: not a readable Parquet file: {reason}") from error
     if len(set(table.column_names)) < len(table.column_names):
