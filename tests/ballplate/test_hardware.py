@@ -107,5 +107,5 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
 
 def test_a_stream_without_a_row_says_so(tmp_path):
     (tmp_path / "run.arrows").touch()
-    with pytest.raises(TwinError, match="run.arrows: nothing has been recorded yet"):
+    with pytest.raises(TwinError, match="nothing has been recorded yet"):
         bp.load(tmp_path)
