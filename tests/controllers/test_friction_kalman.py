@@ -5,7 +5,6 @@ from scipy.stats import chi2
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
 from controllers.observers import FrictionKalman
-from controllers.smith import Smith
 
 MODEL = BallPlate()
 T = 0.002
@@ -233,8 +232,3 @@ def test_the_equivalent_angle_moves_a_ball_without_friction_alike():
     drag = s[:, 8:] * v / np.sqrt((v**2).sum(axis=1, keepdims=True) + observer.smooth**2)
     tilt = MODEL.k * np.sin(observer.x[:, 2::4])
     np.testing.assert_allclose(flat, (1 + s[:, 6:8]) * tilt + s[:, 4:6] - drag, atol=3e-3)
-
-
-def test_a_predictor_around_it_is_refused():
-    with pytest.raises(ValueError, match="'friction_kalman' makes up for the dead time itself"):
-        Smith(observer=FrictionKalman(delay=0.042))

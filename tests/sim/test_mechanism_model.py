@@ -14,8 +14,7 @@ import pytest
 from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
-from twin.sim.plant.equilibrium import settle
-from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
+from twin.sim.plant.model import differing, fields_of, fitted, load_model, settle, shaped
 from twin.sim.plant.parts import Parts
 
 KINDS = {

@@ -26,6 +26,7 @@ from twin.jobs import SecondProcess
 from twin.run.assemble import assemble, build_controller, build_limits, build_reference, own_errors
 from twin.run.files import (
     STREAM,
+    Signals,
     is_last,
     is_record,
     last,
@@ -38,7 +39,6 @@ from twin.run.indicators import UNITS
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
 from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
-from twin.run.signals import Signals
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.changing import always_friction
 from twin.scenario.load import check, recorded

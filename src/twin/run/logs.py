@@ -96,11 +96,7 @@ def read_columns(
     """
 
     def look(names: list[str]) -> None:
-        if missing := [name for name in needed if name not in names]:
-            raise LogError(
-                f"{path.name}: no column {', '.join(missing)} "
-                f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
-            )
+        _require(names, needed, path.name)
 
     try:
         if path.suffix == ".parquet" or is_record(path):
@@ -206,7 +202,7 @@ def read_log(path: Path) -> dict[str, Array]:
         LogError: If it cannot be read, lacks a column or a row, or its time does not rise.
     """
     try:
-        rows = read_csv(path, UNITS, lambda names: _require(names, path.name))
+        rows = read_csv(path, UNITS, lambda names: _require(names, NEEDED, path.name))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise LogError(f"{path}: cannot be read: {why}") from error
@@ -310,11 +306,10 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
     ]
 
 
-def _require(names: list[str], source: str) -> None:
-    missing = [name for name in NEEDED if name not in names]
-    if missing:
-        has = ", ".join(names[:12]) or "none"
-        raise LogError(f"{source}: no column {', '.join(missing)} (it has {has})")
+def _require(names: list[str], needed: Sequence[str], source: str) -> None:
+    if missing := [name for name in needed if name not in names]:
+        has = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+        raise LogError(f"{source}: no column {', '.join(missing)} (it has {has or 'none'})")
 
 
 def _filled(time: Array, values: Array, at: Array) -> Array:

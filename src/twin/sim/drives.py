@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Number, column, put
+from controllers.controller import Groups
 from twin.hal.interface import Transmission
 from twin.settings import Unit, setting
 from twin.sim.sensors import Noise, Rigs
@@ -78,9 +79,7 @@ class PerRigTransmission:
     """
 
     def __init__(self, members: Sequence[Transmission]) -> None:
-        distinct = list({id(member): member for member in members}.values())
-        which = np.array([next(i for i, d in enumerate(distinct) if d is m) for m in members])
-        self._groups = [(np.flatnonzero(which == i), each) for i, each in enumerate(distinct)]
+        self._groups = Groups(members).each
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for plate angles in rad, both (N, 2)."""
