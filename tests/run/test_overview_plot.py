@@ -61,24 +61,6 @@ def test_runs_with_references_of_their_own_show_each_in_the_colour_of_its_run():
     ]
 
 
-def test_the_legend_covers_no_curve():
-    figure, _ = drawn(**{f"run {number}": motion(0.01 * number) for number in range(1, 8)})
-    (legend,) = figure.legends
-    box = legend.get_window_extent()
-    assert len(legend.get_texts()) == 8
-    for panel in figure.axes:
-        assert panel.get_legend() is None
-        assert not box.overlaps(panel.get_tightbbox())
-
-
-def test_runs_that_share_a_reference_have_it_once_and_in_black():
-    _, panels = drawn(wide=motion(0.1), same=motion(0.1, 0.02), narrow=motion(0.05))
-    found = [
-        to_hex(line.get_color()) for line in references(panels["Ball on the screen, from above"])
-    ]
-    assert sorted(found) == sorted(["#000000", COLOURS[2].lower()])
-
-
 def test_of_many_runs_numbers_stand_at_the_curves_and_a_short_list_below():
     runs = {f"lqr kappa={number}": motion(0.01 * number) for number in range(1, 24)}
     figure, panels = drawn(**runs)

@@ -87,7 +87,7 @@ def read_columns(
     """The columns of a log or a run in SI units, shape (K,) each, and the run's metadata.
 
     Args:
-        path: A CSV file, which has no metadata, or a Parquet file; of several rigs the first.
+        path: A CSV file, which has no metadata, or a Parquet file.
         units: Name to SI unit; columns of other names are left out.
         needed: Names that have to be there.
 
@@ -119,9 +119,6 @@ def _read_table(
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     schema = table.schema
     look(schema.names)
-    if "rig" in schema.names and len(table):
-        rigs = table["rig"].to_numpy()
-        table = table.filter(pa.array(rigs == rigs[0]))
     columns: dict[str, Array] = {}
     for name in units:
         if name not in schema.names:
