@@ -35,10 +35,19 @@ def columns(found, name):
     return found.record[name][:, 0]
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-def test_until_a_change_begins_the_run_is_the_one_without_it_to_the_bit(plant):
+@pytest.mark.parametrize(
+    ("plant", "key", "value"),
+    [
+        ("lagrange", "plant.friction.rolling_mm", 0.36),
+        ("mujoco", "plant.friction.rolling_mm", 0.36),
+        ("lagrange", "plant.servo.bandwidth_hz", 5.0),
+        ("lagrange", "sensors.encoders.variance", [1e-6, 1e-6]),
+        ("mujoco", "rig.cam_error_percent", [9.0, 5.0]),
+    ],
+)
+def test_until_a_change_begins_the_run_is_the_one_without_it_and_then_another(plant, key, value):
     moving = "plant.start.x_rate=0.1"
-    change = one("plant.friction.rolling_mm", 0.36, at=0.2)
+    change = one(key, value, at=0.2)
     without = run(scenario(plant, "[]", moving, duration=0.4))
     changed = run(scenario(plant, change, moving, duration=0.4))
     before = without.record.time <= 0.2

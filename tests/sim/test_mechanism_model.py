@@ -116,13 +116,6 @@ def test_a_cam_contact_has_the_stiffness_the_file_states(model, level, axis):
     assert force / -contact.dist == pytest.approx(80e3, rel=5e-3)
 
 
-def test_the_spring_pulls_ninety_newtons_at_level(model, level):
-    spring = model.tendon("spring").id
-    stretch = level.ten_length[spring] - model.tendon_lengthspring[spring, 1]
-    pull = np.ravel(model.tendon_stiffness)[spring] * stretch
-    assert pull == pytest.approx(90)
-
-
 def test_wheel_forces_carry_spring_and_weight_about_the_cardan_joint(model, level):
     # moments about the joint, by hand: spring and weight against each wheel at 0.16 m
     weight = 5.5 * 9.81

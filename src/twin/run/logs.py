@@ -103,7 +103,8 @@ def read_columns(
             return _read_table(path, units, look)
         return read_csv(path, units, look), {}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path.name}: cannot be read: {error}") from error
+        why = (isinstance(error, OSError) and error.strerror) or error
+        raise LogError(f"{path.name}: cannot be read: {why}") from error
 
 
 def _read_table(
@@ -198,11 +199,7 @@ def read_log(path: Path) -> dict[str, Array]:
     Raises:
         LogError: If it cannot be read, lacks a column or a row, or its time does not rise.
     """
-    try:
-        rows = read_csv(path, UNITS, lambda names: _require(names, NEEDED, path.name))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise LogError(f"{path}: cannot be read: {why}") from error
+    rows, _ = read_columns(path, UNITS, NEEDED)
     kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED[2::2])], axis=0)
     rows = {name: values[kept] for name, values in rows.items()}
     if kept.sum() < 2:

@@ -98,15 +98,6 @@ def differ(classes: Sequence[type], old: Sequence[Scenario], new: Sequence[Scena
     )
 
 
-def prepare_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
-    """Do ahead of time what takes long of ``change_plant``.
-
-    Raises:
-        ModelError: If a number is out of range.
-    """
-    PLANTS[scenarios[0].plant.kind].foresee(plant, scenarios)
-
-
 def _parts(scenarios: Sequence[Scenario]) -> list[Parts]:
     """What of each rig's mechanism differs from the model file."""
     return [changed(Parts, scenario) for scenario in scenarios]
@@ -370,5 +361,5 @@ def changing_devices(devices: SimulatedDevices, scenarios: Sequence[Scenario], a
         balls = {(each.plant.ball.mass, each.plant.ball.inertia) for each in stage}
         if len(balls) > 1 and stage[0].plant.kind == "lagrange":
             raise ScenarioError("change: plant.ball: rigs on the exact equations have one ball")
-        prepare_plant(devices.plant, stage)
+        PLANTS[stage[0].plant.kind].foresee(devices.plant, stage)
     return changes
