@@ -200,7 +200,7 @@ def test_a_law_that_ran_fewer_candidates_is_named(tuned, plan, found):
         "src/twin/tune/trials.py",
         "src/twin/study/family.py",
         "src/twin/run/metrics.py",
-        "controllers/analysis/loops.py",
+        "controllers/analysis.py",
         "models/ballplate.xml",
     ],
 )

@@ -37,7 +37,7 @@ from ballplate.stepping import Rig, rig
 from ballplate.studies import StudyResult, study
 from ballplate.sweeping import Sweep, sweep
 from twin.errors import TwinError
-from twin.run.signals import Signals
+from twin.run.files import Signals
 
 if TYPE_CHECKING:
     from ballplate import laws, observers, references, systems

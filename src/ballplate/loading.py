@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ballplate.notebook import page, png_image, showable
-from twin.run.signals import Signals
+from twin.run.files import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

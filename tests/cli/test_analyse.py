@@ -24,7 +24,7 @@ def content():
 @pytest.fixture
 def quick(monkeypatch, content):
     """The same command with the slow, scenario-independent part remembered."""
-    monkeypatch.setattr("controllers.analysis.designs.design_rows", lambda *_: content["designs"])
+    monkeypatch.setattr("controllers.analysis.design_rows", lambda *_: content["designs"])
 
 
 @pytest.mark.long
@@ -60,7 +60,7 @@ def test_the_neglected_terms_are_small_beside_the_main_ones(content):
 
 @pytest.mark.long
 def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, content):
-    monkeypatch.setattr("controllers.analysis.designs.design_rows", lambda *_: content["designs"])
+    monkeypatch.setattr("controllers.analysis.design_rows", lambda *_: content["designs"])
     text = call("sine", *SHORT)
     for words in ("thesis", "flat (6.44)", "(6.42a)", "delay ms", "8.1"):
         assert words in text

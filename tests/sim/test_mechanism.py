@@ -106,14 +106,13 @@ def test_the_ball_is_on_the_plate_until_it_has_rolled_over_the_edge():
     assert np.isfinite(plant.state).all()
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_any_number_of_threads_gives_the_same_bits(threads):
+def test_any_number_of_threads_gives_the_same_bits():
     rng = np.random.default_rng(7)
     rates = rng.uniform(-2, 2, (50, 5, 2))
     start = np.zeros((5, 4))
     start[:, 0] = np.linspace(-0.2, 0.2, 5)
     friction = Friction(rolling=np.linspace(0, 4e-4, 5))
-    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, threads)]
+    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, 3)]
     for plant in plants:
         plant.start(start)
         for rate in rates:

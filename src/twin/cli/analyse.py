@@ -40,8 +40,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     analyse.
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
-    from controllers.analysis import linear_designs
-    from controllers.analysis.designs import design_rows
+    from controllers.analysis import design_rows, linear_designs
     from controllers.ballplate import BallPlate
     from twin.scenario import load
     from twin.scenario.load import titled
@@ -82,7 +81,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
 
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
-    from controllers.analysis.designs import loop_row
+    from controllers.analysis import loop_row
     from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
@@ -97,7 +96,7 @@ def _loop(scenario: Scenario) -> Numbers:
 
 
 def _print_poles(rows: Sequence[Numbers]) -> None:
-    from controllers.analysis.designs import DEAD_TIME
+    from controllers.analysis import DEAD_TIME
 
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
     lines = []

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.analysis.designs import PlainRow, number
+from controllers.analysis import PlainRow, number
 from controllers.arrays import Array
 from controllers.ballplate import ACCELERATION, BallPlate
 

@@ -1,22 +1,15 @@
-"""Whether an observer is faster than the loop it serves, as (7.3) demands.
-
-Laws and observers about the level plate with the ball on the centre, as linear systems.
-
-Both are taken as they are: their own methods are asked for the answer to small deviations.
-
-Gain, phase, delay and disk margin of a loop where it is cut.
-
-Closed loops about the level plate: their poles, and how sensitive they are where one cuts them.
+"""Laws, observers and loops about the level plate as linear systems: poles and margins.
 
 ``state_feedback_loop`` is the design in continuous time with the full state, as the thesis does it;
 ``sampled_loop`` is what runs: law, observer and predictor once per period, the input held between,
-the ball measured a dead time late.
+the ball measured a dead time late. Laws and observers are taken as they are: their own methods are
+asked for the answer to small deviations. At the end stand the thesis's own designs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
@@ -27,8 +20,12 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array
 from controllers.ballplate import ACCELERATION, BALL, BallPlate
-from controllers.design import listed, sample
+from controllers.controller import HeldLaw
+from controllers.design import Pole, listed, sample
 from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.linear import LQR, PolePlacement
+from controllers.nonlinear import AFL, AFLIntegral, Backstepping
+from controllers.observers import Luenberger
 from controllers.observers.linear import Ideal
 from controllers.references.figures import Hold
 from controllers.smith import Smith
@@ -397,33 +394,25 @@ def close(plant: System, controller: System, outputs: Sequence[str]) -> Loop:
     )
 
 
-def state_feedback_loop(law: Law, model: BallPlate | None = None, *, flat: bool = False) -> Loop:
+def state_feedback_loop(law: Law, *, flat: bool = False) -> Loop:
     """The law with the true state on the linear plant (5.35), in continuous time.
 
     Args:
         law: Any law; linearised about the level plate.
-        model: The plant; by default the one the law was designed on.
         flat: Whether the plant is the flat model (6.44), on which the ball does not feel the
             plate's acceleration.
 
     Raises:
         ValueError: If the law has no linearisation.
     """
-    A, B, _ = (model or law.model).linear()
+    A, B, _ = law.model.linear()
     if flat:
         B[ACCELERATION] = 0
     return close(System(A, B, np.eye(8), np.zeros((8, 2))), linear_law(law), STATES)
 
 
-def sampled_loop(
-    law: Law,
-    observer: Observer,
-    period: float | None = None,
-    model: BallPlate | None = None,
-    *,
-    dead_time: float = 0.0,
-) -> Loop:
-    """Law and observer at their period on the linear plant (5.35) with its input held.
+def sampled_loop(law: Law, observer: Observer, *, dead_time: float = 0.0) -> Loop:
+    """Law and observer at their period on the linear plant (5.35) of the law, its input held.
 
     With the observer "ideal" the law gets the true state: on the exact plant the plate rates
     commanded are the true ones. A law with a control period of its own (``HeldLaw``) is taken at
@@ -432,18 +421,13 @@ def sampled_loop(
     Args:
         law: Any law; linearised about the level plate.
         observer: Any observer, or a Smith predictor around one.
-        period: Control period in s; by default the observer's.
-        model: The plant; by default the one the law was designed on.
         dead_time: Of the ball's measurement in s.
 
     Raises:
-        ValueError: If the law or the observer has no linearisation, or the observer was made for
-            another period.
+        ValueError: If the law or the observer has no linearisation.
     """
-    T = observer.period if period is None else period
-    if observer.period != T:
-        raise ValueError(f"observer has the period {observer.period} s, the loop {T} s")
-    A, B, C = (model or law.model).linear()
+    T = observer.period
+    A, B, C = law.model.linear()
     Ad, Bd = sample(A, B, T)
     if isinstance(observer, Ideal):
         law_only = linear_law(law)
@@ -518,6 +502,151 @@ def instability(law: Law, observer: Observer, *, dead_time: float = 0.0) -> str 
     return f"the sampled loop is unstable about the level plate: poles {listed(poles.tolist())} 1/s"
 
 
-def unstable(z: Complex, tolerance: float = 1e-7) -> Complex:
+def unstable(z: Complex) -> Complex:
     """Those of the eigenvalues z on or outside the unit circle, to rounding."""
-    return z[np.abs(z) >= 1 - tolerance]
+    return z[np.abs(z) >= 1 - 1e-7]
+
+
+PlainRow = dict[str, Any]
+"""A row of a table as JSON can hold it."""
+
+DEAD_TIME = 0.042
+"""Dead time of the touch screen in s, Table A.2."""
+
+
+def design_rows(
+    model: BallPlate, advance: Callable[[float], None] = lambda _: None
+) -> list[PlainRow]:
+    """Poles and margins of every linear design of the thesis, with the observer of (8.1).
+
+    Args:
+        model: Model of design and plant.
+        advance: Told the number of designs done.
+    """
+    observer = Luenberger(model=model)
+    rows = []
+    for done, design in enumerate(linear_designs(model)):
+        law, full = design.law, state_feedback_loop(design.law)
+        sampled = sampled_loop(law, observer)
+        late = sampled_loop(law, observer, dead_time=DEAD_TIME)
+        rows.append(
+            {
+                "table": design.source,
+                "controller": law.name,
+                "settings": design.settings,
+                "thesis_poles": None if design.poles is None else pairs(design.poles),
+                "thesis_model": "flat" if design.flat else "linear",
+                "poles_flat_model": pairs(state_feedback_loop(law, flat=True).poles()),
+                "poles_linear_model": pairs(full.poles()),
+                "slowest_pole_with_observer_and_dead_time": pairs(late.poles())[0],
+                "margins": {
+                    "full_state_at_u1": margin_row(margins(full, "u1")),
+                    "observer_at_u1": margin_row(margins(sampled, "u1")),
+                    "observer_at_ball": margin_row(margins(sampled, "x")),
+                },
+            }
+        )
+        advance(done + 1)
+    return rows
+
+
+def loop_row(law: Law, observer: Observer, dead_time: float) -> PlainRow:
+    """Poles and margins of one sampled loop, or under ``reason`` why there are none.
+
+    ``hold_left_out`` is true for a law that is held for longer than the loop's period.
+
+    Args:
+        law: Any law.
+        observer: Any observer, or a predictor around one.
+        dead_time: Of the ball's measurement in s.
+    """
+    try:
+        loop = sampled_loop(law, observer, dead_time=dead_time)
+    except ValueError as error:
+        return {"reason": str(error), "hold_left_out": isinstance(law, HeldLaw)}
+    poles = loop.poles()
+    cuts = [cut for cut in ("u1", "u2", "x", "y") if cut in loop.cuts]
+    return {
+        "reason": None,
+        "hold_left_out": isinstance(law, HeldLaw),
+        "stable": len(unstable(np.exp(poles * loop.period))) == 0,
+        "poles": pairs(poles),
+        "margins": {cut: margin_row(margins(loop, cut)) for cut in cuts},
+    }
+
+
+def margin_row(found: Margins | None) -> PlainRow | None:
+    """Margins by name; None for an unstable loop."""
+    return None if found is None else {k: number(v) for k, v in found._asdict().items()}
+
+
+def pairs(poles: Iterable[complex]) -> list[list[float]]:
+    """Poles as real and imaginary part, each once: both axes have most of them alike."""
+    out: list[list[float]] = []
+    for pole in map(complex, poles):
+        near = 1e-4 * (1 + abs(pole))
+        if not any(abs(pole - complex(*other)) < near for other in out):
+            out.append([pole.real, pole.imag])
+    return out
+
+
+def number(value: float | None) -> float | None:
+    """The value, or None for one that is not finite."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+class LinearDesign(NamedTuple):
+    """A controller with the gains of the thesis.
+
+    Attributes:
+        source: Table or chapter.
+        settings: What was chosen, in words.
+        law: The controller.
+        poles: Poles of an axis in 1/s as designed, or None where the thesis gives weights or gains.
+        flat: Whether they are poles of the flat model (6.44) rather than of (5.35).
+    """
+
+    source: str
+    settings: str
+    law: Law
+    poles: tuple[Pole, ...] | None = None
+    flat: bool = False
+
+
+PLACED = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-1, -2, -5, -6))
+WEIGHTS = (("8.2, 9.1", 100, 0.1), ("8.2", 300, 0.1), ("8.2", 1000, 0.1), ("8.3", 300, 0.3))
+TRACKING = ((-1, -1.5, -2, -2.5), (-2, -2.5, -3.5, -4), (-3, -4, -5, -6))
+INTEGRAL = ((-0.5, -1, -1.5, -2, -2.5), (-1, -1.5, -2, -2.5, -3), (-2, -2.5, -3.5, -4, -5))
+STEPS = ((0.1, 1, 1.5, 2), (1, 2, 2.5, 3), (1, 4, 5, 6))
+
+
+def linear_designs(model: BallPlate | None = None) -> list[LinearDesign]:
+    """Every design of chapters 8 and 9 that has a linearisation: all but the sliding mode.
+
+    Chapter 9 gives gains without poles; those beside them follow from its gains and the flat model.
+    Feed-forward with LQR has the loop of the LQR.
+
+    Args:
+        model: The model the laws are designed on.
+    """
+    m = model or BallPlate()
+    return [
+        *(LinearDesign("8.1", f"{p}", PolePlacement(model=m, poles=p), p) for p in PLACED),
+        *(LinearDesign(n, f"ρ={r}, κ={k}", LQR(model=m, rho=r, kappa=k)) for n, r, k in WEIGHTS),
+        *(LinearDesign("8.4", f"{p}", AFL(model=m, poles=p), p, flat=True) for p in TRACKING),
+        LinearDesign(
+            "9.2", "p=(180, 162, 66, 13)", AFL(model=m, gains=(180, 162, 66, 13)), flat=True
+        ),
+        *(
+            LinearDesign("8.6", f"{p}", AFLIntegral(model=m, poles=p), p, flat=True)
+            for p in INTEGRAL
+        ),
+        LinearDesign(
+            "9.4",
+            "p=(200, 132, 51, 12), p_I=4",
+            AFLIntegral(model=m, gains=(200, 132, 51, 12, 4)),
+            flat=True,
+        ),
+        *(LinearDesign("8.8", f"c={c}", Backstepping(model=m, c=c), flat=True) for c in STEPS),
+        LinearDesign("9.6", "c=(2, 3, 4, 5.5)", Backstepping(model=m, c=(2, 3, 4, 5.5)), flat=True),
+    ]
