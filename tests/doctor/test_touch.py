@@ -32,7 +32,8 @@ SERIAL = (Protocol.MICROTOUCH, Protocol.ELO)
 
 def config(emulated, **options):
     transport = "serial" if emulated.protocol in SERIAL else "hidraw"
-    return LumioConfig(port=str(emulated.path), transport=transport, **options)
+    spoken = {"protocol": str(emulated.protocol), **options}
+    return LumioConfig(port=str(emulated.path), transport=transport, **spoken)
 
 
 @pytest.mark.long
@@ -42,7 +43,6 @@ def config(emulated, **options):
     [
         (Protocol.MICROTOUCH, "elo"),
         (Protocol.ELO, "microtouch"),
-        (Protocol.HID_0006, "hid-0007"),
     ],
 )
 def test_a_protocol_set_wrongly_is_answered_with_the_one_that_the_bytes_look_like(spoken, set_to):

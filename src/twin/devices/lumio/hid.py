@@ -7,12 +7,15 @@ units, from which the size of a panel follows, or have a licence that does not g
 
 from __future__ import annotations
 
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
 from typing import NamedTuple, Self
 
-from twin.devices.lumio.protocols import Contact, Decoder, Report
+from twin.devices.lumio.protocols import STREAMS, Contact, Decoder, Report
 from twin.errors import TwinError
 
 LONGEST = 4096
@@ -458,3 +461,20 @@ def _share(field: ReportField, report: int) -> float:
 
 def _name(place: ContactFields, report: int) -> int:
     return place.identifier.value(report) if place.identifier is not None else 1
+
+
+@cache
+def _known_layouts() -> dict[str, TouchLayout]:
+    """Layouts of the products in ``panels.toml``."""
+    text = (resources.files("twin.devices.lumio") / "panels.toml").read_text(encoding="utf-8")
+    found = {
+        name: TouchLayout.of(parse(bytes.fromhex(data)))
+        for name, data in tomllib.loads(text).items()
+    }
+    return {name: layout for name, layout in found.items() if layout is not None}
+
+
+def decoder_of(protocol: str) -> Decoder:
+    """A decoder of a protocol, by the name a rig file gives it."""
+    stream = STREAMS.get(protocol)
+    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])
