@@ -5,19 +5,13 @@ import pytest
 
 from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace
-from twin.emulator.serve import EmulatedPlant
-from twin.run.assemble import build_limits
 
 RPDO1 = 0x201
 
 
 @pytest.fixture
 def rig(scenario):
-    chosen = scenario()
-    plant = EmulatedPlant(chosen)
-    return LockstepRig(
-        plant, transmission=plant.transmission, limits=build_limits(chosen.rig.limits)
-    )
+    return LockstepRig.of(scenario())
 
 
 def turn(rig, seconds, rate=0.3):

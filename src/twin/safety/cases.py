@@ -71,7 +71,7 @@ def _foreign(rig: LockstepRig) -> None:
 
 
 def _twin(rig: LockstepRig) -> None:
-    rig.lockstep.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
+    rig.lockstep.bus.drives.append(EmulatedDrive(DriveSettings(node=1)))
 
 
 def _no_ball(rig: LockstepRig) -> None:

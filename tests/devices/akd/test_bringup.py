@@ -7,9 +7,7 @@ from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.network import Network
 from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
-from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
-from twin.run.assemble import build_limits
 
 
 @pytest.fixture
@@ -210,7 +208,7 @@ def test_an_answer_counts_though_the_computer_was_away_while_it_came(rig):
 
 
 def test_two_drives_with_one_id_are_noticed(rig):
-    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2, serial=9)))
+    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2)))
     assert "2 devices" in refused(rig, c.DUPLICATE_ID)
 
 
@@ -320,21 +318,18 @@ def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(ri
     drive.fail(129)
     drive.fail(235)
     rig.servos.start()
-    (fault,) = (each.fault for each in rig.run(0.02) if each.fault.condition == c.DRIVE_FAULT)
+    (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)
     assert "F129 CAN monitoring: the master went silent, F235" in fault.detail
     assert "--reset" in fault.condition.recovery
     rig.servos.reset_faults()
     rig.run(0.1)
     drive.fail(501)  # a new one is not called by the old one's number
-    (fault,) = (each.fault for each in rig.run(0.02) if each.fault.condition == c.DRIVE_FAULT)
+    (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)
     assert "F129" not in fault.detail
 
 
 def test_a_rig_that_is_switched_on_with_a_fault_says_which_in_one_line(scenario):
-    chosen = scenario("plant.kind=lagrange")
-    plant = EmulatedPlant(chosen)
-    limits = build_limits(chosen.rig.limits)
-    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+    rig = LockstepRig.of(scenario("plant.kind=lagrange"))
     rig.lockstep.drives[0].fail(129)
     with pytest.raises(RigError) as caught, rig:
         pass
