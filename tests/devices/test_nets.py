@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 
 from twin.devices.akd.conditions import RELAXED
-from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, MonitorConfig
+from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
 from twin.errors import ScenarioError
@@ -115,7 +115,3 @@ def test_every_run_is_warned_of_a_relaxed_net(scenario):
         assert [note.text for note in told] == [
             "rig file: safety net relaxed: drives.silence = 0.5 (default 0.06)"
         ]
-
-
-def test_an_axis_without_units_is_as_good_as_one_with_them():
-    assert AxisConfig(name="phi", node=1).limit_unit is None

@@ -212,21 +212,6 @@ def test_two_drives_with_one_id_are_noticed(rig):
     assert "2 devices" in refused(rig, c.DUPLICATE_ID)
 
 
-def test_another_maker_s_device_is_refused(rig):
-    rig.drives[0].store.set(0x1018, 1, 0x2E)
-    assert "vendor" in refused(rig, c.WRONG_IDENTITY)
-
-
-def test_another_encoder_scale_is_refused(rig):
-    rig.drives[0].store.set(0x608F, 1, 1 << 16)
-    assert "65536" in refused(rig, c.WRONG_SETTING)
-
-
-def test_another_velocity_scale_is_refused(rig):
-    rig.drives[0].store.set(0x36E9, 0, 16)
-    assert "204Ch" in refused(rig, c.WRONG_SETTING)
-
-
 def test_a_setting_that_is_refused_names_object_and_reason(rig):
     rig.drives[0].sdo_aborts[0x6083, 0] = 0x06090031
     text = refused(rig, c.SDO_ABORT)
@@ -264,16 +249,6 @@ def test_a_drive_that_falls_silent_keeps_no_torque_in_the_other_for_long(rig, si
 def test_a_drive_without_heartbeat_does_not_become_operational(rig):
     rig.drives[0].mute.add(0x701)
     assert "no heartbeat" in refused(rig, c.NMT_LEFT)
-
-
-def test_a_drive_left_turning_is_stopped_before_anything_is_set(rig):
-    drive = rig.drives[0]
-    drive.store.set(0x6060, 0, 1)
-    drive.power.state = Power.OPERATION_ENABLED
-    drive.motor.rate = 3.0
-    rig.servos.start()
-    assert drive.rate == 0
-    assert drive.state is Power.SWITCH_ON_DISABLED
 
 
 def left_with_torque(drive, state, option):
