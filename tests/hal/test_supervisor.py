@@ -98,3 +98,5 @@ def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
     rate = supervisor.clamp(np.full((2, 2), 0.2))
     assert rate[0].tolist() == [0.0, 0.0]
     assert (rate[1] > 0).all()
+    supervisor.handle(Event.SWITCH_OFF)
+    assert not supervisor.clamp(np.full((2, 2), 0.2)).any()

@@ -17,8 +17,8 @@ from twin.devices.akd.servos import AkdServos
 from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
+from twin.safety.case import Stopper
 from twin.safety.cases import AT_START, CASES
-from twin.safety.reaction import Stopper
 from twin.safety.row import FaultRow
 from twin.safety.trial import Trial
 

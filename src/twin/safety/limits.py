@@ -21,8 +21,7 @@ from twin.devices.akd.servos import SHUTDOWN
 from twin.emulator.drive import COASTING, STOP_RAMP
 from twin.hal.interface import SCREEN, Limits
 from twin.hal.supervisor import Supervisor
-from twin.safety.case import FaultCase
-from twin.safety.reaction import LEVEL, STILL, Stopper
+from twin.safety.case import LEVEL, STILL, FaultCase, Stopper
 
 RIG, BALL = Limits(), BallPlate()
 ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)

@@ -29,9 +29,8 @@ from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.safety import limits
-from twin.safety.case import FaultCase
+from twin.safety.case import FaultCase, Reaction, Stopper, reaction
 from twin.safety.cases import CASES
-from twin.safety.reaction import Reaction, Stopper, reaction
 from twin.safety.row import FaultRow
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
