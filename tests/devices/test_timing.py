@@ -47,7 +47,7 @@ def timing():
         log.begin()
         log.mark("read")
         log.mark("control")
-    log.round_trip(400 * MICRO)
+    log.trips.add(400 * MICRO)
     return log
 
 

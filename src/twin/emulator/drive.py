@@ -401,7 +401,7 @@ class EmulatedDrive:
         self.power.sto_closed = True
 
     def fail(self, number: int, *, lasting: bool = False) -> None:
-        """Have a fault; lasting: its cause stays until ``clear_causes``."""
+        """Have a fault; lasting: its cause stays until ``restore``."""
         if lasting:
             self.power.causes.add(number)
         self._failed(self.power.fail(number, braked=True))
@@ -409,7 +409,7 @@ class EmulatedDrive:
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
         self.close_sto()
-        self.clear_causes()
+        self.power.causes.clear()
         self.power.dc_link = self.remote = True
         self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
         self.motor.frozen = self.motor.frozen_plate = self.warning = False
@@ -418,10 +418,6 @@ class EmulatedDrive:
         self.mute.clear()
         self.store.stuck.clear()
         self.sdo_aborts.clear()
-
-    def clear_causes(self) -> None:
-        """Remove the causes of faults, not the faults."""
-        self.power.causes.clear()
 
     def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
         """Send an emergency message."""

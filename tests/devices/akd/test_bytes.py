@@ -1,5 +1,6 @@
 import math
 import struct
+from dataclasses import fields
 
 import pytest
 from hypothesis import given
@@ -202,9 +203,11 @@ def test_frames_are_counted_per_sync_as_regular_late_or_of_no_cycle(arrivals, ju
 
 
 def test_what_is_not_confirmed_is_listed_with_its_source():
-    found = unconfirmed(AkdConfig())
-    assert {"phi.plate_counts", "theta.motor_sign", "rate_limit"} <= {each.name for each in found}
-    assert all(each.source and each.confidence in {"M", "L"} for each in found)
+    known = {each.name: each.metadata for each in (*fields(AkdConfig), *fields(AxisConfig))}
+    assert {"plate_counts", "motor_sign", "rate_limit"} <= set(unconfirmed())
+    for name in unconfirmed():
+        assert known[name]["source"]
+        assert known[name]["confidence"] in {"M", "L"}
 
 
 @pytest.mark.parametrize(
