@@ -18,7 +18,6 @@ from twin.devices.akd.bus import PromptSlcanBus
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_faults import Frame
 from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
-from twin.emulator.drive import DriveSettings, EmulatedDrive
 
 FRAMES = st.builds(
     lambda cob_id, data, remote: Frame(cob_id, b"" if remote else data, remote),
@@ -104,19 +103,6 @@ def test_python_can_opens_asks_and_closes_the_adapter():
         assert host.get_serial_number(10.0) == "EMUL"
         assert port.adapter.open
         assert port.adapter.bitrate == 1_000_000
-
-
-@pytest.mark.real_time
-def test_python_can_s_own_bus_has_a_conversation_with_a_drive():
-    bus = EmulatedBus([EmulatedDrive(DriveSettings(node=5))])
-    with SlcanPort(bus) as port, BusServer(bus, port), stock(port.channel) as host:
-        request = bytes.fromhex("4000100000000000")
-        host.send(can.Message(arbitration_id=0x605, data=request, is_extended_id=False))
-        frames, end = [], time.monotonic() + 2.0
-        while Frame(0x585, bytes.fromhex("4300100092010200")) not in frames:
-            assert time.monotonic() < end, frames
-            message = host.recv(0.2)
-            frames += [] if message is None else [as_frame(message)]
 
 
 class Adapter:

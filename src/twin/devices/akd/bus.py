@@ -26,16 +26,9 @@ from can.exceptions import CanOperationError
 from can.interfaces.slcan import slcanBus
 from serial.tools.list_ports import comports
 
+from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
-from twin.devices.akd.conditions import (
-    ADAPTER_GONE,
-    BAD_BUS,
-    BUS_OFF,
-    ERROR_PASSIVE,
-    GARBLED,
-    DriveError,
-    FaultReports,
-)
+from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
 
@@ -315,7 +308,7 @@ class CanTransport:
         unreadable = self._queued.unreadable_lines if self._queued is not None else 0
         if unreadable > self._unreadable:
             lines = f"{unreadable - self._unreadable} lines cannot be read"
-            self._reports.report(GARBLED, self._where, lines, self._now())
+            self._reports.report(c.GARBLED, self._where, lines, self._now())
             self._unreadable = unreadable
 
     def send_heartbeat(self, host: int) -> None:
@@ -335,14 +328,14 @@ class CanTransport:
             self._report_off("the adapter has left the bus")
         elif message.arbitration_id & _ERROR_CONTROLLER and _passive(bytes(message.data)):
             detail = "many errors on the line"
-            self._reports.report(ERROR_PASSIVE, self._where, detail, self._now())
+            self._reports.report(c.ERROR_PASSIVE, self._where, detail, self._now())
 
     def _report_off(self, detail: str) -> None:
-        self._reports.report(BUS_OFF, self._where, detail, self._now())
+        self._reports.report(c.BUS_OFF, self._where, detail, self._now())
 
     def _gone(self, error: Exception) -> None:
         self.up = False
-        self._reports.report(ADAPTER_GONE, self._where, str(error), self._now())
+        self._reports.report(c.ADAPTER_GONE, self._where, str(error), self._now())
 
 
 def _passive(data: bytes) -> bool:
@@ -431,4 +424,4 @@ def _line(error: Exception) -> str:
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:
-    return DriveError(BAD_BUS, f"CAN {config}", detail)
+    return DriveError(c.BAD_BUS, f"CAN {config}", detail)

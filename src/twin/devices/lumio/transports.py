@@ -23,7 +23,7 @@ from twin.devices.lumio.hid import (
     application,
     parse,
 )
-from twin.devices.lumio.protocols import Decoder, Hid0006Decoder, Hid0007Decoder
+from twin.devices.lumio.protocols import Decoder
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 VENDOR = 0x202E
-PRODUCTS = {0x0006: Hid0006Decoder.name, 0x0007: Hid0007Decoder.name}
-"""Protocols of the products whose reports are known."""
+PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
+"""Protocols of the products whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
 UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
