@@ -28,8 +28,8 @@ def changed(path):
         (TABLES, "tests/thesis/test_reproduce_long.py"),
         (TABLES, "tests/conftest.py"),
         (TABLES, "src/twin/thesis/__init__.py"),
-        (TABLES, "src/twin/thesis/reproduce/simulated.py"),
-        (TABLES, "src/twin/thesis/reproduce/data/full_state.toml"),
+        (TABLES, "src/twin/thesis/chapter8.py"),
+        (TABLES, "src/twin/thesis/data/full_state.toml"),
         (TABLES, "src/twin/sim/plant/exact.py"),  # through several others
         (TABLES, "controllers/nonlinear.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),

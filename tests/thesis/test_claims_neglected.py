@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from twin.thesis.claims import size, terms
+from twin.thesis.neglected import size, terms
 
 MODEL = BallPlate()
 STATES = arrays(float, (3, 8), elements=st.floats(-1, 1))
