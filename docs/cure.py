@@ -187,20 +187,12 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
     ]
     edge, rows = floors(plan, table[FLOOR][-1]) if FLOOR in table else ("", [])
     left = [task["name"] for task in plan["tasks"] if task["name"] not in table]
+    from filled import filled  # noqa: PLC0415  the script beside this one
+
     return filled(
         "cure", plan=plan, table=table, goals=goals, laws=laws, left=left,
         floors=rows, edge=edge, floor_task=FLOOR,
     )  # fmt: skip
-
-
-def filled(name: str, **parts: Any) -> str:
-    """The page of a template in this folder."""
-    import jinja2  # noqa: PLC0415
-
-    text = (HERE / f"{name}.template.md").read_text(encoding="utf-8")
-    strict = jinja2.StrictUndefined
-    how = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=strict)
-    return how.from_string(text).render(parts)
 
 
 def floors(plan: dict[str, Any], cell: Cell) -> tuple[str, list[tuple[str, ...]]]:

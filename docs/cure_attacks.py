@@ -18,7 +18,8 @@ KEPT = HERE.parent / "runs" / "cure"
 
 def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:
     """The page as Markdown."""
-    from cure import filled, said  # noqa: PLC0415  the script beside this one
+    from cure import said  # noqa: PLC0415  the scripts beside this one
+    from filled import filled  # noqa: PLC0415
 
     rows = {name: [said(value) for value in row] for name, row in table.items()}
     return filled("cure_attacks", tasks=[task["name"] for task in plan["tasks"]], table=rows)

@@ -133,7 +133,7 @@ def said(cost: float | None) -> str:
 
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
     """The page as Markdown, of the laws that are tuned."""
-    from cure import filled  # noqa: PLC0415  the script beside this one
+    from filled import filled  # noqa: PLC0415  the script beside this one
 
     names = sorted(found, key=lambda name: order(found[name]))
     tasks = [task.name for task in tune.tasks]

@@ -39,6 +39,8 @@ WRITTEN = {
     "cure.template.md",
     "cure_attacks.template.md",
     "tuned.template.md",
+    "shadow.template.md",
+    "filled.py",
     "cure.py",
     "cure.toml",
     "cure_floor.py",
