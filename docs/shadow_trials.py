@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from filled import filled
+from pages import filled
 from scipy import stats
 
 from controllers.arrays import Array

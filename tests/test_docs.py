@@ -40,7 +40,7 @@ WRITTEN = {
     "cure_attacks.template.md",
     "tuned.template.md",
     "shadow.template.md",
-    "filled.py",
+    "pages.py",
     "cure.py",
     "cure.toml",
     "cure_floor.py",
