@@ -24,7 +24,6 @@ from twin.thesis.chapter8 import (
     ReproductionJob,
     RowResult,
     carry_out,
-    chosen,
     compare,
     continuous,
     judge,
@@ -41,7 +40,7 @@ def call(*arguments):
 @pytest.fixture
 def steps():
     """Table 8.1, and runs of it that came to what is kept of continuous control."""
-    (table,) = chosen(["8.1"])
+    table = tables()["8.1"]
     shown = Excerpt(np.arange(3.0), *(np.zeros((3, n)) for n in (8, 2, 2, 8)))
     found = {
         ((table.id, index), way): RowResult(
@@ -113,7 +112,7 @@ def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypa
     (table,), found = steps
     monkeypatch.setattr(chapter8, "row_results", lambda *_: found.values())
     assert call("8.1").return_value == 0
-    monkeypatch.setattr(chapter8, "chosen", lambda _: [altered(table, "u1_max")])
+    monkeypatch.setattr(chapter8, "tables", lambda: {"8.1": altered(table, "u1_max")})
     assert call("8.1").return_value == 1
 
 

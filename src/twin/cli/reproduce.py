@@ -30,7 +30,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
     from twin.thesis import chapter8, chapter9
 
     of_8, of_9 = _chapters(tables)
-    wanted = chapter8.chosen(of_8) if of_8 else []
+    wanted = [chapter8.tables()[name] for name in of_8]
     jobs = chapter8.plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
         each = chapter8.row_results(jobs, processes, advance)

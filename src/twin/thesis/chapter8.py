@@ -13,7 +13,7 @@ import json
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from importlib.resources import files
@@ -23,7 +23,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
-from twin.errors import ScenarioError, TwinError
+from twin.errors import TwinError
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
 from twin.jobs import cores, results
@@ -74,14 +74,14 @@ class SimulatedRow:
     """
 
     name: str
-    detail: str
+    detail: str = ""
     setup: Mapping[str, Any]
     seeds: int
     bands: Sequence[float]
     cells: Mapping[str, float]
-    notes: Mapping[str, str]
+    notes: Mapping[str, str] = field(default_factory=dict)
     causes: Mapping[str, str]
-    exceptions: Mapping[str, str]
+    exceptions: Mapping[str, str] = field(default_factory=dict)
 
     def scenario(self, way: str, period: float = PERIOD) -> Scenario:
         """What runs, on the plant of ``sampled`` or ``mujoco``, at a control period in s."""
@@ -117,11 +117,6 @@ class SimulatedTable:
     own: tuple[str, ...]
     rows: tuple[SimulatedRow, ...]
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """The columns, in the thesis's order."""
-        return tuple(self.rows[0].cells)
-
 
 def _read(name: str) -> str:
     return files("twin.thesis").joinpath("data", name).read_text(encoding="utf-8")
@@ -148,40 +143,15 @@ def continuous() -> dict[str, Any]:
     return found
 
 
-def chosen(ids: Iterable[str]) -> list[SimulatedTable]:
-    """The tables of these numbers, or all of them for none, in the thesis's order.
-
-    Raises:
-        ScenarioError: If there is no such table.
-    """
-    wanted = list(ids)
-    for name in wanted:
-        if name not in tables():
-            raise ScenarioError(f"no table '{name}' to reproduce; there are {', '.join(tables())}")
-    return [table for name, table in tables().items() if not wanted or name in wanted]
-
-
 def _table(
     entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]
 ) -> SimulatedTable:
-    rows = []
-    for row in entry["row"]:
-        setup = content["setup"]
-        for more in (entry, row):
-            setup = laid_over(setup, more.get("setup", {}))
-        rows.append(
-            SimulatedRow(
-                name=row["name"],
-                detail=row.get("detail", ""),
-                setup=setup,
-                seeds=content.get("seeds", 1),
-                bands=entry.get("bands", (5.0,)),
-                cells=row["cells"],
-                notes=row.get("notes", {}),
-                causes={**content.get("causes", {}), **entry.get("causes", {})},
-                exceptions=row.get("exceptions", {}),
-            )
-        )
+    common = {
+        "seeds": content.get("seeds", 1),
+        "bands": entry.get("bands", (5.0,)),
+        "causes": {**content.get("causes", {}), **entry.get("causes", {})},
+    }
+    setup = laid_over(content["setup"], entry.get("setup", {}))
     return SimulatedTable(
         id=entry["id"],
         title=entry["title"],
@@ -189,7 +159,10 @@ def _table(
         bound=bound,
         shared=tuple(content["remarks"]),
         own=tuple(entry.get("remarks", ())),
-        rows=tuple(rows),
+        rows=tuple(
+            SimulatedRow(**{**common, **row, "setup": laid_over(setup, row.get("setup", {}))})
+            for row in entry["row"]
+        ),
     )
 
 
