@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from pages import filled
 from PIL import Image
 
 from controllers.ballplate import BallPlate
@@ -186,29 +187,6 @@ GROUPS = {
     "observers": "Observers, Tables 8.12 and 8.13",
     "tracking": "Tracking with EKF, Tables 8.14 to 8.21",
 }
-INTRODUCTION = """\
-# The thesis's simulation tables, computed anew
-
-Written by `uv run python docs/chapter8.py`. Every numeric cell of Tables 8.1 to
-8.21 is laid beside three values:
-
-- **exact**: the exact model (5.9) under continuous control, integrated once by commit eda4a26 and
-  kept since then. Full state feedback by a multistep method with relative tolerance 1e-9; with an
-  observer, plant, observer (for the EKF with its Riccati differential equation), dead time and held
-  noise together by RK4 at 10 ms. Halving that step changes no indicator by more than 0.05 %
-  (estimation errors: 0.1 %).
-- **sampled**: the same plant under the controller that also drives a rig, at 2 ms through the
-  seam. It is another implementation, discrete throughout, yet with the same noise it agrees with
-  *exact* to 0.7 %, and to a quarter of that at 0.5 ms.
-- **MuJoCo**: the same loop on the mechanism (cams, spring, cardan joint, rolling contact) without
-  rolling friction and without sensor imperfections beyond those of the table.
-
-*exact* and *sampled* must agree with the thesis: values without spread to 4 % (Tables 8.1 to
-8.11) or 5 % (angles and efforts from Table 8.12 on), settling times within what was read by eye
-from a figure, noisy errors within the 5 to 95 % range of 20 seeds. (!) marks a cell that does not
-and whose reason is known, !! one without; no cell is left out. The mechanism's column is there to
-see what a real transmission makes of it; it need not agree.
-"""
 
 
 def write_doc(
@@ -219,17 +197,18 @@ def write_doc(
     Raises:
         RecordError: If a file cannot be written.
     """
-    parts = [INTRODUCTION, f"## Summary\n\n{chapter8.sentence(cells)}\n", _summary(tables, cells)]
-    group = ""
-    for table in tables:
-        if table.group != group:
-            group = table.group
-            parts += [f"## {GROUPS[group]}\n", *(f"- {remark}" for remark in table.shared), ""]
-        parts += _table(table, cells)
-        for name, title in draw_all(path.parent / "figures", table, found).items():
-            parts.append(f"![{title}](figures/{name})\n")
-    text = "\n".join(parts).rstrip() + "\n"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    groups = []
+    for group, title in GROUPS.items():
+        parts = []
+        for table in (each for each in tables if each.group == group):
+            rows, notes = chapter8.lines(_of(table, cells))
+            made = markdown.table(chapter8.HEADINGS, rows, words=(0, 1, -1))
+            parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
+        if parts:
+            groups.append((title, parts[0][0].shared, parts))
+    sentence, summary = chapter8.sentence(cells), _summary(tables, cells)
+    text = filled("reproduction", sentence=sentence, summary=summary, groups=groups)
+    write_whole(path, lambda target: target.write_text(text.rstrip() + "\n", encoding="utf-8"))
 
 
 def _of(table: SimulatedTable, cells: Sequence[Cell]) -> list[Cell]:
@@ -252,19 +231,7 @@ def _summary(tables: Sequence[SimulatedTable], cells: Sequence[Cell]) -> str:
         within = [f"{count} of {found['values']}" for count in found["within"].values()]
         counts = [str(found[key]) for key in ("cells", *Agreement)]
         rows.append((f"{table.id} {table.title}", *counts, *within, name))
-    remark = "The last five columns count values without spread only.\n"
-    return f"{markdown.table(head, rows, words=(0, -1))}\n{remark}"
-
-
-def _table(table: SimulatedTable, cells: Sequence[Cell]) -> list[str]:
-    out = [f"### Table {table.id}: {table.title}\n"]
-    out += [f"- {row.name}: {row.detail}" for row in table.rows if row.detail]
-    out += [f"- {remark}" for remark in table.own]
-    if out[1:]:
-        out.append("")
-    rows, notes = chapter8.lines(_of(table, cells))
-    out.append(markdown.table(chapter8.HEADINGS, rows, words=(0, 1, -1)))
-    return [*out, *(f"{note}  " for note in notes), ""]
+    return markdown.table(head, rows, words=(0, -1))
 
 
 def main() -> None:

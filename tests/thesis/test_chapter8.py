@@ -136,8 +136,10 @@ def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
         call("8.4", "8.22")
 
 
-def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path):
-    page = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "chapter8.py"))
+def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch):
+    docs = Path(__file__).parents[2] / "docs"
+    monkeypatch.syspath_prepend(docs)
+    page = runpy.run_path(str(docs / "chapter8.py"))
     path = tmp_path / "docs" / "reproduction.md"
     page["write_doc"](path, steps[0], compare(*steps), steps[1])
     text = path.read_text(encoding="utf-8")
