@@ -129,7 +129,13 @@ def test_what_is_within_the_limits_is_read_as_it_stands(tmp_path):
 
 
 @settings(max_examples=40)
-@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists, max_leaves=20))
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text('ab "\\{[]}\u00fc\n', max_size=6),
+        st.lists,
+        max_leaves=8,
+    )
+)
 def test_any_json_within_the_limits_is_what_the_library_reads(value):
     text = json.dumps(value)
     assert json.dumps(parse_json(text)) == text

@@ -42,8 +42,10 @@ def test_a_changed_dependency_changes_the_hash(test, path):
     assert fingerprint(test, changed(path)) != today(test)
 
 
-@pytest.mark.parametrize("test", [TABLES, TRIALS])
-@pytest.mark.parametrize("path", ["src/twin/view/viewer.py", "src/twin/devices/akd/frames.py"])
+@pytest.mark.parametrize(
+    ("test", "path"),
+    [(TABLES, "src/twin/view/viewer.py"), (TRIALS, "src/twin/devices/akd/frames.py")],
+)
 def test_a_change_in_an_unrelated_room_does_not(test, path):
     assert (ROOT / path).is_file()
     assert fingerprint(test, changed(path)) == today(test)
