@@ -44,8 +44,8 @@ def test_the_readmes_law_is_found_and_drives_the_ball_around_the_circle(snippet,
             "controller.kind=cascade",
             "reference.kind=circle",
             "reference.amplitude=0.1",
-            "duration=16",
-            "metrics.start=10",
+            "duration=10",
+            "metrics.start=7",
             "plant.friction.rolling_mm=0",
         )
     )

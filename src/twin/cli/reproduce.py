@@ -11,9 +11,8 @@ from twin.cli.output import console, print_json, progress
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from twin.thesis.chapter8 import Cell, Results, SimulatedTable
     from twin.thesis.chapter9 import Row
-    from twin.thesis.reproduce.cases import SimulatedTable
-    from twin.thesis.reproduce.compare import Cell, Results
 
 
 @click.command()
@@ -28,17 +27,15 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
     number, friction, and explains them by four, each table also by numbers fitted without it.
     """
     from twin.jobs import cores
-    from twin.thesis import chapter9
-    from twin.thesis.reproduce.cases import chosen
-    from twin.thesis.reproduce.compare import Agreement, compare, plan, row_results
+    from twin.thesis import chapter8, chapter9
 
     of_8, of_9 = _chapters(tables)
-    wanted = chosen(of_8) if of_8 else []
-    jobs = plan(wanted)
+    wanted = [chapter8.tables()[name] for name in of_8]
+    jobs = chapter8.plan(wanted)
     with progress("reproducing", sum(job.cost for job in jobs)) as advance:
-        each = row_results(jobs, processes, advance)
+        each = chapter8.row_results(jobs, processes, advance)
         found: Results = {(one.place, one.way): one for one in each}
-    cells = compare(wanted, found)
+    cells = chapter8.compare(wanted, found)
     measured: list[Row] = []
     if of_9:
         with progress("predicting and explaining", 1.0) as advance:
@@ -50,7 +47,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
             _show(wanted, cells)
         if measured:
             _show_measured(measured, whole=len(of_9) == len(chapter9.tables()))
-    return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
+    return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
 
 
 def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -59,10 +56,9 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     Raises:
         ScenarioError: If there is no such table.
     """
-    from twin.thesis import chapter9
-    from twin.thesis.reproduce.cases import tables as simulated_tables
+    from twin.thesis import chapter8, chapter9
 
-    known = {"8": list(simulated_tables()), "9": list(chapter9.tables())}
+    known = {"8": list(chapter8.tables()), "9": list(chapter9.tables())}
     wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
     for name in sorted(wanted):
         if not any(name in tables for tables in known.values()):
@@ -76,19 +72,22 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 def _show_measured(rows: list[Row], *, whole: bool) -> None:
     """Print the cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
-    from rich.table import Table
-
-    from twin.page import digits
+    from twin.page import Table, digits, terminal
     from twin.thesis import chapter9
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
-    out = Table("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
-    for row in rows:
-        name = f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]".replace("[", r"\[")
-        values = (digits(row[key], "") for key in keys)
-        mark = "fitted" if row["calibration"] else ""
-        out.add_row(row["table"], row["row"], name, *values, mark)
-    console.print(out)
+    heads = ("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
+    found = [
+        (
+            row["table"],
+            row["row"],
+            f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]",
+            *(digits(row[key], "") for key in keys),
+            "fitted" if row["calibration"] else "",
+        )
+        for row in rows
+    ]
+    console.print(terminal(Table("", heads, found, words=(0, 1, 2, -1))))
     if not whole:
         return
     for goal in chapter9.goals(rows):
@@ -101,18 +100,20 @@ def _show_measured(rows: list[Row], *, whole: bool) -> None:
 
 
 def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
-    from twin.thesis.reproduce.compare import grid, sentence
+    from twin.page import Table, terminal
+    from twin.thesis.chapter8 import HEADINGS, lines, sentence
 
     for table in wanted:
-        out, notes = grid(table, cells)
-        console.print(out)
+        rows, notes = lines([cell for cell in cells if cell.table == table.id])
+        console.print(f"Table {table.id}: {table.title}", markup=False, style="italic")
+        console.print(terminal(Table("", HEADINGS, rows, words=(0, 1, -1))))
         for note in notes:
             console.print(note, markup=False, style="dim")
         console.print()
     console.print(
-        "exact: continuous control; sampled: at 2 ms through the seam; MuJoCo: the mechanism "
-        "without rolling friction; in brackets the 5 to 95 % range of the seeds or the range of "
-        "the reading; (!) an exception, !! unexplained.",
+        "exact: continuous control, as kept; sampled: at 2 ms through the seam; MuJoCo: the "
+        "mechanism without rolling friction; in brackets the 5 to 95 % range of the seeds or the "
+        "range of the reading; (!) an exception, !! unexplained.",
         style="dim",
     )
     console.print(sentence(cells), markup=False)
