@@ -1,5 +1,6 @@
 import pytest
 
+from controllers.catalog import ADDED, forget
 from twin.cli import main
 
 
@@ -10,8 +11,17 @@ def ballplate(capsys, tmp_path, monkeypatch):
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:
-            main(list(arguments))
+            main(list(map(str, arguments)))
         out, err = capsys.readouterr()
         return caught.value.code, out, err
 
     return call
+
+
+@pytest.fixture
+def own_laws(monkeypatch):
+    """What is taken in of one's own laws is forgotten afterwards."""
+    monkeypatch.setenv(ADDED, "")
+    forget()
+    yield
+    forget()

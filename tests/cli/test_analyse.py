@@ -5,7 +5,6 @@ from click.testing import CliRunner
 
 from controllers.nonlinear import SlidingMode
 from twin.cli.analyse import analyse
-from twin.errors import ScenarioError
 
 SHORT = ("--set", "duration=0.5", "--set", "metrics.start=0.0")
 
@@ -99,8 +98,3 @@ def test_a_ball_that_rests_has_no_ratio_but_an_answer():
         call("hold", "--set", "duration=0.1", "--set", "plant.start.x=0.0", "--json")
     )
     assert found["neglected"]["whole"][0]["equation"] == "6.42a"
-
-
-def test_an_unknown_scenario_is_one_line():
-    with pytest.raises(ScenarioError, match="not found"):
-        call("sign")

@@ -34,9 +34,6 @@ def test_run_shows_another_scenario_beside(ballplate):
     code, out, _ = ballplate("run", "circle", *QUICK, "--beside", "cure")
     assert code == 0
     assert re.search(r"exact equations\s*┃\s*cure\s*┃", out)
-    code, _, err = ballplate("run", "circle", *QUICK, "--beside", "crue")
-    assert code == 2
-    assert "did you mean 'cure'" in err
 
 
 def test_run_json_prints_one_object_with_every_indicator_and_nothing_else(ballplate):

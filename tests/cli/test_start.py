@@ -117,11 +117,3 @@ def test_linear_algebra_has_one_thread_unless_more_are_asked_for(monkeypatch, gi
     with pytest.raises(SystemExit):
         main(["--version"])
     assert os.environ["OPENBLAS_NUM_THREADS"] == threads
-
-
-def test_a_name_that_no_file_can_have_is_one_line(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["report", "n" * 5000])
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith("...': no file can have so long a name")
