@@ -24,18 +24,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ballplate import own as own
-from ballplate.catalogue import Keys, describe, scenarios
-from ballplate.changes import Changes
+from ballplate.changes import Changes, Keys, describe, law, model, scenarios
 from ballplate.comparing import Comparison, compare
-from ballplate.first_law import law
-from ballplate.identifying import Identified, identify
-from ballplate.loading import Log, load
-from ballplate.models import model
+from ballplate.loading import Identified, Log, identify, load
 from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
 from ballplate.stepping import Rig, rig
-from ballplate.studies import StudyResult, study
-from ballplate.sweeping import Sweep, sweep
+from ballplate.studies import StudyResult, Sweep, study, sweep
 from twin.errors import TwinError
 from twin.run.signals import Signals
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.notebook import indicators, page, png_image, showable
-from ballplate.reporter import Reporter, default
+from ballplate.reporter import Reporter, default, indicators, page, png_image, showable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballplate.notebook import indicators, page, png_image, showable
+from ballplate.reporter import indicators, page, png_image, showable
 from twin.errors import RecordError
 from twin.run.finished import Run
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import ballplate as bp
-from ballplate.systems.signals import DESIRED, INPUTS
+from ballplate.systems import DESIRED, INPUTS
 from controllers.analysis import linear_designs, margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATES
 from twin.run.assemble import build_controller

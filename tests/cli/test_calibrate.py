@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.calibrate import touch
-from twin.cli.doctor import request
+from twin.cli.rig import request
 from twin.devices.lumio.transports import UDEV_RULES
 from twin.hal.cams import CamTable
 from twin.paths import model_path

@@ -8,7 +8,7 @@ import pytest
 from click.shell_completion import BashComplete
 
 from twin.cli import ballplate
-from twin.cli.completion import VARIABLE
+from twin.cli.options import VARIABLE
 
 
 def offered(*words):

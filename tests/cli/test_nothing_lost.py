@@ -124,6 +124,6 @@ def test_a_warning_of_a_library_is_one_line(ballplate):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("warnings.showwarning", warnings.showwarning)
         patch.setattr("warnings.filters", [("always", None, Warning, None, 0)])
-        patch.setattr("ballplate.catalogue.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
-        patch.setattr("twin.cli.scenarios.print_titles", lambda *_, **__: None)
+        patch.setattr("ballplate.changes.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
+        patch.setattr("twin.cli.runs.print_titles", lambda *_, **__: None)
         assert ballplate("list")[2] == "ballplate: warning: a b\n"

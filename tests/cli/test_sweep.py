@@ -3,7 +3,7 @@ import json
 
 from click.testing import CliRunner
 
-from twin.cli.sweep import sweep as command
+from twin.cli.runs import sweep as command
 from twin.run.finished import run
 from twin.scenario.load import load
 from twin.scenario.variants import swept

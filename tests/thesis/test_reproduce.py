@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.reproduce import reproduce
+from twin.cli.analyse import reproduce
 from twin.errors import ScenarioError, TwinError
 from twin.thesis.reproduce.cases import (
     COLUMNS,

@@ -10,10 +10,10 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.cli.scenarios import run as run_command
+from twin.cli.runs import run as run_command
 from twin.errors import ViewError
 from twin.run.finished import run
-from twin.view import live, viewer
+from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
 from twin.view.terminal import work
 
@@ -128,9 +128,9 @@ def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario
 def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
-        url = live.reach(live.address(f"127.0.0.1:{port}"))
+        url = recording.reach(recording.address(f"127.0.0.1:{port}"))
         chosen = scenario("duration=1")
-        shown = live.show(chosen, "run", url)
+        shown = recording.show(chosen, "run", url)
         try:
             watched = run(chosen, watch=shown.watch)
             shown.finish(wait=0.5)
@@ -141,7 +141,7 @@ def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
 
 def test_an_address_becomes_the_one_a_viewer_wants():
     for text in ("rig-3.lab:9876", "rerun+http://rig-3.lab:9876/proxy"):
-        assert live.address(text) == "rerun+http://rig-3.lab:9876/proxy"
+        assert recording.address(text) == "rerun+http://rig-3.lab:9876/proxy"
 
 
 def test_a_taken_port_is_one_line():
@@ -192,7 +192,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     try:
         with viewer.headless(tmp_path / "other.rrd") as client:
             url = client.url
-            shown = live.show(chosen, "live", url)
+            shown = recording.show(chosen, "live", url)
             try:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)

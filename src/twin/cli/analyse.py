@@ -1,4 +1,4 @@
-"""The command analyse: poles and margins of the thesis's designs and of a scenario's own loop."""
+"""The commands analyse and reproduce: the thesis's designs and tables computed again."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.cli import completion as tab
-from twin.cli.options import JSON, LAW, SETTING
+from twin.cli import options as tab
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING
 from twin.cli.output import console, print_json, print_table, progress
+from twin.errors import ScenarioError
 from twin.shipped import find
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
     from twin.scenario import Scenario
+    from twin.thesis.chapter9 import Row
+    from twin.thesis.reproduce.cases import SimulatedTable
+    from twin.thesis.reproduce.compare import Cell, Results
 
 
 Numbers = dict[str, Any]
@@ -183,3 +187,105 @@ def _poles(pairs: Sequence[Sequence[float]], most: int = 5) -> str:
 
 def _shown(value: float | None, scale: float = 1.0) -> str:
     return "∞" if value is None else f"{scale * value:.3g}"
+
+
+@click.command()
+@click.argument("tables", nargs=-1, metavar="[TABLE]...")
+@PROCESSES
+@JSON
+def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) -> int:
+    """Recompute the thesis's tables and compare.
+
+    TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
+    8.1 to 8.21 were simulated. 9.1 to 9.9 were measured on the rig: the twin predicts them from one
+    number, friction, and explains them by four, each table also by numbers fitted without it.
+    """
+    from twin.jobs import cores
+    from twin.thesis import chapter9
+    from twin.thesis.reproduce.cases import chosen
+    from twin.thesis.reproduce.compare import Agreement, compare, plan, row_results
+
+    of_8, of_9 = _chapters(tables)
+    wanted = chosen(of_8) if of_8 else []
+    jobs = plan(wanted)
+    with progress("reproducing", sum(job.cost for job in jobs)) as advance:
+        each = row_results(jobs, processes, advance)
+        found: Results = {(one.place, one.way): one for one in each}
+    cells = compare(wanted, found)
+    measured: list[Row] = []
+    if of_9:
+        with progress("predicting and explaining", 1.0) as advance:
+            measured = chapter9.rows(of_9, advance, processes=processes or cores())
+    if as_json:
+        print_json([cell.as_dict() for cell in cells] + measured)
+    else:
+        if wanted:
+            _show(wanted, cells)
+        if measured:
+            _show_measured(measured, whole=len(of_9) == len(chapter9.tables()))
+    return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
+
+
+def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """The tables asked for, by chapter; a chapter's number stands for all of its tables.
+
+    Raises:
+        ScenarioError: If there is no such table.
+    """
+    from twin.thesis import chapter9
+    from twin.thesis.reproduce.cases import tables as simulated_tables
+
+    known = {"8": list(simulated_tables()), "9": list(chapter9.tables())}
+    wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
+    for name in sorted(wanted):
+        if not any(name in tables for tables in known.values()):
+            raise ScenarioError(
+                f"no table '{name}'; there are "
+                + " and ".join(f"{tables[0]} to {tables[-1]}" for tables in known.values())
+            )
+    of_8, of_9 = ([name for name in tables if name in wanted] for tables in known.values())
+    return of_8, of_9
+
+
+def _show_measured(rows: list[Row], *, whole: bool) -> None:
+    """Print the cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
+    from rich.table import Table
+
+    from twin.page import digits
+    from twin.thesis import chapter9
+
+    keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
+    out = Table("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
+    for row in rows:
+        name = f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]".replace("[", r"\[")
+        values = (digits(row[key], "") for key in keys)
+        mark = "fitted" if row["calibration"] else ""
+        out.add_row(row["table"], row["row"], name, *values, mark)
+    console.print(out)
+    if not whole:
+        return
+    for goal in chapter9.goals(rows):
+        verdict = "reached" if goal.reached else "not reached"
+        console.print(f"predicted: {verdict}: {goal.sentence}: {goal.found}", markup=False)
+    scatter = chapter9.scatter()
+    for each in chapter9.held_out_goals(rows):
+        verdict = each.verdict(scatter[each.sentence])
+        console.print(f"held out: {verdict}: {each.sentence}: {each.value:.3f}", markup=False)
+
+
+def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
+    from twin.thesis.reproduce.compare import grid, sentence
+
+    for table in wanted:
+        out, notes = grid(table, cells)
+        console.print(out)
+        for note in notes:
+            console.print(note, markup=False, style="dim")
+        console.print()
+    console.print(
+        "exact: continuous control; sampled: at 2 ms through the seam; MuJoCo: the mechanism "
+        "without rolling friction; in brackets the 5 to 95 % range of the seeds or the range of "
+        "the reading; (!) an exception, !! unexplained.",
+        style="dim",
+    )
+    console.print(sentence(cells), markup=False)

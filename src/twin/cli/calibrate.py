@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.doctor import rig_file
 from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING
 from twin.cli.output import console, print_json, print_table, progress, say
+from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
 from twin.paths import model_path
 from twin.writing import check_writable, write_whole

@@ -19,7 +19,7 @@ from twin.report.numbers import IndicatorRow, all_rows, first_rows
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
-    from twin.cli.viewing import Viewing
+    from twin.cli.options import Viewing
     from twin.scenario import Scenario
 
 
