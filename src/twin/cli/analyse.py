@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SETTING
-from twin.cli.output import console, print_json, print_table, progress
+from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
+from twin.page import Table
 from twin.shipped import find
 
 if TYPE_CHECKING:
@@ -56,15 +58,10 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
         rows = design_rows(model, advance)
         neglected = _neglected(chosen, model)
         loop = _loop(chosen)
-    if as_json:
-        content = {"designs": rows, "neglected": neglected, "loop": loop}
-        print_json({"scenario": chosen.title, **content})
-        return
-    _print_poles(rows)
-    for cut, title in CUTS.items():
-        _print_margins(rows, cut, title)
-    _print_neglected(neglected, chosen.title)
-    _print_loop(loop)
+    numbers = {"scenario": chosen.title, "designs": rows, "neglected": neglected, "loop": loop}
+    margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
+    shown = (*_pole_table(rows), *margins, _neglected_terms(neglected, chosen.title), *_told(loop))
+    show(numbers, as_json, shown)
 
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
@@ -100,7 +97,7 @@ def _loop(scenario: Scenario) -> Numbers:
     }
 
 
-def _print_poles(rows: Sequence[Numbers]) -> None:
+def _pole_table(rows: Sequence[Numbers]) -> tuple[Shown, ...]:
     from controllers.analysis.designs import DEAD_TIME
 
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
@@ -114,24 +111,22 @@ def _print_poles(rows: Sequence[Numbers]) -> None:
             [[slowest[0], abs(slowest[1])]],
         )
         lines.append((row["table"], _name(row), *map(_poles, four)))
-    print_table(
-        ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late),
-        lines,
-        title="Closed-loop poles in 1/s about the level plate, full state",
-    )
-    console.print("The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44).")
+    title = "Closed-loop poles in 1/s about the level plate, full state"
+    heads = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
+    where = "The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44)."
+    return Table(title, heads, lines, words=range(6)), where
 
 
-def _print_margins(rows: Sequence[Numbers], cut: str, title: str) -> None:
-    lines = ((row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows)
-    print_table(("table", "", *MARGINS), lines, title=f"Margins: {title}")
+def _margins_of(rows: Sequence[Numbers], cut: str, title: str) -> Table:
+    lines = [(row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows]
+    return Table(f"Margins: {title}", ("table", "", *MARGINS), lines, words=(0, 1))
 
 
-def _print_neglected(found: Numbers, title: str) -> None:
+def _neglected_terms(found: Numbers, title: str) -> Table:
     columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
     title = f"Terms the flat model leaves out, Figure 8.6: {title}, clean model"
     whens = {"whole": "whole run", "steady": f"from {found['from']:g} s on"}
-    lines = (
+    lines = [
         (
             f"({row['equation']})",
             TERMS[row["terms"]],
@@ -141,26 +136,27 @@ def _print_neglected(found: Numbers, title: str) -> None:
         )
         for when, label in whens.items()
         for row in found[when]
-    )
-    print_table(columns, lines, title=title)
+    ]
+    return Table(title, columns, lines, words=range(3))
 
 
-def _print_loop(found: Numbers) -> None:
+def _told(found: Numbers) -> Iterator[Shown]:
+    """The scenario's own loop in words and a table."""
     parts = [found["controller"], found["observer"]]
     if found["predictor"] is not None:
         parts.append(f"predictor {1000 * found['predictor']:g} ms")
     parts.append(f"dead time {1000 * found['dead_time']:g} ms")
     title = f"The scenario's sampled loop: {', '.join(parts)}"
     if found["reason"]:
-        console.print(f"{title}: {found['reason']}")
+        yield f"{title}: {found['reason']}"
         return
-    lines = ((cut, *_margins(row)) for cut, row in found["margins"].items())
-    print_table(("cut at", *MARGINS), lines, title=title)
-    console.print(f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}")
+    lines = [(cut, *_margins(row)) for cut, row in found["margins"].items()]
+    yield Table(title, ("cut at", *MARGINS), lines)
+    yield f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}"
     if not found["stable"]:
-        console.print("[bold red]this loop is unstable[/bold red]")
+        yield bold("this loop is unstable")
     if found["hold_left_out"]:
-        console.print("controller.period: the law's hold between its periods is not in this loop")
+        yield "controller.period: the law's hold between its periods is not in this loop"
 
 
 MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
@@ -216,13 +212,11 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
     if of_9:
         with progress("predicting and explaining", 1.0) as advance:
             measured = chapter9.rows(of_9, advance, processes=processes or cores())
-    if as_json:
-        print_json([cell.as_dict() for cell in cells] + measured)
-    else:
-        if wanted:
-            _show(wanted, cells)
-        if measured:
-            _show_measured(measured, whole=len(of_9) == len(chapter9.tables()))
+    shown = chain(
+        _simulated(wanted, cells) if wanted else (),
+        _measured(measured, whole=len(of_9) == len(chapter9.tables())) if measured else (),
+    )
+    show([cell.as_dict() for cell in cells] + measured, as_json, shown)
     return int(any(cell.verdict is Agreement.DIFFERS for cell in cells))
 
 
@@ -247,45 +241,45 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return of_8, of_9
 
 
-def _show_measured(rows: list[Row], *, whole: bool) -> None:
-    """Print the cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
-    from rich.table import Table
-
+def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
+    """The cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
     from twin.page import digits
     from twin.thesis import chapter9
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
-    out = Table("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
-    for row in rows:
-        name = f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]".replace("[", r"\[")
-        values = (digits(row[key], "") for key in keys)
-        mark = "fitted" if row["calibration"] else ""
-        out.add_row(row["table"], row["row"], name, *values, mark)
-    console.print(out)
+    lines = [
+        (
+            *(row["table"], row["row"]),
+            f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]",
+            *(digits(row[key]) for key in keys),
+            "fitted" if row["calibration"] else "",
+        )
+        for row in rows
+    ]
+    heads = ("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
+    yield Table("", heads, lines, words=range(len(heads)))
     if not whole:
         return
     for goal in chapter9.goals(rows):
         verdict = "reached" if goal.reached else "not reached"
-        console.print(f"predicted: {verdict}: {goal.sentence}: {goal.found}", markup=False)
+        yield f"predicted: {verdict}: {goal.sentence}: {goal.found}"
     scatter = chapter9.scatter()
     for each in chapter9.held_out_goals(rows):
         verdict = each.verdict(scatter[each.sentence])
-        console.print(f"held out: {verdict}: {each.sentence}: {each.value:.3f}", markup=False)
+        yield f"held out: {verdict}: {each.sentence}: {each.value:.3f}"
 
 
-def _show(wanted: list[SimulatedTable], cells: list[Cell]) -> None:
+def _simulated(wanted: list[SimulatedTable], cells: list[Cell]) -> Iterator[object]:
     from twin.thesis.reproduce.compare import grid, sentence
 
     for table in wanted:
         out, notes = grid(table, cells)
-        console.print(out)
-        for note in notes:
-            console.print(note, markup=False, style="dim")
-        console.print()
-    console.print(
+        yield out
+        yield from map(dim, notes)
+        yield ""
+    yield dim(
         "exact: continuous control; sampled: at 2 ms through the seam; MuJoCo: the mechanism "
         "without rolling friction; in brackets the 5 to 95 % range of the seeds or the range of "
-        "the reading; (!) an exception, !! unexplained.",
-        style="dim",
+        "the reading; (!) an exception, !! unexplained."
     )
-    console.print(sentence(cells), markup=False)
+    yield sentence(cells)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 import textwrap
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,7 +14,7 @@ import click
 
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW
-from twin.cli.output import console, print_json
+from twin.cli.output import Shown, bold, console, show
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -41,17 +42,12 @@ def describe(name: str, *, as_json: bool) -> int:
     if name in WORDS:
         return _kinds(WORDS[name], as_json=as_json)
     found = described(name)
-    if as_json:
-        print_json([key.as_dict() for key in found])
-        return 0
-    if sentence := about(name):
-        console.print(sentence, style="bold", markup=False)
-    if not found:
-        console.print("It has no settings.")
-    for key in found:
-        _print(key)
+    sentence = about(name)
+    shown: list[Shown] = [bold(sentence)] if sentence else []
+    shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
     if not name:
-        console.print("Settings of a law, observer or reference: ballplate describe NAME")
+        shown.append("Settings of a law, observer or reference: ballplate describe NAME")
+    show([key.as_dict() for key in found], as_json, shown)
     return 0
 
 
@@ -61,25 +57,21 @@ def _kinds(table: str, *, as_json: bool) -> int:
     from twin.scenario.schema import choices
 
     sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
-    if as_json:
-        print_json(sentences)
-        return 0
-    for kind, sentence in sentences.items():
-        console.print(f"{kind}: {sentence}", markup=False, soft_wrap=True)
-    console.print(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
+    told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
+    told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
+    show(sentences, as_json, told)
     return 0
 
 
-def _print(key: Key) -> None:
+def _lines(key: Key) -> Iterator[Shown]:
     unit = f" {key.unit}" if key.unit and not key.required and key.default is not None else ""
     of = f" ({key.unit})" if key.unit and not unit else ""
     only = "; plant.kind=mujoco only" if key.plants else ""
-    console.print(f"{key.key} = {key.value}{unit}", style="bold", markup=False, soft_wrap=True)
+    yield bold(f"{key.key} = {key.value}{unit}")
     whose = f"{key.kind}: " if key.kind else ""
     facts = f"{whose}{key.type}{of}{f', {key.allowed}' if key.allowed else ''}{only}"
     for text in (key.meaning, f"[{facts}]"):
-        for line in textwrap.wrap(text, max(console.width - 4, 40)):
-            console.print(f"    {line}", markup=False, soft_wrap=True)
+        yield from (f"    {line}" for line in textwrap.wrap(text, max(console.width - 4, 40)))
 
 
 class Start(NamedTuple):

@@ -19,20 +19,10 @@ if TYPE_CHECKING:
     from twin.run.finished import Run
 
 
-LAYOUTS = ("showing", "tuning")
-
-
 @click.command()
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
-@click.option(
-    "--layout",
-    type=click.Choice(LAYOUTS),
-    expose_value=False,
-    hidden=True,
-    help="Of an earlier version, which had two; now nothing.",
-)
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
 @click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
 @click.option("--at", type=float, help="Simulated time of the picture in s [the middle].")

@@ -23,16 +23,15 @@ from twin.cli.options import (
     load_scenario,
     with_plant,
 )
-from twin.cli.output import console, errors, print_json, progress, warn
+from twin.cli.output import console, errors, progress, show, warn
 from twin.doctor.check import CheckStatus
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
+from twin.page import Table
 from twin.shipped import find
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from twin.doctor.check import Ask, CheckResult
     from twin.emulator.serve import VirtualRig
     from twin.safety.row import FaultRow
@@ -85,11 +84,9 @@ def doctor(
             if not as_json:
                 _print(result)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
-    if as_json:
-        print_json([each.as_dict() for each in found])
-    else:
-        console.print(", ".join(f"{count} {status}" for status, count in counts.items()))
-        console.print(next_step(found, rig, move=move), markup=False, soft_wrap=True)
+    told = ", ".join(f"{count} {status}" for status, count in counts.items())
+    shown = (told, next_step(found, rig, move=move))
+    show([each.as_dict() for each in found], as_json, shown)
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
@@ -224,27 +221,23 @@ def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
         rows = run_all(processes or cores(), advance)
     if doc is not None:
         write_doc(doc, rows)
-    if not as_json:
-        console.print(_table(rows))
-        good = sum(row.good for row in rows)
-        click.echo(f"{good} of {len(rows)} faults were detected in time, safe, and recovered")
-        if doc is not None:
-            click.echo(f"written to {doc}")
-    if as_json:
-        print_json([row.as_dict() for row in rows])
-    return 0 if all(row.good for row in rows) else 1
+    good = sum(row.good for row in rows)
+    shown = [
+        _table(rows),
+        f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
+        *([] if doc is None else [f"written to {doc}"]),
+    ]
+    show([row.as_dict() for row in rows], as_json, shown)
+    return int(good < len(rows))
 
 
 def _table(rows: list[FaultRow]) -> Table:
-    from rich.table import Table
-
     from twin.safety.row import HEADING, cells
 
-    table = Table(*HEADING, "verdict")
-    for row in rows:
-        verdict = "good" if row.good else f"[bold red]BAD[/bold red]: {', '.join(row.failures)}"
-        table.add_row(*cells(row), verdict)
-    return table
+    lines = [
+        (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
+    ]
+    return Table("", (*HEADING, "verdict"), lines, words=range(len(HEADING) + 1))
 
 
 PORT = 8090

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,17 +28,19 @@ from twin.cli.options import (
     with_plant,
 )
 from twin.cli.output import (
+    Shown,
     Terminal,
-    print_json,
-    print_metrics,
-    print_reasons,
-    print_table,
-    print_titles,
+    bold,
+    dim,
+    indicators,
     progress,
-    say,
+    reasons,
+    show,
+    titled,
     warn,
 )
 from twin.errors import LogError
+from twin.page import Table
 from twin.report.numbers import own_settings, ranking
 from twin.shipped import find
 
@@ -51,7 +53,8 @@ if TYPE_CHECKING:
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
     """List the scenarios that can be run by name."""
-    print_titles(scenarios(), as_json=as_json)
+    found = scenarios()
+    show(found, as_json, titled(found))
 
 
 @click.command()
@@ -68,7 +71,6 @@ def list_scenarios(*, as_json: bool) -> None:
 )
 @RIG
 @RESET
-@click.option("--resume", is_flag=True, hidden=True)
 @click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
 @VIEWING
 @ALL
@@ -84,14 +86,11 @@ def run(
     *,
     reset: bool,
     everything: bool,
-    resume: bool,
     shadow: bool,
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     find(scenario)  # a wrong name is told before anything heavy is imported
-    if resume:
-        warn("--resume: runs are exact again; it begins anew")
     from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
 
@@ -118,27 +117,28 @@ def run(
         replaced = f" ({named_out}/ keeps its finished run)"
     examined = _examined(folder) if shadow else None
     model = done.baseline
-    if as_json:
-        compared_with = model.summary() if model else None
-        told = {} if examined is None else {"shadow": examined.numbers}
-        print_json({**done.summary(), "verdict": done.verdict, "baseline": compared_with, **told})
-    else:
-        say(done.title, style="bold")
-        shown = {label: each.summary() for label, each in done.shown.items()}
-        print_metrics(shown, everything=everything)
-        if model is not None:
-            print_reasons({CLEAN: model.summary()})
-            say(
-                f"{CLEAN}: the same controller on the frictionless exact equations it was "
-                "designed on, without dead time, noise or mechanism"
-            )
-        say(done.verdict, style="bold")
-        say(*([] if examined is None else examined.sentences))
-        files = "picture.png, metrics.json, run.parquet"
-        files += "" if examined is None else ", shadow.html, shadow.json, shadow.parquet"
-        say(f"written to {folder}/{replaced}: {files}", whole=True)
-        more = f"more: --all for every indicator; ballplate report, view, explain {scenario}"
-        say(more, style="dim", whole=True)
+    numbers = {**done.summary(), "verdict": done.verdict}
+    numbers["baseline"] = None if model is None else model.summary()
+    shown: list[Shown] = [bold(done.title)]
+    shown += indicators(
+        {n: each.summary() for n, each in done.shown.items()}, everything=everything
+    )
+    if model is not None:
+        shown += reasons({CLEAN: numbers["baseline"]})
+        shown.append(
+            f"{CLEAN}: the same controller on the frictionless exact equations it was designed on, "
+            "without dead time, noise or mechanism"
+        )
+    shown.append(bold(done.verdict))
+    files = "picture.png, metrics.json, run.parquet"
+    if examined is not None:
+        numbers["shadow"] = examined.numbers
+        shown += examined.sentences
+        files += ", shadow.html, shadow.json, shadow.parquet"
+    shown.append(
+        dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
+    )
+    show(numbers, as_json, shown, f"{folder}/{replaced}", files)
     viewing.keep(folder)
     return int(not done.finished)
 
@@ -207,19 +207,18 @@ def compare(
         reporter=Terminal(),
     )
     summaries = found.summaries()
-    if as_json:
-        print_json(summaries)
-    else:
-        say(found.title, style="bold")
-        shown = {found.headings[label]: each for label, each in summaries.items()}
-        print_metrics(shown, everything=everything)
-        print_reasons(shown)
-        finished = [label for label in found if label not in found.folders]
-        say(*own_settings({found.headings[each]: found[each] for each in finished}))
-        measured = {label: found[label] for label in found.logs}
-        say(*distances(measured, found.motions), ranking(shown), style="bold")
-        files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
-        say(f"written to {found.folder}/{found.replaced}: {files}", whole=True)
+    by_heading = {found.headings[label]: each for label, each in summaries.items()}
+    finished = [label for label in found if label not in found.folders]
+    measured = {label: found[label] for label in found.logs}
+    shown = (
+        bold(found.title),
+        *indicators(by_heading, everything=everything),
+        *reasons(by_heading),
+        *own_settings({found.headings[each]: found[each] for each in finished}),
+        *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
+    )
+    files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
+    show(summaries, as_json, shown, f"{found.folder}/{found.replaced}", files)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
 
@@ -268,12 +267,10 @@ def sweep(
         processes=processes,
         reporter=Terminal(),
     )
-    if as_json:
-        print_json({"title": done.title, "key": key, "values": points, "runs": done.curves})
-    else:
-        _show(done)
+    numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
+    show(numbers, as_json, _table(done), folder, "sweep.png, sweep.csv")
+    if not as_json:
         _tell(done)
-        say(f"written to {folder}/: sweep.png, sweep.csv", whole=True)
     return int(not done.finished)
 
 
@@ -285,7 +282,8 @@ def _tell(done: Sweep) -> None:
         warn("interrupted: what had not ended is not in the table")
 
 
-def _show(done: Sweep) -> None:
+def _table(done: Sweep) -> Iterator[Shown]:
+    """The first indicator that applies of every curve, or all of the only one."""
     from ballplate.studies import named
     from twin.page import digits
     from twin.report.numbers import FIRST, LABELS
@@ -302,12 +300,12 @@ def _show(done: Sweep) -> None:
 
     chosen = keys[:1] if several else keys
     heads = curves if several else [f"{LABELS[key][0]} [{LABELS[key][1]}]" for key in keys]
-    rows = (
+    rows = [
         [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
         for at, value in enumerate(done.values)
-    )
-    say(done.title, style="bold")
-    print_table((done.keys[0], *(heads if keys else ())), rows, right=slice(0, None))
+    ]
+    yield bold(done.title)
+    yield Table("", (done.keys[0], *(heads if keys else ())), rows, words=())
     if several and keys:
         label, unit = LABELS[keys[0]]
-        say(f"{label} in {unit}", style="dim")
+        yield dim(f"{label} in {unit}")

@@ -12,18 +12,9 @@ from rich.filesize import decimal
 from ballplate.studies import carried_out, work_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import (
-    Terminal,
-    console,
-    duration,
-    errors,
-    print_json,
-    print_table,
-    print_titles,
-    progress,
-    say,
-)
+from twin.cli.output import Terminal, bold, duration, errors, progress, show, titled
 from twin.jobs import cores
+from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
@@ -33,7 +24,6 @@ if TYPE_CHECKING:
     from twin.study.work import Work
     from twin.tune.schema import Tune
     from twin.tune.trials import Trials
-    from twin.tune.tune import TuneResult
 
 
 BYTES = 800
@@ -68,7 +58,7 @@ def study(
     """
     known = shipped_in("studies")
     if study is None:
-        print_titles(titles(known), as_json=as_json)
+        show(titles(known), as_json, titled(titles(known)))
         return 0
     chosen("study", study, known)  # a wrong name is told before anything heavy is imported
     with errors.status(f"{study}: checking every run ..."):
@@ -80,15 +70,18 @@ def study(
     done = carried_out(
         work, out=folder, processes=processes, scheduler=scheduler, reporter=Terminal()
     )
-    from twin.study.report import endings
+    from twin.study.report import compared, endings, grids
 
     about, found = work.study, done.answers
-    if as_json:
-        print_json(_numbers(about, found))
-    else:
-        _show_study(about, found)
-        say(*endings(work, done.rows))
-        console.print(f"written to {folder}/: report.html, figures/, rows.parquet, rows.csv")
+    shown = (
+        bold(f"{done.title}: {about.metrics[0]}"),
+        *grids(about, found),
+        compared(about, found),
+        *done.sentences,
+        *endings(work, done.rows),
+    )
+    files = "report.html, figures/, rows.parquet, rows.csv"
+    show(_numbers(about, found), as_json, shown, folder, files)
     return 0
 
 
@@ -105,19 +98,16 @@ def _plan_study(
     total = work.different
     left = total - known.num_rows
     each = seconds(work.jobs(chunks[0])) if chunks else 0.0
-    if as_json:
-        counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
-        cost = {"processes": processes, "duration": left * each / processes, "size": left * BYTES}
-        print_json({**counts, **cost, "units": {"duration": "s", "size": "byte"}})
-        return 0
-    if not chunks:
-        console.print(f"{total} runs, all of them finished")
-        return 0
-    console.print(
+    counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
+    cost = {"processes": processes, "duration": left * each / processes, "size": left * BYTES}
+    told = (
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
         f"batches take about {duration(left * each / processes)} on {processes} processors "
         f"({each:.2f} s per run, measured here on one) and {decimal(left * BYTES)} on disk"
+        if chunks
+        else f"{total} runs, all of them finished"
     )
+    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, as_json, [told])
     return 0
 
 
@@ -158,19 +148,6 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     }
 
 
-def _show_study(about: Study, found: list[Answer]) -> None:
-    from rich.markup import escape
-
-    from twin.page import terminal
-    from twin.study.report import compared, grids, sentences
-
-    console.print(f"[bold]{escape(about.title)}[/bold]: {about.metrics[0]}")
-    for table in (*grids(about, found), compared(about, found)):
-        say(table.title)
-        console.print(terminal(table))
-    say(*sentences(about, found))
-
-
 @click.command()
 @click.argument("tune", required=False)
 @SETTING
@@ -203,14 +180,14 @@ def tune(
     """
     known = shipped_in("tunes")
     if tune is None:
-        print_titles(titles(known), as_json=as_json)
+        show(titles(known), as_json, titled(titles(known)))
         return 0
     chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
     from twin.tune.schema import read
 
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
     from twin.study.experiments import Store, executors
-    from twin.tune.report import sentences, write
+    from twin.tune.report import fields_table, sentences, task_table, write
     from twin.tune.search import library
     from twin.tune.trials import Trials
     from twin.tune.tune import tuned
@@ -227,13 +204,26 @@ def tune(
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
     write(trials, found, folder)
-    if as_json:
-        print_json(found.as_dict())
-        return int(not found.good)
-    _show_tune(found)
-    say(*sentences(found))
-    console.print(f"written to {folder}/: report.html, tune.json, tuned.toml")
-    console.print(f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}")
+    fields = ("field", "searched", "before", "after", "unit")
+    tasks = (
+        "task",
+        "",
+        "judged by",
+        "median",
+        "90 %",
+        "largest",
+        "cost 1 at",
+        "finished",
+        "effort",
+    )
+    shown = (
+        Table("", fields, fields_table(found), words=range(len(fields))),
+        Table("", tasks, task_table(found), words=range(len(tasks))),
+        *sentences(found),
+    )
+    then = f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}"
+    files = f"report.html, tune.json, tuned.toml; {then}"
+    show(found.as_dict(), as_json, shown, folder, files)
     return int(not found.good)
 
 
@@ -242,22 +232,12 @@ def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) ->
 
     search, verdict, fresh = planned_runs(about)
     seconds = trials.seconds(search, verdict + fresh) / processes
-    if as_json:
-        counts = {"search": search, "verdict": verdict, "certificate": fresh}
-        cost = {"processes": processes, "duration": seconds, "units": {"duration": "s"}}
-        print_json({**counts, **cost})
-        return
-    console.print(
+    counts = {"search": search, "verdict": verdict, "certificate": fresh}
+    cost = {"processes": processes, "duration": seconds, "units": {"duration": "s"}}
+    told = (
         f"about {search} runs of the search ({about.candidates} candidates on "
         f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
         f"{verdict} of the verdict and {fresh} of the certificate take about "
         f"{duration(seconds)} on {processes} processors (measured here on one)"
     )
-
-
-def _show_tune(found: TuneResult) -> None:
-    from twin.tune.report import fields_table, task_table
-
-    print_table(("field", "searched", "before", "after", "unit"), fields_table(found))
-    head = ("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished", "effort")
-    print_table(head, task_table(found))
+    show({**counts, **cost}, as_json, [told])

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.markup import escape
 
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import (
-    console,
-    print_json,
-    print_metrics,
-    print_table,
-    print_titles,
-    progress,
-    say,
-    warn,
-)
+from twin.cli.output import Shown, bold, indicators, progress, show, titled, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
+from twin.page import Table
 from twin.shipped import chosen, find, shipped_in, titles
 from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
     from twin.explain.attribution import EffectCase, Explanation
-    from twin.identify.identify import Identification
 
 
 @click.command()
@@ -71,20 +62,16 @@ def explain(
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
     draw(folder / "picture.png", found)
-    if as_json:
-        print_json(numbers)
-    else:
-        _show_effects(found)
-        console.print(f"written to {folder}/: picture.png, explain.json")
+    show(numbers, as_json, _effects(found), folder, "picture.png, explain.json")
     return 0 if found.whole.rms is not None else 1
 
 
-def _show_effects(found: Explanation) -> None:
+def _effects(found: Explanation) -> Iterator[Shown]:
     from twin.explain.effects import EFFECTS, present
 
     percent = found.whole.percent is not None
     what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
-    console.print(f"[bold]{escape(found.scenario.title)}[/bold]: {what}")
+    yield bold(f"{found.scenario.title}: {what}")
 
     def size(case: EffectCase | None) -> float | None:
         if case is None:
@@ -113,7 +100,7 @@ def _show_effects(found: Explanation) -> None:
         if share is not None:
             rows.append((label, "", "", "", "", percentage(share)))
     heads = ("effect", "all but this", "change", "this alone", "change", "share")
-    print_table(heads, rows, right=slice(1, None))
+    yield Table("", heads, rows)
     for label, case in (
         ("all effects", found.whole),
         ("none of them", found.none),
@@ -121,11 +108,11 @@ def _show_effects(found: Explanation) -> None:
     ):
         if case is not None:
             value = size(case)
-            console.print(f"{label}: {case.outcome if value is None else f'{value:.2f}'}")
+            yield f"{label}: {case.outcome if value is None else f'{value:.2f}'}"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:
-        console.print(f"not in this scenario: {', '.join(lacking)}")
+        yield f"not in this scenario: {', '.join(lacking)}"
 
 
 PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
@@ -159,7 +146,7 @@ def identify(
     folder = out or ROOT / f"identify-{run_name(log)}"
     from twin.identify.identify import identify as identify_log
     from twin.identify.log import read
-    from twin.identify.report import write
+    from twin.identify.report import HEADS, rows, sentences, write
     from twin.identify.verdict import IDENTIFIED
 
     recorded = read(log)
@@ -167,20 +154,12 @@ def identify(
     with progress(f"identifying from {recorded.source}", 1.0) as advance:
         found = identify_log(recorded, wanted, 1 - hold_out, advance)
     write(found, folder)
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        _show_parameters(found)
-        console.print(f"written to {folder}/")
+    why = (f"{each.about.name}: {each.why}" for each in found.verdicts if each.why)
+    notes = (f"note: {note}" for note in found.notes)
+    table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
+    shown = (table, *why, *sentences(found), *notes)
+    show(found.as_dict(), as_json, shown, folder, "report.html, parameters.toml")
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
-
-
-def _show_parameters(found: Identification) -> None:
-    from twin.identify.report import HEADS, rows, sentences
-
-    print_table(HEADS, rows(found), right=slice(1, 3))
-    say(*(f"{each.about.name}: {each.why}" for each in found.verdicts if each.why))
-    say(*sentences(found), *(f"note: {note}" for note in found.notes))
 
 
 @click.command()
@@ -208,7 +187,7 @@ def fit(
     """
     known = shipped_in("fits")
     if table is None:
-        print_titles(titles(known), as_json=as_json)
+        show(titles(known), as_json, titled(titles(known)))
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
@@ -226,13 +205,11 @@ def fit(
         with progress(about.title, 1.0) as advance:
             found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
     write(found, folder)
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
-        print_table(heads, map(row, found.estimates))
-        say(sentences(found)[0], *sentences(found)[len(found.estimates) + 1 :])
-        console.print(f"written to {folder}/: report.html, fit.json")
+    heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
+    told = sentences(found)
+    shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
+    more = told[len(found.estimates) + 1 :]
+    show(found.as_dict(), as_json, (*shown, *more), folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 
@@ -275,12 +252,7 @@ def shadow(
         examined = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )
-    if as_json:
-        print_json(examined.numbers)
-    else:
-        for sentence in examined.sentences:
-            console.print(sentence, markup=False)
-        console.print(f"written to {folder}/: {FILES}")
+    show(examined.numbers, as_json, examined.sentences, folder, FILES)
     return int(bool(examined.found.alarms))
 
 
@@ -337,17 +309,16 @@ def whatif(
         write(moment, found, folder, beside)
     for note in moment.notes:
         warn(note)
-    if as_json:
-        print_json(summary(moment, found))
-        return 0
-    say(agreement(moment))
-    print_metrics({each.label: each.run.metrics for each in found})
-    for each in found:
-        if each.max_difference is not None:
-            apart = f"{1000 * each.max_difference:.3g} mm from the record at most"
-            say(f"{each.label}: {apart}")
-    console.print(
-        f"written to {folder}/: picture.png, report.html and a run folder per branch for "
+    apart = (
+        f"{each.label}: {1000 * each.max_difference:.3g} mm from the record at most"
+        for each in found
+        if each.max_difference is not None
+    )
+    tables = indicators({each.label: each.run.metrics for each in found})
+    files = (
+        "picture.png, report.html and a run folder per branch for "
         f"`ballplate view {folder}` and `ballplate report {folder}`"
     )
+    shown = (agreement(moment), *tables, *apart)
+    show(summary(moment, found), as_json, shown, folder, files)
     return 0
