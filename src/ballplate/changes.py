@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
-from ballplate.reporter import page, paragraphs, table
 from twin.errors import ScenarioError
 from twin.shipped import shipped, titles
 
@@ -242,12 +241,15 @@ class Keys(list["Key"]):
 
     def _repr_html_(self) -> str:
         """For a notebook."""
+        from twin.page import Table, Text, fragment
+
         heads = ("key", "default", "unit", "type", "allowed", "meaning")
         lines = [
             (each.key, each.value, each.unit, each.type, each.allowed, each.meaning)
             for each in self
         ]
-        return page("", paragraphs([self.sentence]), table(heads, lines))
+        about = [Text([self.sentence])] if self.sentence else []
+        return fragment("", [*about, Table("", heads, lines, words=range(len(heads)))])
 
 
 def describe(name: str = "") -> Keys:

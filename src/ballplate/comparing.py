@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.reporter import Reporter, default, indicators, page, png_image, showable
+from ballplate.reporter import Reporter, default, overview, showable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find
@@ -24,10 +25,12 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Scenario
 
 
+@dataclass(repr=False, eq=False)
 class Comparison(Mapping[str, "Result"]):
     """Runs side by side, by what tells them apart; shows itself in a notebook.
 
     Attributes:
+        runs: By what tells them apart.
         title: What is compared.
         headings: What the table calls each run.
         names: What pictures call it.
@@ -38,41 +41,36 @@ class Comparison(Mapping[str, "Result"]):
         logs: Which of them are logs, by label.
     """
 
-    def __init__(
-        self,
-        runs: Mapping[str, Result],
-        title: str,
-        headings: Mapping[str, str],
-        *,
-        names: Mapping[str, str] | None = None,
-        folders: Mapping[str, str] | None = None,
-        interrupted: bool = False,
-        replaced: str = "",
-        logs: Sequence[str] = (),
-    ) -> None:
-        self._runs = dict(runs)
-        self.title = title
-        self.headings = {label: headings.get(label, label) for label in runs}
-        self.names = self.headings | dict(names or {})
-        self.folders = dict(folders or {})
-        self.interrupted, self.replaced = interrupted, replaced
-        self.folder: Path | None = None
-        self.logs = tuple(logs)
+    runs: Mapping[str, Result]
+    title: str
+    headings: Mapping[str, str]
+    _: KW_ONLY
+    names: Mapping[str, str] = field(default_factory=dict)
+    folders: Mapping[str, str] = field(default_factory=dict)
+    interrupted: bool = False
+    folder: Path | None = None
+    replaced: str = ""
+    logs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Call a run what it is called, or by its label."""
+        self.headings = {label: self.headings.get(label, label) for label in self.runs}
+        self.names = {**self.headings, **self.names}
 
     def __getitem__(self, label: str) -> Result:
         """One of the runs."""
-        return self._runs[label]
+        return self.runs[label]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._runs)
+        return iter(self.runs)
 
     def __len__(self) -> int:
-        return len(self._runs)
+        return len(self.runs)
 
     @property
     def metrics(self) -> dict[str, dict[str, Any]]:
         """The indicators of each run, as ``Result.metrics``."""
-        return {label: each.metrics for label, each in self._runs.items()}
+        return {label: each.metrics for label, each in self.runs.items()}
 
     def to_pandas(self) -> pd.DataFrame:
         """The indicators, a row per run."""
@@ -83,11 +81,11 @@ class Comparison(Mapping[str, "Result"]):
     @property
     def motions(self) -> dict[str, Motion]:
         """The motion of each run by what pictures call it."""
-        return {self.names[label]: each.motion for label, each in self._runs.items()}
+        return {self.names[label]: each.motion for label, each in self.runs.items()}
 
     def summaries(self) -> dict[str, dict[str, Any]]:
         """The indicators of each run, as ``Result.summary``."""
-        return {label: each.summary() for label, each in self._runs.items()}
+        return {label: each.summary() for label, each in self.runs.items()}
 
     def plot(self) -> Figure:
         """All runs in one picture."""
@@ -105,8 +103,8 @@ class Comparison(Mapping[str, "Result"]):
         from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
-        self.folders = {label: self.folders.get(label, slug(label)) for label in self._runs}
-        for label, each in self._runs.items():
+        self.folders = {label: self.folders.get(label, slug(label)) for label in self.runs}
+        for label, each in self.runs.items():
             kept(each, Path(folder) / self.folders[label])
         return self.draw(folder)
 
@@ -132,7 +130,7 @@ class Comparison(Mapping[str, "Result"]):
 
     @property
     def _area(self) -> tuple[float, float]:
-        area: tuple[float, float] = next(iter(self._runs.values())).scenario.rig.limits.area
+        area: tuple[float, float] = next(iter(self.runs.values())).scenario.rig.limits.area
         return area
 
     def __repr__(self) -> str:
@@ -140,8 +138,8 @@ class Comparison(Mapping[str, "Result"]):
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""
-        runs = {self.headings[label]: each for label, each in self._runs.items()}
-        return page(self.title, indicators(runs), png_image(self.plot()))
+        runs = {self.headings[label]: each for label, each in self.runs.items()}
+        return overview(self.title, runs, self.plot())
 
 
 Vary = Mapping[str, Iterable[Any]]
@@ -373,10 +371,10 @@ def side_by_side(
         names={label: cases[label].name for label in ordered},
         folders={label: cases[label].folder for label in ordered},
         interrupted=interrupted or bool(failed),
+        folder=folder,
         replaced=replaced,
         logs=logs,
     )
-    found.folder = folder
     if folder is not None:
         found.draw(folder)
     return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ballplate.reporter import Reporter, default, page, paragraphs, png_image, showable, table
+from ballplate.reporter import Reporter, default, png, showable
 from twin.run.signals import Signals
 
 if TYPE_CHECKING:
@@ -59,7 +59,9 @@ class Log(Signals):
 
     def _repr_html_(self) -> str:
         """For a notebook: its picture."""
-        return page("", png_image(self.plot()))
+        from twin.page import Picture, fragment
+
+        return fragment("", [Picture("", png(self.plot()))])
 
 
 def load(path: str | Path) -> Result | Comparison | Log:
@@ -106,6 +108,7 @@ HOLD_OUT = 1 / 3
 """Share of a log that is held out from the fit."""
 
 
+@dataclass(repr=False, eq=False)
 class Identified:
     """What a log shows of its rig; shows itself in a notebook.
 
@@ -113,8 +116,7 @@ class Identified:
         found: The fit with its intervals, checks on what was held out, and notes.
     """
 
-    def __init__(self, found: Identification) -> None:
-        self.found = found
+    found: Identification
 
     @property
     def verdicts(self) -> tuple[ParameterVerdict, ...]:
@@ -150,9 +152,10 @@ class Identified:
     def _repr_html_(self) -> str:
         """For a notebook: the verdict in words, and each parameter with its interval."""
         from twin.identify.report import HEADS, rows
+        from twin.page import Table, Text, fragment
 
         title = f"Identification from {self.found.log.source}"
-        return page(title, table(HEADS, rows(self.found)), paragraphs(self.sentences))
+        return fragment(title, [Table("", HEADS, rows(self.found)), Text(self.sentences)])
 
 
 def identify(

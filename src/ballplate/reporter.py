@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from base64 import b64encode
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from io import BytesIO
@@ -132,36 +131,13 @@ def showable(figure: Figure) -> Figure:
     return figure
 
 
-def page(title: str, *parts: str) -> str:
-    """A heading above parts in HTML."""
-    heading = f"<h4>{escape(title)}</h4>" if title else ""
-    return f"<div>{heading}{''.join(parts)}</div>"
+def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
+    """Runs by their headings for a notebook: their indicators and a picture."""
+    from twin.page import Picture, fragment
+    from twin.report.numbers import indicators, rows
 
-
-def paragraphs(lines: Iterable[str]) -> str:
-    """A paragraph a line."""
-    return "".join(f"<p>{escape(line)}</p>" for line in lines)
-
-
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts, the first column aligned left."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in headings)
-    body = "".join(f"<tr>{_cells(row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def indicators(runs: Mapping[str, Run]) -> str:
-    """The indicators of runs as a table, a column for each by its heading."""
-    from twin.report.numbers import rows
-
-    lines = [(row.label, *row.values, row.unit) for row in rows(list(runs.values()))]
-    return table(("", *runs, "unit"), lines)
-
-
-def png_image(figure: Figure) -> str:
-    """A figure as a picture that stands within the page."""
-    data = b64encode(png(figure)).decode()
-    return f'<img style="max-width: 100%" src="data:image/png;base64,{data}">'
+    table = indicators("", rows(list(runs.values())), list(runs))
+    return fragment(title, [table, Picture("", png(figure))])
 
 
 def png(figure: Figure) -> bytes:
@@ -169,10 +145,3 @@ def png(figure: Figure) -> bytes:
     content = BytesIO()
     figure.savefig(content, dpi=DPI, format="png")
     return content.getvalue()
-
-
-def _cells(row: Sequence[str]) -> str:
-    return "".join(
-        f'<td style="text-align: {"right" if index else "left"}">{escape(text)}</td>'
-        for index, text in enumerate(row)
-    )

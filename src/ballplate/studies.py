@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
-from io import StringIO
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
 from ballplate.comparing import cases_of
-from ballplate.reporter import Reporter, default, page, paragraphs, png_image, showable, table
+from ballplate.reporter import Reporter, default, png, showable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
 from twin.shipped import find
@@ -36,6 +35,7 @@ WIDTH = 80
 """Characters in a line of the title."""
 
 
+@dataclass(repr=False, eq=False)
 class Sweep:
     """Indicators of runs over the values of some keys; shows itself in a notebook.
 
@@ -46,15 +46,10 @@ class Sweep:
         rows: The indicators of each run, as ``Result.summary``.
     """
 
-    def __init__(
-        self,
-        title: str,
-        keys: Sequence[str],
-        points: Sequence[tuple[Any, ...]],
-        rows: Sequence[Mapping[str, Any]],
-    ) -> None:
-        self.title = title
-        self.keys, self.points, self.rows = tuple(keys), list(points), list(rows)
+    title: str
+    keys: Sequence[str]
+    points: Sequence[tuple[Any, ...]]
+    rows: Sequence[Mapping[str, Any]]
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -103,14 +98,11 @@ class Sweep:
         """A line per run: values of the keys, every indicator with its unit in the header."""
         from twin.run.indicators import UNITS
 
-        store = StringIO()
-        writer = csv.writer(store, lineterminator="\n")
         names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
-        heads = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in names]
-        writer.writerow([*self.keys, *heads])
-        for point, row in zip(self.points, self.rows, strict=True):
-            writer.writerow([*point, *(row.get(name) for name in names)])
-        return store.getvalue()
+        frame = self.to_pandas().reindex(columns=[*self.keys, *names])
+        frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
+        text: str = frame.to_csv(index=False, lineterminator="\n")
+        return text
 
     def plot(self, *metrics: str) -> Figure:
         """Indicators over the first key, a curve for each value of the others.
@@ -180,7 +172,7 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        from twin.page import digits
+        from twin.page import Picture, Table, digits, fragment
         from twin.report.numbers import LABELS
 
         metric = DRAWN[0]
@@ -190,7 +182,7 @@ class Sweep:
             for point, row in zip(self.points, self.rows, strict=True)
         ]
         heads = (*self.keys, "outcome", f"{LABELS[metric][0]} [{unit}]")
-        return page(self.title, table(heads, lines), png_image(self.plot()))
+        return fragment(self.title, [Table("", heads, lines), Picture("", png(self.plot()))])
 
 
 def named(value: Any) -> str:
@@ -260,12 +252,8 @@ def sweep(
     ]
     title = comparison(title, varied, [each.text for each in base])
     points = list(itertools.product(*plain))
-    done = Sweep(
-        title,
-        list(varied),
-        points,
-        [rows.get(number, _none("not run")) for number in range(len(cases))],
-    )
+    every = [rows.get(number, _none("not run")) for number in range(len(cases))]
+    done = Sweep(title, tuple(varied), points, every)
     if out is not None:
         done.save(out)
     return done
@@ -291,6 +279,7 @@ def _none(outcome: str) -> dict[str, Any]:
     return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}
 
 
+@dataclass(repr=False, eq=False)
 class StudyResult:
     """What a study found; shows itself in a notebook.
 
@@ -300,8 +289,9 @@ class StudyResult:
         answers: Statistics, one per variant.
     """
 
-    def __init__(self, work: Work, rows: pa.Table, answers: Sequence[Answer]) -> None:
-        self.work, self.rows, self.answers = work, rows, list(answers)
+    work: Work
+    rows: pa.Table
+    answers: list[Answer]
 
     @property
     def title(self) -> str:
@@ -345,12 +335,12 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
+        from twin.page import Picture, Text, fragment
         from twin.study.report import compared
 
         found = compared(self.work.study, self.answers)
-        rows = table(found.heads, found.rows)
-        pictures = [png_image(figure) for figure in self.plot().values()]
-        return page(self.title, paragraphs(self.sentences), rows, *pictures)
+        pictures = [Picture("", png(figure)) for figure in self.plot().values()]
+        return fragment(self.title, [Text(self.sentences), found, *pictures])
 
 
 def study(

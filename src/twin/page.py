@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from markupsafe import Markup
 
 from twin import markdown
-from twin.html import inline, render
+from twin.html import inline, inner, render
 
 if TYPE_CHECKING:
     import rich.table
@@ -148,6 +148,12 @@ Block = Text | Verdict | Table | Picture | Code
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
     return render("page.html.j2", title=title, blocks=blocks)
+
+
+def fragment(title: str, blocks: Sequence[Block]) -> str:
+    """The same without a page around it, for a notebook."""
+    heading = Markup("<h4>{}</h4>").format(title) if title else ""
+    return f"<div>{heading}{inner('page.html.j2', blocks=blocks)}</div>"
 
 
 def as_markdown(title: str, blocks: Sequence[Block]) -> str:

@@ -1,5 +1,6 @@
 import pytest
 
+from controllers import catalog
 from controllers.catalog import ADDED, forget
 from twin.cli import main
 
@@ -22,6 +23,7 @@ def ballplate(capsys, tmp_path, monkeypatch):
 def own_laws(monkeypatch):
     """What is taken in of one's own laws is forgotten afterwards."""
     monkeypatch.setenv(ADDED, "")
+    monkeypatch.setattr(catalog, "_registered", {})
     forget()
     yield
     forget()

@@ -22,13 +22,6 @@ def test_compare_sets_variants_side_by_side(ballplate, tmp_path):
 
 
 @pytest.mark.long
-def test_compare_takes_several_scenarios(ballplate):
-    code, out, _ = ballplate("compare", "hold", "step", *QUICK, "--json")
-    assert code == 0
-    assert list(json.loads(out)) == ["hold", "step"]
-
-
-@pytest.mark.long
 def test_columns_of_variants_are_told_apart_by_value(ballplate, monkeypatch, tmp_path):
     monkeypatch.setattr(output.console, "width", 80)
     code, out, _ = ballplate(

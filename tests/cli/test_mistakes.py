@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from twin.run.finished import record_run, run
@@ -78,6 +80,7 @@ LINES = {
     "compare no.csv circle": "no.csv: cannot be read: No such file or directory",
     "compare log.csv": "a log has no reference; name the scenario",
     "report circle": "is a scenario, not a run; first: ballplate run circle",
+    "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log has no reference; name the scenario",
     "report": "no run in runs/ yet",
     "view made --connect 127.0.0.1:1": "no viewer there",
@@ -121,6 +124,7 @@ def folder(tmp_path_factory):
         (place / name).write_text(text)
     keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
     record_run(run(load("circle", keys)), place / "made")
+    pq.write_table(pa.table({"a": [1.0]}), place / "foreign.parquet")
     return place
 
 
