@@ -190,38 +190,84 @@ def compare(
 
     Raises:
         TwinError: If there is no such scenario, run or log, or anything in it is unknown, out of
-            range or cannot be assembled.
+            range or cannot be assembled, or the folder cannot be written.
+        KeyboardInterrupt: If the user interrupts before any has run.
     """
-    from twin.run.files import sorted_out
+    from twin.run.files import forget, sorted_out
 
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
     given = [str(each) for each in sources if isinstance(each, str | Path)]
-    names, kept, logs = sorted_out(given) if given else ((), (), ())
+    names, folders, logs = sorted_out(given) if given else ((), (), ())
     report = reporter or default()
     if vary and not names:
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
-    from ballplate.results import Result
-    from twin.run.finished import open_runs
+    from ballplate.results import Result, kept
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
-    opened = [*map(Result.from_run, open_runs(kept, tell=report.warn))] if kept else []
-    for each in sources:
-        if isinstance(each, Result):
-            opened.append(each)
-        elif not isinstance(each, str | Path):
-            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    opened = _opened(sources, folders, report)
     measured, fitted = _measured(logs, names, opened, base)
     finished = _labelled([*map(Result.from_run, measured), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     title = title_of(names, cases, finished, varied, [each.text for each in base])
     folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
-    return side_by_side(
-        cases, finished, title, folder, processes, report, tuple(each.name for each in measured)
+    replaced = ""
+    if folder is not None:
+        check_writable(folder, report.name_of("out"))
+        replaced = forget(folder)
+    runs: dict[str, Result] = {}
+    failed: list[LawError] = []
+    interrupted = False
+    try:
+        scenarios = {label: case.scenario for label, case in cases.items()}
+        for label, done in _each(scenarios, processes, report):
+            if isinstance(done, LawError):
+                failed.append(done)
+                report.warn(f"{label}: {done}")
+                continue
+            each = Result.from_run(done, label)
+            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
+    except KeyboardInterrupt:
+        interrupted = True
+        if not runs:
+            raise
+    if failed and not (runs or finished):
+        raise failed[0]
+    ordered = {label: runs[label] for label in cases if label in runs}
+    found = Comparison(
+        {**finished, **ordered},
+        title,
+        {label: cases[label].heading for label in ordered},
+        names={label: cases[label].name for label in ordered},
+        folders={label: cases[label].folder for label in ordered},
+        interrupted=interrupted or bool(failed),
+        folder=folder,
+        replaced=replaced,
+        logs=tuple(each.name for each in measured),
     )
+    if folder is not None:
+        found.draw(folder)
+    return found
+
+
+def _opened(
+    sources: Sequence[str | Path | Result], folders: tuple[Path, ...], reporter: Reporter
+) -> list[Result]:
+    """Finished runs: those of the folders, then those that were given as they are."""
+    from ballplate.results import Result
+    from twin.run.finished import open_runs
+
+    found = open_runs(folders, tell=reporter.warn) if folders else []
+    opened = [Result.from_run(each) for each in found]
+    for each in sources:
+        if isinstance(each, Result):
+            opened.append(each)
+        elif not isinstance(each, str | Path):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    return opened
 
 
 def _measured(
@@ -310,73 +356,6 @@ def _labelled(finished: Sequence[Result]) -> dict[str, Result]:
         label = each.name if names.count(each.name) == 1 else each.title
         taken = sum(other.partition("~")[0] == label for other in found)
         found[f"{label}~{taken + 1}" if taken else label] = each
-    return found
-
-
-def side_by_side(
-    cases: Mapping[str, Case],
-    finished: Mapping[str, Result],
-    title: str,
-    folder: Path | None,
-    processes: int | None,
-    reporter: Reporter,
-    logs: tuple[str, ...] = (),
-) -> Comparison:
-    """Run cases and put them beside runs that are finished.
-
-    Args:
-        cases: Label to what is to run.
-        finished: Label to run.
-        title: What is compared.
-        folder: Where each run is saved as it comes, and the picture; None for nowhere.
-        processes: Processes to use; None for all processors if the runs are worth it.
-        reporter: Who is told progress and warnings.
-        logs: Labels of those that are logs.
-
-    Raises:
-        TwinError: If a case cannot be assembled, or the folder cannot be written.
-        KeyboardInterrupt: If the user interrupts before any has run.
-    """
-    from ballplate.results import Result, kept
-
-    replaced = ""
-    if folder is not None:
-        from twin.run.files import forget
-
-        check_writable(folder, reporter.name_of("out"))
-        replaced = forget(folder)
-    runs: dict[str, Result] = {}
-    failed: list[LawError] = []
-    interrupted = False
-    try:
-        scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, done in _each(scenarios, processes, reporter):
-            if isinstance(done, LawError):
-                failed.append(done)
-                reporter.warn(f"{label}: {done}")
-                continue
-            each = Result.from_run(done, label)
-            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
-    except KeyboardInterrupt:
-        interrupted = True
-        if not runs:
-            raise
-    if failed and not (runs or finished):
-        raise failed[0]
-    ordered = {label: runs[label] for label in cases if label in runs}
-    found = Comparison(
-        {**finished, **ordered},
-        title,
-        {label: cases[label].heading for label in ordered},
-        names={label: cases[label].name for label in ordered},
-        folders={label: cases[label].folder for label in ordered},
-        interrupted=interrupted or bool(failed),
-        folder=folder,
-        replaced=replaced,
-        logs=logs,
-    )
-    if folder is not None:
-        found.draw(folder)
     return found
 
 

@@ -366,36 +366,21 @@ def study(
     Raises:
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
-    return carried_out(
-        work_of(str(name), keys),
-        out=out,
-        processes=processes,
-        scheduler=scheduler,
-        reporter=reporter or default(),
-    )
-
-
-def carried_out(
-    work: Work,
-    *,
-    out: str | Path | None,
-    processes: int | None,
-    scheduler: str | None,
-    reporter: Reporter,
-) -> StudyResult:
-    """The runs of a study, those that are missing carried out; arguments as for ``study``."""
     from twin.study.answers import answers
     from twin.study.cluster import Cluster
     from twin.study.experiments import Store, carry
 
+    report = reporter or default()
+    with report.progress(f"{name}: checking every run", 1.0):
+        work = work_of(str(name), keys)
     if out is not None:
-        check_writable(Path(out), reporter.name_of("out"))
+        check_writable(Path(out), report.name_of("out"))
     with (
         TemporaryDirectory() if out is None else nullcontext(out) as folder,
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
     ):
         store = Store(Path(folder))
-        with reporter.progress(work.study.title, work.different, "runs") as advance:
+        with report.progress(work.study.title, work.different, "runs") as advance:
             rows = carry(
                 work,
                 store,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,24 @@ from twin.paths import model_path
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from ballplate.reporter import Advance
+    from twin.devices.akd.servos import AkdServos
     from twin.doctor.touch import MeasuredTouch
     from twin.identify.verdict import ParameterVerdict
+    from twin.scenario import Scenario
+    from twin.scenario.rig import RigFile
+
+
+@contextmanager
+def _turned(
+    rig: str, scenario: Scenario, what: str, total: float
+) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
+    """A rig whose plate is turned in real time: its file, its servos, and progress."""
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.scheduling import real_time
+
+    with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
+        yield file, AkdServos(file.servos(0.002)), advance
 
 
 @click.command("lost-motion")
@@ -47,20 +64,18 @@ def lost_motion(
 
     Settings are those of the virtual rig.
     """
-    from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
     from twin.doctor.lost_motion import measure
     from twin.hal.cams import CamTable
     from twin.identify.lost_motion import KEYS
     from twin.scenario import load
 
-    with (
-        rig_file(rig, load("circle", overrides)) as (file, _),
-        real_time(),
-        progress("turning the plate", 1.0) as advance,
+    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (
+        file,
+        servos,
+        advance,
     ):
         found = measure(
-            AkdServos(file.servos(0.002)),
+            servos,
             CamTable.from_file(Path(file.cams) if file.cams else model_path("cams.json")),
             amplitude=math.radians(amplitude),
             rate=math.radians(rate),
@@ -282,19 +297,13 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
     """Measure the cams of a rig."""
-    from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
     from twin.doctor.cams import measure
     from twin.hal.cams import CamTable
     from twin.scenario import load
 
-    with (
-        rig_file(rig, load("circle")) as (file, _),
-        real_time(),
-        progress("measuring the cams", lines**2 + 1) as advance,
-    ):
+    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
         found = measure(
-            AkdServos(file.servos(0.002)),
+            servos,
             CamTable.from_file(model_path("cams.json")),
             reach=math.radians(reach),
             lines=lines,

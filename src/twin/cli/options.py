@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -276,6 +276,7 @@ WATCHING = (
 )
 
 
+@dataclass
 class Viewing:
     """How a run is watched; whatever goes wrong with that, the run itself is done and kept.
 
@@ -290,15 +291,18 @@ class Viewing:
         ScenarioError: If these exclude each other, or the recording's folder does not exist.
     """
 
-    def __init__(
-        self, *, watch: bool, window: bool, connect: str | None, serve: int | None, rrd: Path | None
-    ) -> None:
-        if sum((window, connect is not None, serve is not None)) > 1:
+    watch: bool
+    window: bool
+    connect: str | None
+    serve: int | None
+    rrd: Path | None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        if sum((self.window, self.connect is not None, self.serve is not None)) > 1:
             raise ScenarioError("--view, --connect and --serve: choose one")
-        if rrd is not None and not rrd.resolve().parent.is_dir():
-            raise ScenarioError(f"--rrd {rrd}: there is no such folder")
-        self.watch = watch
-        self._window, self._connect, self._serve, self._rrd = window, connect, serve, rrd
+        if self.rrd is not None and not self.rrd.resolve().parent.is_dir():
+            raise ScenarioError(f"--rrd {self.rrd}: there is no such folder")
         self._opened: Opened | None = None
         self._url, self._recording = "", str(uuid4())
 
@@ -355,13 +359,13 @@ class Viewing:
 
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
-        if self._rrd is not None:
+        if self.rrd is not None:
             from twin.run.finished import open_run
             from twin.view.recording import write
 
             try:
-                write(self._rrd, open_run(folder))
-                click.echo(f"written to {self._rrd}", err=True)
+                write(self.rrd, open_run(folder))
+                click.echo(f"written to {self.rrd}", err=True)
             except TwinError as error:
                 warn(f"{error}; the run itself is in {folder}/")
         if self._opened is not None and self._opened.page:
@@ -373,16 +377,16 @@ class Viewing:
 
     def _open(self, scenario: Scenario, name: str, *, twin: bool) -> LiveProcess | None:
         """Start the view that was asked for; None if none was, or it cannot start."""
-        if not (self._window or self._connect or self._serve):
+        if not (self.window or self.connect or self.serve):
             return None
         from twin.view import recording, viewer
 
-        url = recording.address(self._connect) if self._connect is not None else ""
+        url = recording.address(self.connect) if self.connect is not None else ""
         try:
             if url:
                 recording.reach(url)
             else:
-                self._opened = viewer.page(self._serve) if self._serve else viewer.window()
+                self._opened = viewer.page(self.serve) if self.serve else viewer.window()
                 url = self._opened.url
         except ViewError as error:
             warn(f"{error}; the run goes on without a view")
@@ -397,17 +401,9 @@ def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  a
     """Give a command the options above, as one argument ``viewing``."""
 
     @functools.wraps(command)
-    def wrapped(
-        *args: Any,
-        watch: bool,
-        window: bool,
-        connect: str | None,
-        serve: int | None,
-        rrd: Path | None,
-        **kwargs: Any,
-    ) -> Any:
-        viewing = Viewing(watch=watch, window=window, connect=connect, serve=serve, rrd=rrd)
-        return command(*args, viewing=viewing, **kwargs)
+    def wrapped(**given: Any) -> Any:
+        viewing = Viewing(**{each.name: given.pop(each.name) for each in fields(Viewing)})
+        return command(viewing=viewing, **given)
 
     for option in reversed(WATCHING):
         wrapped = option(wrapped)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 from rich.filesize import decimal
 
-from ballplate.studies import carried_out, work_of
+from ballplate.studies import study as run_study
+from ballplate.studies import work_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import Terminal, bold, duration, errors, progress, show, titled
+from twin.cli.output import Terminal, bold, duration, progress, show, titled
 from twin.jobs import cores
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
@@ -61,24 +62,29 @@ def study(
         show(titles(known), as_json, titled(titles(known)))
         return 0
     chosen("study", study, known)  # a wrong name is told before anything heavy is imported
-    with errors.status(f"{study}: checking every run ..."):
-        work = work_of(study, {"samples": samples, "seeds": seeds})
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
+        work = work_of(study, {"samples": samples, "seeds": seeds})
         check_writable(folder)
         return _plan_study(work, folder, processes, scheduler, as_json=as_json)
-    done = carried_out(
-        work, out=folder, processes=processes, scheduler=scheduler, reporter=Terminal()
+    done = run_study(
+        study,
+        out=folder,
+        processes=processes,
+        scheduler=scheduler,
+        reporter=Terminal(),
+        samples=samples,
+        seeds=seeds,
     )
     from twin.study.report import compared, endings, grids
 
-    about, found = work.study, done.answers
+    about, found = done.work.study, done.answers
     shown = (
         bold(f"{done.title}: {about.metrics[0]}"),
         *grids(about, found),
         compared(about, found),
         *done.sentences,
-        *endings(work, done.rows),
+        *endings(done.work, done.rows),
     )
     files = "report.html, figures/, rows.parquet, rows.csv"
     show(_numbers(about, found), as_json, shown, folder, files)

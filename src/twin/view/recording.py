@@ -249,26 +249,38 @@ def forward(url: str, runs: Sequence[Run]) -> None:
         raise ViewError(f"the viewer at {url} does not answer: {error}") from error
 
 
+def _plan(
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, live: bool, twin: bool
+) -> rrb.Blueprint:
+    """How runs are arranged, by rows of each; of a live one nobody knows how far its lines go."""
+    names = [each.name for each in streams]
+    plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
+    entities = {group for plot in plots for group in plot}
+    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
+    groups = {group: explained(lines, names) for group, lines in shown.items()}
+    ranges = {} if live else {group: shown_range(lines) for group, lines in shown.items()}
+    if twin:
+        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
+    return blueprint([each.root for each in streams], groups, TIMELINE, live=live, ranges=ranges)
+
+
+def _log_fixed(stream: rr.RecordingStream, run: RunStream, rows: Mapping[str, Array]) -> None:
+    """Send what does not change of a run, by rows of it."""
+    for entity, shape in (*run.fixed(), *run.styles(rows)):
+        stream.log(entity, shape, static=True)
+
+
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     together = len(runs) > 1
     streams = [
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    plots = [each.plots(run.rows) for each, run in zip(streams, runs, strict=True)]
-    names = [run.name for run in runs]
-    entities = {group for plot in plots for group in plot}
-    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
-    groups = {group: explained(lines, names) for group, lines in shown.items()}
-    ranges = {group: shown_range(lines) for group, lines in shown.items()}
     twins = [saved_twin(run) for run in runs]
-    if any(twins):
-        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
-    plan = blueprint([each.root for each in streams], groups, TIMELINE, ranges=ranges)
+    plan = _plan(streams, [run.rows for run in runs], live=False, twin=any(twins))
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
-        for entity, shape in (*each.fixed(), *each.styles(run.rows)):
-            stream.log(entity, shape, static=True)
+        _log_fixed(stream, each, run.rows)
         for batch in each.batches(run.rows):
             send(stream, batch)
     for run, said in zip(runs, twins, strict=True):
@@ -430,16 +442,9 @@ def _begin(
     twin: bool,
 ) -> None:
     """Connect, and send what does not change."""
-    names = [each.name for each in runs]
-    plots = [each.plots(block) for each in runs]
-    groups = {group: explained([plot[group] for plot in plots], names) for group in plots[0]}
-    groups |= TWIN_WORDS if twin else {}
-    ranges = TWIN_RANGES if twin else {}
-    roots = [each.root for each in runs]
-    plan = blueprint(roots, groups, TIMELINE, live=True, ranges=ranges)
+    plan = _plan(runs, [block] * len(runs), live=True, twin=twin)
     stream.connect_grpc(url, default_blueprint=plan)
     if twin:  # whose process may have come first, and the viewer made a plan of its own
         stream.send_blueprint(plan, make_active=True, make_default=True)
     for each in runs:
-        for entity, shape in (*each.fixed(), *each.styles(block)):
-            stream.log(entity, shape, static=True)
+        _log_fixed(stream, each, block)
