@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from markupsafe import Markup
 
-from twin import markdown
-from twin.html import inline, render
-
 if TYPE_CHECKING:
     import rich.table
     from matplotlib.figure import Figure
@@ -123,6 +120,8 @@ class Picture:
         if isinstance(self.content, bytes):
             data = b64encode(self.content).decode()
             return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, self.title)
+        from twin.html import inline  # noqa: PLC0415  heavy, as in what follows
+
         return self.content if isinstance(self.content, Markup) else inline(self.content)
 
 
@@ -147,7 +146,17 @@ Block = Text | Verdict | Table | Picture | Code
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
+    from twin.html import render  # noqa: PLC0415
+
     return render("page.html.j2", title=title, blocks=blocks)
+
+
+def fragment(title: str, blocks: Sequence[Block]) -> str:
+    """The same without a page around it, for a notebook."""
+    from twin.html import inner  # noqa: PLC0415
+
+    heading = Markup("<h4>{}</h4>").format(title) if title else ""
+    return f"<div>{heading}{inner('page.html.j2', blocks=blocks)}</div>"
 
 
 def as_markdown(title: str, blocks: Sequence[Block]) -> str:
@@ -180,6 +189,8 @@ def digits(value: Any, unit: str = "", places: int = 4) -> str:
 
 
 def _in_markdown(block: Block) -> str:
+    from twin import markdown  # noqa: PLC0415
+
     above = f"## {block.title}\n\n" if block.title else ""
     match block:
         case Text((line,)):

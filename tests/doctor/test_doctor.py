@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import ballplate as bp
-from twin.cli.doctor import doctor
+from twin.cli.rig import doctor
 from twin.devices import scheduling
 from twin.devices.akd.conditions import WRONG_SETTING, DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig

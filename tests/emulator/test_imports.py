@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import twin.devices
 import twin.emulator
-from twin.cli.emulate import emulate
+from twin.cli.rig import emulate
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.process import Emulator, emulated

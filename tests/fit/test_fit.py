@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.fit import fit as command
+from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
 from twin.fit.fit import Descent, Search, bootstrap, correlation, estimates, fit, searched
 from twin.fit.runs import LOST, Runs, cells, rounded

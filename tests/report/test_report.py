@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.report import report as command
+from twin.cli.look import report as command
 from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum

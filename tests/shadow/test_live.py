@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.scenarios import run as run_command
-from twin.cli.shadow import shadow as shadow_command
+from twin.cli.runs import run as run_command
+from twin.cli.understand import shadow as shadow_command
 from twin.errors import TwinError
 from twin.identify.log import read
 from twin.identify.prepare import prepare
@@ -30,7 +30,7 @@ from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
 from twin.shadow.report import scores
 from twin.view.recording import encoded
-from twin.view.twin_stream import TwinStream, saved_twin
+from twin.view.streams import TwinStream, saved_twin
 
 SETTINGS = (
     "plant.kind=lagrange",

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from twin.cli.study import study as command
+from twin.cli.studies import study as command
 from twin.errors import ScenarioError
 from twin.run.batch import alike, simulate
 from twin.study.design import points

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from twin.cli.reproduce import reproduce
+from twin.cli.analyse import reproduce
 from twin.errors import ScenarioError, TwinError
 from twin.run.assemble import build_controller
 from twin.run.metrics import Motion

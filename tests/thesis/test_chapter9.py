@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from controllers.linear import LQR
 from controllers.nonlinear import AFL, AFLIntegral, Backstepping, SlidingMode
 from controllers.references.figures import Circle, Step
-from twin.cli.reproduce import reproduce as command
+from twin.cli.analyse import reproduce as command
 from twin.errors import ScenarioError
 from twin.fit.runs import Runs, cells
 from twin.fit.schema import read

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from scipy import stats
 
-from twin.cli.tune import tune as command
+from twin.cli.studies import tune as command
 from twin.errors import ScenarioError
 from twin.scenario import load
 from twin.study.experiments import Store

@@ -35,6 +35,7 @@ from controllers.interfaces import DelayedObserver, Law, Observer, Reference
 from controllers.smith import Smith
 from twin.errors import LawError, ScenarioError, TwinError
 from twin.hal.interface import Limits, Transmission
+from twin.hal.rig import Rig
 from twin.run.plants import build_plant, changing
 from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 from twin.settings import filled, settings_of, value_of
@@ -220,6 +221,7 @@ def assemble(
     *,
     threads: int = 0,
     seeds: Sequence[np.random.SeedSequence] | None = None,
+    anchor: float = Rig.ANCHOR,
     changeable: bool = False,
 ) -> Experiment:
     """N rigs and their controllers from N scenarios.
@@ -229,6 +231,7 @@ def assemble(
         threads: Threads of the engine; 0 for one per processor.
         seeds: Root of the noise, one per rig; made from each scenario's seed by default, so that a
             rig has the same noise alone and in a batch.
+        anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether it may be told of further changes while it runs (``Changes.follow``).
 
     Raises:
@@ -242,7 +245,7 @@ def assemble(
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
     return Experiment(
-        build_rig(each, plant, transmission, seeds, changeable=changeable), controller
+        build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller
     )
 
 
@@ -251,6 +254,7 @@ def build_rig(
     plant: Plant,
     transmission: Transmission,
     seeds: Sequence[np.random.SeedSequence] | None = None,
+    anchor: float = Rig.ANCHOR,
     *,
     changeable: bool = False,
 ) -> SimulatedRig:
@@ -261,6 +265,7 @@ def build_rig(
         plant: All of them.
         transmission: Plate angles to motor angles, as the rigs believe.
         seeds: Root of the noise, one per rig.
+        anchor: Time in s from one look of the rig at its measured plate angle to the next.
         changeable: Whether they may be changed while they run, also where no scenario says so.
     """
     rig = SimulatedRig(
@@ -269,6 +274,7 @@ def build_rig(
         limits=filled(Limits, scenarios),
         period=scenarios[0].rig.period,
         ideal=scenarios[0].sensors.ideal,
+        anchor=anchor,
     )
     if changeable or any(scenario.change for scenario in scenarios):
         rig.changes = changing(rig, rig.devices, transmission, scenarios)

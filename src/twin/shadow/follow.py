@@ -30,7 +30,7 @@ from twin.shadow.friction_map import FrictionMap
 from twin.shadow.horizon import BAND, Replays, replays
 from twin.shadow.monitor import LOOKBACKS, bounded, scatter, statistic
 from twin.shadow.plate import plate_evidence
-from twin.view.twin_stream import fingerprint
+from twin.view.streams import fingerprint
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""

@@ -24,7 +24,7 @@ from twin.shadow.follow import Shadow
 from twin.shadow.horizon import DRAWN, Replays
 from twin.shadow.proposal import Proposal
 from twin.view.recording import add_twin, begin_twin, new_stream
-from twin.view.twin_stream import Scores, TwinStream
+from twin.view.streams import Scores, TwinStream
 from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
