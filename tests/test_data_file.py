@@ -52,8 +52,10 @@ def refused(capsys, tmp_path, monkeypatch):
     return call
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("case", BAD_TOML)
+@pytest.mark.parametrize(
+    ("command", "case"),
+    [*(("scenario", case) for case in BAD_TOML), *((each, "lists") for each in list(COMMANDS)[1:])],
+)
 def test_a_toml_file_beyond_a_limit_is_one_line_at_once(refused, tmp_path, command, case):
     text, expected = BAD_TOML[case]
     (tmp_path / "bad.toml").write_text(text)
