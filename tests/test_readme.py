@@ -12,7 +12,6 @@ import controllers
 from controllers import catalog as catalog_module
 from controllers.catalog import catalog
 from controllers.interfaces import Law
-from twin.cli import COMMANDS
 from twin.run.finished import run
 from twin.scenario.load import check, read, resolved, setting
 from twin.scenario.rig import check_rig
@@ -78,10 +77,6 @@ def test_the_readmes_rig_file_is_one():
     rig = check_rig(tomllib.loads(text), "README.md")
     assert rig.servos(0.002).bus.interface == "slcan"
     assert rig.uncalibrated_screen().port == "/dev/ttyUSB0"
-
-
-def test_every_command_the_readme_shows_exists():
-    assert set(re.findall(r"uv run ballplate (\w+)", README)) <= set(COMMANDS)
 
 
 def test_every_change_of_a_scenario_that_the_readme_shows_is_accepted(

@@ -43,10 +43,12 @@ def test_no_cell_differs_without_a_known_reason_and_every_exception_is_needed(ce
     ]
 
 
-def test_the_sampled_loop_agrees_with_continuous_control_to_a_hundredth(cells):
+def test_the_sampled_loop_agrees_with_continuous_control_as_the_page_says(cells):
     for cell in cells:
         if COLUMNS[cell.column].judged != "reading" and cell.exact.value > 1e-9:
-            assert cell.sampled.value == pytest.approx(cell.exact.value, rel=0.01)
+            small = cell.column == "e_ss" or cell.column.startswith("x")
+            bound = 0.022 if small else 0.007
+            assert cell.sampled.value == pytest.approx(cell.exact.value, rel=bound)
 
 
 def test_full_state_feedback_agrees_to_4_percent_but_for_one_cell(cells):
