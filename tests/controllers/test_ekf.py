@@ -1,21 +1,15 @@
 import numpy as np
 import pytest
+from observing import measured, normalised, within
 from scipy.integrate import solve_ivp
-from scipy.stats import chi2
 
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Measurement
 from controllers.observers import ExtendedKalman, Kalman
 
 MODEL = BallPlate()
 C = np.eye(8)[::2]
 T = 0.002
 SPREAD = (0.01, 0.05, 0.01, 0.05, 0.01, 0.05, 0.01, 0.05)
-
-
-def measured(y, touched=True):
-    shape = y.shape[:-1]
-    return Measurement(0.0, y, np.zeros(shape), np.full(shape, touched))
 
 
 def flow(x, u, duration):
@@ -207,22 +201,13 @@ def crowd():
     return observer.x - x, observer.P, innovation, spread
 
 
-def normalised(e, covariance):
-    return np.sum(e * np.linalg.solve(covariance, e[..., np.newaxis])[..., 0])
-
-
-def within_chance(total, freedom):
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
-    return low < total < high
-
-
 @pytest.mark.long
 def test_errors_are_as_large_as_the_covariance_says(crowd):
     error, P, _, _ = crowd
-    assert within_chance(normalised(error, P), error.size)
+    assert within(normalised(error, P), 8)
 
 
 @pytest.mark.long
 def test_innovations_are_as_large_as_their_covariance_says(crowd):
     _, _, innovation, spread = crowd
-    assert within_chance(normalised(innovation, spread), innovation.size)
+    assert within(normalised(innovation, spread), 4)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from observing import measured, normalised, within
 from scipy.interpolate import RegularGridInterpolator
-from scipy.stats import chi2
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
@@ -127,17 +127,6 @@ def known(observer):
     return dict(zip(names, observer.further.T, strict=True))
 
 
-def within(values, freedom, chance=1e-4):
-    """Whether the mean of values of a chi-square of such freedom is one of so many."""
-    low, high = chi2.ppf([chance / 2, 1 - chance / 2], freedom * values.size) / values.size
-    return low < values.mean() < high
-
-
-def nees(error, P):
-    """Normalised squares of errors, shape (N,)."""
-    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error)
-
-
 @pytest.fixture(scope="module")
 def consistency():
     """Normalised squares of errors and innovations over 200 rigs, and the last estimates."""
@@ -148,7 +137,7 @@ def consistency():
     for tick in range(1000):
         x = observer.correct(world.measure())
         if tick % 100 == 99:
-            errors.append(nees(observer.s - world.truth(), observer.P))
+            errors.append(normalised(observer.s - world.truth(), observer.P))
             nis.append(observer.innovation**2 / observer.innovation_variance)
             carried.append(x[:, 0::4] - world.x[:, 0::4])
         observer.predict(world.advance())
@@ -216,7 +205,7 @@ def test_friction_is_not_learnt_from_a_ball_that_lies_still(observer):
     for _ in range(600):
         y = np.array([[0.0, np.radians(0.4), 0.0, 0.0]])
         y[:, 0::2] += 3e-4 * rng.normal(size=(1, 2))
-        observer.correct(Measurement(0.0, y, np.zeros(1), np.ones(1, bool)))
+        observer.correct(measured(y))
         observer.predict(np.zeros((1, 2)))
     assert observer.further[0, 0] == before[0]
     assert np.array_equal(getattr(observer, "friction_map", 0), before[1])
@@ -231,7 +220,7 @@ def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_re
             x = np.array([[0.0, speed, 0, 0, 0, 0, 0, 0]])
             observer.start(np.tile(x, (2, 1)))
             for _ in range(100):  # the plate is felt, the ball is not
-                observer.correct(Measurement(0.0, np.zeros((2, 4)), np.zeros(2), np.zeros(2, bool)))
+                observer.correct(measured(np.zeros((2, 4)), touched=False))
                 observer.predict(np.zeros((2, 2)))
             spreads[speed, observer is quick] = observer.P[:, 4, 4]
     walked = 100 * T * (0.1**2 - 0.02**2)
@@ -289,7 +278,7 @@ def test_states_and_map_are_known_as_well_as_the_filter_says(learnt):
     error = np.concatenate((observer.s, more), axis=1) - world.truth()
     for part in (slice(0, 9), slice(9, None), slice(0, None)):
         e = error[:, part]
-        assert within(nees(e, observer.P[:, part, part]), e.shape[1]), part
+        assert within(normalised(e, observer.P[:, part, part]), e.shape[1]), part
     assert within(nis[1:], 1)
 
 
@@ -357,8 +346,8 @@ def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     alone.start(np.zeros(8))
     for tick in range(5):
         y = np.array([[0.01, 0.0, 0.02, 0.0], [np.nan if tick > 2 else 0.01, 0.0, 0.02, 0.0]])
-        x = together.correct(Measurement(0.0, y, np.zeros(2), np.ones(2, bool)))
-        single = alone.correct(Measurement(0.0, y[1], np.zeros(()), np.ones((), bool)))
+        x = together.correct(measured(y))
+        single = alone.correct(measured(y[1]))
         together.predict(np.zeros((2, 2)))
         alone.predict(np.zeros(2))
     assert np.isfinite(x[0]).all()

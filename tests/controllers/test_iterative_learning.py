@@ -37,7 +37,7 @@ def laps(law, path, count):
 
 
 def test_the_error_of_every_second_lap_falls_by_what_is_learnt_of_it():
-    error, _ = laps(IterativeLearning(omega=OMEGA, gain=0.7), PATH, 8)
+    error, _ = laps(IterativeLearning(omega=OMEGA, gain=0.7), PATH, 6)
     learnt = error[1::2]
     assert learnt[0] > 5e-4
     # the loop follows r + c with the transfer 1: |1 - gain| is left

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from observing import measured, normalised, within
 
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Measurement
 from controllers.observers import Kalman
 from controllers.observers.linear import bucy_covariance
 
@@ -69,25 +68,16 @@ def crowd():
         x = x @ observer.A.T + (u + rng.multivariate_normal(np.zeros(2), Q, rigs)) @ observer.B.T
         y = x @ C.T + rng.multivariate_normal(np.zeros(4), R, rigs)
         error, innovation = observer.x - x, y - observer.x @ C.T
-        observer.correct(Measurement(0.0, y, np.zeros(rigs), np.ones(rigs, bool)))
+        observer.correct(measured(y))
     return observer, error, innovation, R
-
-
-def normalised(e, covariance):
-    return np.einsum("ni,ij,nj->", e, np.linalg.inv(covariance), e)
-
-
-def within_chance(total, freedom):
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
-    return low < total < high
 
 
 def test_errors_are_as_large_as_the_covariance_says(crowd):
     observer, error, _, _ = crowd
-    assert within_chance(normalised(error, observer.S), error.size)
+    assert within(normalised(error, observer.S), 8)
 
 
 def test_innovations_are_as_large_as_their_covariance_says(crowd):
     observer, _, innovation, R = crowd
     covariance = C @ observer.S @ C.T + R
-    assert within_chance(normalised(innovation, covariance), innovation.size)
+    assert within(normalised(innovation, covariance), 4)

@@ -1,18 +1,13 @@
 import numpy as np
 import pytest
+from observing import measured
 from scipy.integrate import solve_ivp
 from scipy.linalg import null_space
 
-from controllers.interfaces import Measurement
 from controllers.observers import Luenberger
 
 C = np.eye(8)[::2]
 T = 0.002
-
-
-def measured(y, touched=True, time=0.0):
-    shape = y.shape[:-1]
-    return Measurement(time, y, np.zeros(shape), np.full(shape, touched))
 
 
 def errors(observer, start, ticks):

@@ -1,19 +1,14 @@
 import numpy as np
 import pytest
+from observing import measured
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Measurement
 from controllers.observers import NonlinearLuenberger
 
 MODEL = BallPlate()
 T = 0.002
 POLES = (-8, -10, -14, -16)
-
-
-def measured(y, touched=True):
-    shape = y.shape[:-1]
-    return Measurement(0.0, y, np.zeros(shape), np.full(shape, touched))
 
 
 def flat_flow(x, u, duration):

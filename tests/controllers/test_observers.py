@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from observing import measured
 
-from controllers.interfaces import Measurement
 from controllers.observers import (
     DisturbanceObserver,
     ExtendedKalman,
@@ -38,10 +38,6 @@ EVERY = pytest.mark.parametrize(
         "friction_map_kalman",
     ],
 )
-
-
-def measured(y, touched):
-    return Measurement(0.0, y, np.zeros(touched.shape), touched)
 
 
 @EVERY
