@@ -1,4 +1,3 @@
-import os
 import re
 import time
 from contextlib import contextmanager
@@ -119,46 +118,6 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
     assert re.fullmatch(rb"(z?\r|\a|F[0-9A-F]{2}\r|V1013\r|NEMUL\r)*", answers)
     assert len(re.findall(rb"[\r\a]", answers)) == 2 + data.count(b"\r")
     assert re.fullmatch(rb"(t[0-7][0-9A-F]{2}[0-8]([0-9A-F]{2})*\r)*", adapter.heard())
-
-
-def play(port, host, data):
-    """Write to the host, and wait until all of it is there: it is handed over in pieces."""
-    os.write(port.handle, data)
-    end = time.monotonic() + 10.0
-    while host.serialPortOrig.in_waiting < len(data):
-        assert time.monotonic() < end, f"of {data!r} not all arrived"
-        time.sleep(1e-4)
-
-
-@given(st.lists(st.binary(max_size=40), max_size=6))
-@settings(max_examples=40)
-def test_the_host_takes_any_bytes_of_an_adapter(chunks):
-    with SlcanPort(EmulatedBus([])) as port, open_bus(config(port)) as host:
-        for chunk in chunks:
-            play(port, host, chunk)
-            while (message := host.recv(0)) is not None:
-                assert len(message.data) <= 8
-
-                assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
-
-
-NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
-
-
-@pytest.mark.parametrize("line", [*NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9])
-def test_a_line_that_is_no_frame_is_counted_not_believed(port, line):
-    with open_bus(config(port)) as host:
-        play(port, host, line + b"\r" + b"t18222B3C\r")
-        message = host.recv(0)
-        assert (message.arbitration_id, bytes(message.data)) == (0x182, b"\x2b\x3c")
-        assert host.unreadable_lines == 1
-
-
-def test_frames_behind_acknowledgements_are_all_drained(port):
-    with open_bus(config(port)) as host:
-        play(port, host, b"z\rt1810\rz\r\rt1820\rz\r")
-        found = [host.recv(0) for _ in range(3)]
-        assert [each and each.arbitration_id for each in found] == [0x181, 0x182, None]
 
 
 @pytest.mark.real_time

@@ -10,7 +10,7 @@ from twin.hal.supervisor import Event, State, Supervisor
 PERIOD = 0.002
 LIMITS = Limits()
 FELT = np.array([True])
-WISHES = arrays(float, (60, 2, 2), elements=st.floats(-50, 50))
+WISHES = arrays(float, (20, 2, 2), elements=st.floats(-50, 50))
 
 
 def running(rigs=2, limits=LIMITS):
@@ -39,7 +39,7 @@ def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_lim
             before = rate
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(*[arrays(float, (3, 2), elements=st.floats(-r, r)) for r in (2.0, 0.65, 0.2)])
 def test_one_rig_is_clamped_to_the_bits_it_has_among_three(wish, rate, angle):
     clamp = Clamp(LIMITS, PERIOD)
@@ -74,7 +74,7 @@ def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
     assert supervisor.state[0] == State.RUNNING
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
 @example(0.17, -0.17)
 def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):

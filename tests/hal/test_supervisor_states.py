@@ -127,7 +127,7 @@ class AnyEvents(RuleBasedStateMachine):
 
 
 TestAnyEvents = AnyEvents.TestCase
-TestAnyEvents.settings = settings(max_examples=60, stateful_step_count=30)
+TestAnyEvents.settings = settings(max_examples=30, stateful_step_count=30)
 
 
 def test_every_state_can_be_left_and_every_one_reached():

@@ -206,7 +206,7 @@ WITHOUT = [
     ("STO not wired", "The STO input of drive phi opens", {"detected", "reason", "stopped_by"}),
     ("refused for another reason", "Drive theta is absent", {"reason"}),
 ]
-QUICK = {8, 12}
+QUICK = {12}
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def turn(_):
 def rig():
     with LockstepDrives() as rig:
         rig.enabled()
-        rig.run(0.1, swing)
+        rig.run(0.04, swing)
         assert rig.servos.enabled
         assert not rig.seen
         yield rig

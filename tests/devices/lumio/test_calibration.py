@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom
 
 from twin.devices.lumio.calibration import (
     DOUBT,
@@ -117,12 +118,11 @@ def test_a_point_touched_elsewhere_is_found_among_points_touched_by_hand(wrong):
 
 
 def test_points_touched_rightly_are_suspected_as_seldom_as_stated():
-    runs = 400
+    runs = 150
     alarms = sum(
         outlier(seen(Calibration.nominal(), 1e-3, s), POINTS) is not None for s in range(runs)
     )
-    # the chance of more than this is below 1 in 1000
-    assert alarms <= runs * DOUBT + 3.2 * math.sqrt(runs * DOUBT)
+    assert alarms <= binom.ppf(0.999, runs, DOUBT)
 
 
 def test_with_four_points_none_can_be_told_from_the_others():

@@ -31,6 +31,7 @@ from twin.devices.akd import frames
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
+from twin.devices.ports import claim
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -206,18 +207,8 @@ def _claimed(channel: str) -> int | None:
     Raises:
         OSError: If it cannot be opened, or another program has claimed it.
     """
-    import fcntl  # noqa: PLC0415  POSIX only, as this bus
-
     path = channel.partition("@")[0]
-    if "://" in path:
-        return None
-    handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        raise OSError(errno.EBUSY, "port is locked") from error
-    return handle
+    return None if "://" in path else claim(path, os.O_RDWR)
 
 
 def _error(identifier: int, data: bytes) -> Message:

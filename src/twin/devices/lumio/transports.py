@@ -24,6 +24,7 @@ from twin.devices.lumio.hid import (
     parse,
 )
 from twin.devices.lumio.protocols import Decoder
+from twin.devices.ports import claim
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -306,15 +307,7 @@ class HidrawDevice(Transport):
         return bytes(whole[4 : 4 + int.from_bytes(size, sys.byteorder)])
 
     def _open(self) -> int:
-        import fcntl  # noqa: PLC0415  POSIX only
-
-        handle = os.open(self.port, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(handle)
-            raise
-        return handle
+        return claim(self.port, os.O_RDONLY)
 
     def close(self) -> None:
         """Close the device."""
