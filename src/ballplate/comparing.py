@@ -209,8 +209,8 @@ def compare(
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     opened = _opened(sources, folders, report)
-    measured, fitted = _measured(logs, names, opened, base)
-    finished = _labelled([*map(Result.from_run, measured), *opened])
+    recorded, fitted = measured(logs, names, opened, base)
+    finished = _labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     title = title_of(names, cases, finished, varied, [each.text for each in base])
     folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
@@ -246,7 +246,7 @@ def compare(
         interrupted=interrupted or bool(failed),
         folder=folder,
         replaced=replaced,
-        logs=tuple(each.name for each in measured),
+        logs=tuple(each.name for each in recorded),
     )
     if folder is not None:
         found.draw(folder)
@@ -270,7 +270,7 @@ def _opened(
     return opened
 
 
-def _measured(
+def measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[Change]
 ) -> tuple[list[Run], list[Change]]:
     """Logs as runs, and what their prediction is to be changed to."""

@@ -13,6 +13,7 @@ from uuid import uuid4
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
+from ballplate.changes import changes_of, scenario_of
 from ballplate.running import EMULATED, one_run
 from twin.cli.output import Terminal, warn
 from twin.errors import RecordError, ScenarioError, TwinError, ViewError
@@ -213,7 +214,7 @@ AGAINST = click.option(
 
 
 def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
-    """The runs that paths lead to; of logs the prediction of each as well.
+    """The runs that paths lead to; of logs the prediction of the twin as well.
 
     Args:
         paths: Run folders, records, CSV logs; the newest run if there is none.
@@ -223,9 +224,9 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
     Raises:
         TwinError: If one cannot be opened, or a log has no scenario.
     """
+    from ballplate.comparing import measured
     from twin.run.files import LAST
     from twin.run.finished import open_runs
-    from twin.run.logs import fitting, log_run, read_log
 
     paths = paths or [Path(LAST)]
     logs = [path for path in paths if path.suffix == ".csv"]
@@ -239,17 +240,14 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
         )
     if not logs and (against or overrides):
         raise RecordError("--against and --set: for CSV logs; a finished run has its scenario")
-    runs = []
-    for path in logs:
-        assert against is not None
-        rows = read_log(path)
-        changed = (*fitting(rows, load_scenario(against, overrides)), *overrides)
-        scenario = load_scenario(against, changed)
+    runs: list[Run] = []
+    if logs and against is not None:
+        find(against)
+        base = changes_of(overrides, {})
+        runs, fitted = measured(logs, (against,), (), base)
+        scenario = scenario_of(against, [*fitted, *base], titled=False)
         label = f"{Path(against).stem} predicted"
-        runs += [
-            log_run(rows, scenario, path.stem),
-            replace(one_run(scenario, label, Terminal()), name=label),
-        ]
+        runs.append(replace(one_run(scenario, label, Terminal()), name=label))
     return runs + (open_runs(others, warn) if others else [])
 
 
