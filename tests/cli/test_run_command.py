@@ -22,6 +22,7 @@ def test_run_prints_a_table_and_writes_a_folder(ballplate, tmp_path):
     assert "tracking error" in out
     (folder,) = (tmp_path / "runs").iterdir()
     assert folder.name == "circle-duration=0.2-metrics.start=0-plant=lagrange"
+    assert f"written to runs/{folder.name}/: picture.png" in out
     written = {path.name for path in folder.iterdir()}
     assert written == {"run.parquet", "metrics.json", "picture.png"}
 

@@ -52,6 +52,7 @@ def show(
     shown: Iterable[object],
     folder: str | Path | None = None,
     files: str = "",
+    replaced: str = "",
 ) -> None:
     """Print what a command found: for programs one JSON value, for people tables and sentences.
 
@@ -59,8 +60,9 @@ def show(
         found: What ``--json`` prints.
         as_json: Whether it was asked for.
         shown: What people read, in this order; taken only where it is printed.
-        folder: Where it was written, and what it replaced there; None for nowhere.
+        folder: Where it was written; None for nowhere.
         files: Its files there, in words.
+        replaced: What it replaced there, in words.
     """
     if as_json:
         click.echo(json.dumps(found, indent=2, allow_nan=False))
@@ -71,7 +73,7 @@ def show(
         else:
             console.print(each, markup=False)
     if folder is not None:
-        say(f"written to {folder}/: {files}")
+        say(f"written to {folder}/{replaced}: {files}")
 
 
 def titled(titles: Mapping[str, str]) -> list[Text]:

@@ -138,7 +138,7 @@ def run(
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )
-    show(numbers, as_json, shown, f"{folder}/{replaced}", files)
+    show(numbers, as_json, shown, folder, files, replaced)
     viewing.keep(folder)
     return int(not done.finished)
 
@@ -218,7 +218,7 @@ def compare(
         *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
-    show(summaries, as_json, shown, f"{found.folder}/{found.replaced}", files)
+    show(summaries, as_json, shown, found.folder, files, found.replaced)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
 
