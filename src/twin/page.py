@@ -6,12 +6,14 @@ import math
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from markupsafe import Markup
 
 from twin import markdown
 from twin.html import inline, render
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import rich.table
@@ -21,6 +23,8 @@ WIDE = 125
 """Characters of all columns of a table side by side; the others stand in a further table below."""
 HEAD = 14
 """Characters of a heading that are not broken over lines."""
+LINE = 40
+"""The same of a cell of words."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +86,11 @@ class Table:
         count = len(self.heads)
         left = {column % count for column in self.words}
         kept = {column % count for column in self.again}
-        widths = [
-            3 + max([min(len(head), HEAD), *(len(row[at]) for row in self.rows)])
-            for at, head in enumerate(self.heads)
-        ]
+        widths = []
+        for at, head in enumerate(self.heads):
+            widest = max((len(row[at]) for row in self.rows), default=0)
+            most = LINE if at in left else widest  # words are broken over lines
+            widths.append(3 + max(min(len(head), HEAD), min(widest, most)))
         free = WIDE - sum(widths[at] for at in kept)
         groups: list[list[int]] = [[]]
         for at in (each for each in range(count) if each not in kept):
@@ -147,7 +152,17 @@ Block = Text | Verdict | Table | Picture | Code
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
-    return render("page.html.j2", title=title, blocks=blocks)
+    return render(title=title, blocks=blocks)
+
+
+def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
+    """Write ``html`` into a file.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    text = html(title, blocks)
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def as_markdown(title: str, blocks: Sequence[Block]) -> str:
@@ -172,7 +187,7 @@ def terminal(table: Table) -> rich.table.Table:
 
 def digits(value: Any, unit: str = "", places: int = 4) -> str:
     """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "-"
     if isinstance(value, str):
         return value

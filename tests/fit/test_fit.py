@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from twin.cli.fit import fit as command
 from twin.errors import ScenarioError
-from twin.fit.fit import Descent, Search, bootstrap, correlation, estimates, fit, searched
+from twin.fit.fit import bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, Runs, cells, rounded
 from twin.fit.schema import UNITS, FitTable, FittedParameter, read, shipped
 from twin.run.batch import simulate
@@ -262,12 +262,9 @@ def bowl(parameters=("p", "q")):
 
 def test_both_searches_find_the_bottom_of_a_formula():
     table = bowl()
-    search = Search(table, cells(table), 1)
-    searched([search], Bowl(table))
-    assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
-    descent = Descent(table, cells(table), (1.5, 1.5))
-    searched([descent], Bowl(table))
-    assert descent.best == pytest.approx((0.5, 0.7), abs=0.02)
+    for search in (wide(table, cells(table), 1), descent(table, cells(table), (1.5, 1.5))):
+        searched([search], Bowl(table))
+        assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
 
 
 def test_the_shipped_tables_can_be_run(folder):

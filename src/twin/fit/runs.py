@@ -13,7 +13,7 @@ from controllers.arrays import Array
 from twin.errors import LawError
 from twin.fit.schema import UNITS, Experiment, FitTable, factor
 from twin.scenario import Scenario
-from twin.study.experiments import Store, carry
+from twin.study.experiments import Store, evaluate
 from twin.study.work import Builder, ScenarioRuns
 
 LOST = 10.0
@@ -78,9 +78,7 @@ def cells(table: FitTable) -> tuple[Cell, ...]:
     return tuple(found)
 
 
-def computed(
-    numbers: tuple[Cell, ...], sample: Sample, found: Mapping[Wanted, Mapping[str, float]]
-) -> Array:
+def computed(numbers: tuple[Cell, ...], sample: Sample, found: Indicators) -> Array:
     """The computed values of cells for a sample, shape (cells,)."""
     return np.array([found[sample, cell.experiment][cell.indicator] for cell in numbers])
 
@@ -94,6 +92,8 @@ Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""
 Wanted = tuple[Sample, int]
 """A sample, and which experiment is to be run with it."""
+Indicators = Mapping[Wanted, Mapping[str, float]]
+"""What runs gave; nan where a run has no such indicator."""
 
 
 class Runs:
@@ -125,7 +125,7 @@ class Runs:
         self._builders = {
             name: Builder(name) for name in dict.fromkeys(e.scenario for e in table.experiments)
         }
-        self._known: dict[Wanted, dict[str, float]] = {}
+        self._known: dict[Wanted, Mapping[str, float]] = {}
         self._failed = 0
         middle = tuple((p.low + p.high) / 2 for p in table.parameters.values())
         for experiment in table.experiments:
@@ -158,7 +158,7 @@ class Runs:
         fixed = (*self.table.set, *experiment.set)
         return build(fixed, {**point, **factors}, factors)
 
-    def indicators(self, wanted: Iterable[Wanted]) -> Mapping[Wanted, Mapping[str, float]]:
+    def indicators(self, wanted: Iterable[Wanted]) -> Indicators:
         """The indicators of runs, as the rig's computer sees them; nan where a run has none.
 
         Raises:
@@ -173,24 +173,21 @@ class Runs:
                 (self.scenario(sample, experiments[i]) for sample, i in missing), seen=True
             )
             before = len(self._known)
-            rows = carry(
+            gave = evaluate(
                 batch,
+                {"place": [place for _, place in missing]},
                 self._store,
                 executor=self._executor,
                 processes=self._processes,
                 whole=True,
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
-            ).to_pylist()
-            self._failed += sum(row["outcome"] != "finished" for row in rows)
-            for place, one in enumerate(experiments):
-                its = [row for (_, at), row in zip(missing, rows, strict=True) if at == place]
-                if its and all(row["outcome"] == "refused" for row in its):
-                    raise LawError(f"{one.label}: {its[0]['reason']}")
-            for each, row in zip(missing, rows, strict=True):
-                self._known[each] = {
-                    name: float("nan") if row[name] is None else row[name]
-                    for name in self.table.experiments[each[1]].measured
-                }
+            )
+            self._failed += int((gave["outcome"] != "finished").sum())
+            for place, own in gave.groupby("place"):
+                if (own["outcome"] == "refused").all():
+                    raise LawError(f"{experiments[place].label}: {own['reason'].iloc[0]}")
+            for each, row in zip(missing, gave.to_dict("records"), strict=True):
+                self._known[each] = {name: row[name] for name in experiments[each[1]].measured}
         return {each: self._known[each] for each in asked}
 
 
