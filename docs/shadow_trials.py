@@ -25,12 +25,12 @@ from twin.cli.output import progress
 from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow import dead_time
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
 from twin.shadow.causes import likely
 from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
+from twin.shadow.monitor import LATE_THRESHOLD
 from twin.shadow.plate import GAPS
 from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
@@ -493,7 +493,7 @@ def _healthy(
 ) -> list[str]:
     every, late = (
         hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
-        for test, threshold in enumerate((THRESHOLD, dead_time.THRESHOLD))
+        for test, threshold in enumerate((THRESHOLD, LATE_THRESHOLD))
     )
     both = 1 / (1 / every + 1 / late)
     squares = np.concatenate([each.squares for each in judged])

@@ -196,7 +196,6 @@ def test_a_law_that_ran_fewer_candidates_is_named(tuned, plan, found):
         "scenarios/circle.toml",
         "scenarios/tunes/afl.toml",
         "src/twin/tune/search.py",
-        "src/twin/tune/candidate.py",
         "src/twin/tune/trials.py",
         "src/twin/study/family.py",
         "src/twin/run/metrics.py",

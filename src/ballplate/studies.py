@@ -126,8 +126,7 @@ def carried_out(
 ) -> StudyResult:
     """The runs of a study, those that are missing carried out; arguments as for ``study``."""
     from twin.study.answers import answers
-    from twin.study.cluster import Cluster
-    from twin.study.experiments import Store, carry
+    from twin.study.experiments import Cluster, Store, carry
 
     if out is not None:
         check_writable(Path(out), reporter.name_of("out"))

@@ -11,9 +11,10 @@ from twin.cli.fit import fit as command
 from twin.errors import ScenarioError
 from twin.fit.fit import bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, Runs, cells, rounded
-from twin.fit.schema import UNITS, FitTable, FittedParameter, read, shipped
+from twin.fit.schema import UNITS, FitTable, FittedParameter, read
 from twin.run.batch import simulate
 from twin.run.metrics import Metrics
+from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import METRICS
 
@@ -268,12 +269,12 @@ def test_both_searches_find_the_bottom_of_a_formula():
 
 
 def test_the_shipped_tables_can_be_run(folder):
-    for name in shipped():
+    for name in shipped_in("fits"):
         about = read(name)
         middle = tuple((p.low + p.high) / 2 for p in about.parameters.values())
         runs = Runs(about, Store(folder / "runs"))
         assert all(runs.scenario(middle, each) for each in about.experiments)
-    assert len(shipped()) > 0
+    assert len(shipped_in("fits")) > 0
 
 
 def test_a_sample_is_rounded_to_what_is_printed():

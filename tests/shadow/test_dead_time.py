@@ -12,11 +12,10 @@ from scipy import stats
 from twin.identify.log import MECHANISM_LAG
 from twin.scenario import load
 from twin.shadow.belief import PARAMETERS, Belief
-from twin.shadow.dead_time import ADDED, CAUSE, delayed, limited, standing
-from twin.shadow.dead_time import THRESHOLD as OWN
 from twin.shadow.diagnosis import THRESHOLD, Findings
 from twin.shadow.evidence import Evidence
-from twin.shadow.monitor import added_up
+from twin.shadow.monitor import ADDED, CAUSE, added_up, delayed, limited, standing
+from twin.shadow.monitor import LATE_THRESHOLD as OWN
 
 LATE = PARAMETERS.index("delay")
 

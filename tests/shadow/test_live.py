@@ -20,15 +20,14 @@ from twin.identify.log import read
 from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
-from twin.shadow import follow, report
+from twin.shadow import follow
 from twin.shadow.causes import Cause
 from twin.shadow.diagnosis import Alarm
 from twin.shadow.evidence import Evidence
-from twin.shadow.examine import examine
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
-from twin.shadow.report import scores
+from twin.shadow.report import Examined, examine, scores
 from twin.view.recording import encoded
 from twin.view.twin_stream import TwinStream, saved_twin
 
@@ -113,7 +112,7 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     assert saved_twin(opened) is None
     examined = examine(path, path, proposing=False)
     alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
-    report.write(replace(examined.found, alarms=[alarm]), None, None, path)
+    Examined(replace(examined.found, alarms=[alarm]), None, None).write(path)
     said = saved_twin(opened)
     assert said.events == [(2.0, f"alarm at {alarm.words}")]
     for drawn_live, read_back in zip(scores(examined.found.replays), said.scores, strict=True):

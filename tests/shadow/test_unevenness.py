@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin.shadow.unevenness import STRETCH, directed, turned, unforeseen
+from twin.shadow.friction_map import STRETCH, directed, turned, unforeseen
 
 STEP = 0.004
 COUNT = 250

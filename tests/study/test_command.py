@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.cli import main
-from twin.study.schema import read, shipped
+from twin.shipped import shipped_in
+from twin.study.schema import read
 from twin.study.work import Work
 
 STUDY = """
@@ -54,7 +55,7 @@ def study(capsys, tmp_path: Path, monkeypatch):
 def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
     code, out, _ = study()
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(shipped())
+    assert [line.split()[0] for line in out.splitlines()] == list(shipped_in("studies"))
 
 
 @pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains", "cure_hold"])
@@ -84,7 +85,7 @@ def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> N
     class Seven(ThreadPoolExecutor):
         workers = 7
 
-    monkeypatch.setattr("twin.study.cluster.Cluster", lambda address: Seven(1))
+    monkeypatch.setattr("twin.study.experiments.Cluster", lambda address: Seven(1))
     code, out, _ = study("short.toml", "--plan", "--scheduler", "tcp://there:8786")
     assert code == 0
     assert "on 7 processors" in " ".join(out.split())

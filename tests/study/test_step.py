@@ -7,7 +7,8 @@ import json
 import pytest
 
 from twin.scenario import load
-from twin.study.schema import Study, read, shipped
+from twin.shipped import shipped_in
+from twin.study.schema import Study, read
 from twin.study.work import Work
 
 
@@ -36,7 +37,7 @@ def test_a_study_runs_at_2_ms_and_a_single_run_at_1_ms() -> None:
     assert load("circle").plant.step == 0.001
 
 
-@pytest.mark.parametrize("name", sorted(shipped()))
+@pytest.mark.parametrize("name", sorted(shipped_in("studies")))
 def test_every_shipped_study_runs_at_2_ms(name: str) -> None:
     about = read(name)
     few = about.samples if about.method == "grid" else 2

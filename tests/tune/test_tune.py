@@ -12,10 +12,11 @@ from scipy import stats
 from twin.cli.tune import tune as command
 from twin.errors import ScenarioError
 from twin.scenario import load
+from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.family import drawn
 from twin.study.family import read as read_family
-from twin.tune.schema import Tune, read, shipped
+from twin.tune.schema import Tune, read
 from twin.tune.trials import Indicators, Trials
 from twin.tune.tune import certified, planned_runs, tuned, upper_bound
 
@@ -212,9 +213,9 @@ def test_a_certificate_counts_a_rig_once_and_keeps_what_it_finished():
 
 @pytest.mark.long
 def test_every_shipped_tune_can_be_carried_out(folder):
-    assert len(shipped()) >= 7
+    assert len(shipped_in("tunes")) >= 7
     first = read("afl")
-    for name in shipped():
+    for name in shipped_in("tunes"):
         about = read(name)
         trials = Trials(about, Store(folder / "shipped"))
         assert trials.loops([trials.start])[0].refused is None, "the beginning is refused"
@@ -239,7 +240,7 @@ def test_overrides_of_the_command_come_last(file):
 
 def test_without_a_name_the_shipped_ones_are_listed():
     result = CliRunner().invoke(command, ["--json"])
-    assert json.loads(result.stdout).keys() == shipped().keys()
+    assert json.loads(result.stdout).keys() == shipped_in("tunes").keys()
 
 
 @pytest.mark.long

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Executor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -102,9 +101,8 @@ class Runs:
     Args:
         table: The experiments.
         store: Where finished runs are kept.
-        executor: Anything with the interface of ``concurrent.futures``; None for this process.
-        processes: How many of its workers.
         progress: Told how many runs have been finished altogether, and how many did not end well.
+        how: Who carries them out, as for ``carry``.
 
     Raises:
         ScenarioError: If a scenario or key does not exist, or a value is out of range.
@@ -115,12 +113,11 @@ class Runs:
         table: FitTable,
         store: Store,
         *,
-        executor: Executor | None = None,
-        processes: int = 1,
         progress: Callable[[int, int], None] = lambda *_: None,
+        **how: Any,
     ) -> None:
         self.table = table
-        self._store, self._executor, self._processes = store, executor, processes
+        self._store, self._how = store, {"processes": 1} | how
         self._progress = progress
         self._builders = {
             name: Builder(name) for name in dict.fromkeys(e.scenario for e in table.experiments)
@@ -177,10 +174,9 @@ class Runs:
                 batch,
                 {"place": [place for _, place in missing]},
                 self._store,
-                executor=self._executor,
-                processes=self._processes,
                 whole=True,
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
+                **self._how,
             )
             self._failed += int((gave["outcome"] != "finished").sum())
             for place, own in gave.groupby("place"):
