@@ -152,8 +152,6 @@ def test_the_command_writes_a_page_and_prints_json(made, folder):
         ('name = "fast"', 'name = "slow"', "two of them are called 'slow'"),
         ('unit = "mm"', 'groups = ["z"]', "no 'z'"),
         ("plant.friction.rolling_mm", "plant.friction.roling_mm", "roling_mm"),
-        ("high = 0.4", "high = -0.4", "empty range"),
-        ("title", "titel", "titel: unknown key"),
     ],
 )
 def test_a_mistake_in_a_table_is_one_line(made, folder, old, new, message):

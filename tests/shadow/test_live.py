@@ -104,7 +104,8 @@ def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
 
 
 def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
-    chosen = load("circle", ("plant.kind=lagrange", "duration=4"))
+    quick = ("plant.kind=lagrange", "plant.step=0.002", "duration=4")
+    chosen = load("circle", quick)
     path = tmp_path / "watched"
     done = run(chosen)
     save(done, path, {"run": done.motion})
@@ -120,7 +121,7 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
     assert all(name in encoded([opened]) for name in entities)
     # another record in the same folder is not what was judged
-    other = run(load("circle", ("plant.kind=lagrange", "duration=4", "seed=3")))
+    other = run(load("circle", (*quick, "seed=3")))
     save(other, path, {"run": other.motion})
     (opened,) = open_run(path)
     assert saved_twin(opened) is None
