@@ -126,7 +126,8 @@ def carried_out(
 ) -> StudyResult:
     """The runs of a study, those that are missing carried out; arguments as for ``study``."""
     from twin.study.answers import answers
-    from twin.study.experiments import Cluster, Store, carry
+    from twin.study.cluster import Cluster
+    from twin.study.experiments import Store, carry
 
     if out is not None:
         check_writable(Path(out), reporter.name_of("out"))

@@ -12,12 +12,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def render(**content: Any) -> str:
-    """A page with this content, from ``page.html.j2``."""
+def render(template: str, **content: Any) -> str:
+    """A page from a template of this package, which extends ``page.html.j2``.
+
+    Args:
+        template: Its path below the package, as ``identify/report.html.j2``.
+        content: What it shows; ``title`` among it.
+    """
     pages = Environment(
         loader=PackageLoader("twin", "."), autoescape=True, undefined=StrictUndefined
     )
-    return pages.get_template("page.html.j2").render(**content)
+    return pages.get_template(template).render(**content)
 
 
 def inline(figure: Figure) -> Markup:

@@ -13,7 +13,6 @@ from markupsafe import Markup
 
 from twin import markdown
 from twin.html import inline, render
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import rich.table
@@ -152,17 +151,7 @@ Block = Text | Verdict | Table | Picture | Code
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
-    return render(title=title, blocks=blocks)
-
-
-def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
-    """Write ``html`` into a file.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    text = html(title, blocks)
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    return render("page.html.j2", title=title, blocks=blocks)
 
 
 def as_markdown(title: str, blocks: Sequence[Block]) -> str:
@@ -183,6 +172,18 @@ def terminal(table: Table) -> rich.table.Table:
     for row in table.rows:
         drawn.add_row(*map(escape, row))
     return drawn
+
+
+def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
+    """Write ``html`` into a file.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
+
+    text = html(title, blocks)
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def digits(value: Any, unit: str = "", places: int = 4) -> str:

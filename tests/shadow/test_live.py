@@ -24,10 +24,11 @@ from twin.shadow import follow
 from twin.shadow.causes import Cause
 from twin.shadow.diagnosis import Alarm
 from twin.shadow.evidence import Evidence
+from twin.shadow.examine import Examined, examine
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
-from twin.shadow.report import Examined, examine, scores
+from twin.shadow.report import scores
 from twin.view.recording import encoded
 from twin.view.twin_stream import TwinStream, saved_twin
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import ScenarioError
-from twin.study import experiments
+from twin.study import cluster as clusters
 from twin.study.experiments import Store, carry
 from twin.study.schema import Study
 from twin.study.work import Row, Work
@@ -45,9 +45,9 @@ name = "backstepping"
 set = ["controller.kind=backstepping"]
 """
 MAIN = (
-    "import sys; from twin.study import experiments; "
+    "import sys; from twin.study import cluster, experiments; "
     "experiments.CHUNK, experiments.LEAST = 8, 1; "
-    "experiments.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
+    "cluster.TIMEOUT = float(sys.argv[1]); from twin.cli import main; main(sys.argv[2:])"
 )
 
 
@@ -58,7 +58,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def start(
-    folder: Path, *arguments: str, patience: float = experiments.TIMEOUT
+    folder: Path, *arguments: str, patience: float = clusters.TIMEOUT
 ) -> subprocess.Popen[bytes]:
     study = ["study", "short.toml", "--out", "out", *arguments]
     return subprocess.Popen(
@@ -111,13 +111,6 @@ def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, pr
     assert kills >= 3
 
 
-def test_two_processes_give_the_bits_of_one(folder) -> None:
-    child = start(folder, "--processes", "2")
-    assert child.wait(120) == 0
-    child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
-
-
 @pytest.fixture
 def cluster():
     """A scheduler with two worker processes."""
@@ -127,14 +120,6 @@ def cluster():
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as running:
         yield running
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_a_cluster_of_two_processes_gives_the_bits_of_one_process(folder, cluster) -> None:
-    child = start(folder, "--scheduler", cluster.scheduler_address)
-    assert child.wait(240) == 0
-    child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -202,12 +187,12 @@ def test_a_scheduler_lost_for_good_ends_the_study_with_one_line(folder) -> None:
 def test_a_scheduler_lost_as_soon_as_it_has_answered_is_told_in_the_same_line(
     folder, monkeypatch
 ) -> None:
-    monkeypatch.setattr(experiments, "TIMEOUT", 3.0)
+    monkeypatch.setattr(clusters, "TIMEOUT", 3.0)
     work = Work(Study.model_validate(tomllib.loads(STUDY)))
     port = free_port()
     with dask("scheduler", "--host", "127.0.0.1", "--port", str(port)) as scheduler:
         answers(port)
-        with experiments.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
+        with clusters.Cluster(f"tcp://127.0.0.1:{port}") as cluster:
             scheduler.kill()
             scheduler.wait()
             assert cluster.workers == 1  # known, not asked

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twin.cli.options import JSON, PROCESSES, SCHEDULER
-from twin.cli.output import console, print_json, print_titles, progress, say
+from twin.cli.output import console, print_json, print_table, print_titles, progress, say
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
@@ -41,10 +41,9 @@ def fit(
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
-    from twin.fit.report import parameters, sentences, write
+    from twin.fit.report import row, sentences, write
     from twin.fit.runs import Runs
     from twin.fit.schema import read
-    from twin.page import terminal
     from twin.study.experiments import Store, executors
 
     about = read(table)
@@ -59,7 +58,8 @@ def fit(
     if as_json:
         print_json(found.as_dict())
     else:
-        console.print(terminal(parameters(found)))
+        heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
+        print_table(heads, map(row, found.estimates))
         say(sentences(found)[0], *sentences(found)[len(found.estimates) + 1 :])
         console.print(f"written to {folder}/: report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))

@@ -27,7 +27,7 @@ from twin.errors import LogError
 from twin.shipped import find
 
 if TYPE_CHECKING:
-    from twin.shadow.report import Examined
+    from twin.shadow.examine import Examined
 
 
 @click.command("list")
@@ -128,7 +128,7 @@ def run(
 
 def _examined(folder: Path) -> Examined | None:
     """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
-    from twin.shadow.report import examine
+    from twin.shadow.examine import examine
 
     try:
         with progress("the twin beside the whole run", 1.0) as advance:

@@ -42,7 +42,7 @@ def shadow(
     name = run_name(log)
     own = is_record(log)
     folder = out or (log.parent if own else ROOT / f"shadow-{name}")
-    from twin.shadow.report import FILES, examine
+    from twin.shadow.examine import FILES, examine
 
     check_writable(folder)
     with progress(f"the twin beside {name}", 1.0) as advance:

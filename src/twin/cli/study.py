@@ -82,7 +82,8 @@ def study(
 def _plan(
     work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
 ) -> int:
-    from twin.study.experiments import Cluster, Store, remaining, seconds
+    from twin.study.cluster import Cluster
+    from twin.study.experiments import Store, remaining, seconds
 
     with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
         processes = processes or (cluster.workers if cluster else cores())

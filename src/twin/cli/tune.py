@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import console, duration, print_json, print_titles, progress, say
+from twin.cli.output import (
+    console,
+    duration,
+    print_json,
+    print_table,
+    print_titles,
+    progress,
+    say,
+)
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
 
@@ -103,8 +111,8 @@ def _plan(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None
 
 
 def _show(found: TuneResult) -> None:
-    from twin.page import terminal
     from twin.tune.report import fields_table, task_table
 
-    for table in (fields_table(found), task_table(found)):
-        console.print(terminal(table))
+    print_table(("field", "searched", "before", "after", "unit"), fields_table(found))
+    head = ("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished", "effort")
+    print_table(head, task_table(found))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin import page
-from twin.fit.fit import FitResult
+from twin.fit.fit import Estimate, FitResult
 from twin.page import Block, Picture, Table, Verdict, digits
 from twin.run.picture import drawn
 from twin.writing import write_json
@@ -46,15 +46,11 @@ def sentences(found: FitResult) -> list[str]:
     return lines
 
 
-def parameters(found: FitResult) -> Table:
-    """Every parameter: value, interval, range of the folds, verdict."""
-    rows = []
-    for each in found.estimates:
-        folds = each.fold_low is not None
-        without = f"{digits(each.fold_low)} to {digits(each.fold_high)}" if folds else "-"
-        interval = f"{digits(each.low)} to {digits(each.high)}"
-        rows.append((each.name, digits(each.value), interval, without, each.unit, each.verdict))
-    return Table("Parameters", HEADS, rows, words=(0, -2, -1))
+def row(each: Estimate) -> tuple[str, ...]:
+    """A parameter as a row of the table: value, interval, range of the folds, verdict."""
+    folds = "-" if each.fold_low is None else f"{digits(each.fold_low)} to {digits(each.fold_high)}"
+    interval = f"{digits(each.low)} to {digits(each.high)}"
+    return each.name, digits(each.value), interval, folds, each.unit, each.verdict
 
 
 def write(found: FitResult, folder: Path) -> None:
@@ -90,7 +86,7 @@ def write(found: FitResult, folder: Path) -> None:
     )
     blocks: list[Block] = [
         Verdict(sentences(found), good),
-        parameters(found),
+        Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
         Table("Correlation", ("", *names), related),
         Picture(title, _figure(found)),
         Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),

@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from twin import page
 from twin.page import Block, Code, Picture, Table, Text, Verdict, digits
-from twin.report.numbers import LABELS
+from twin.report.numbers import LABELS, flat
 from twin.run.assemble import build_law
 from twin.run.picture import drawn
 from twin.study.family import Point
@@ -35,19 +35,12 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
         fields: Values of its fields.
     """
     scenario = json.loads(trials.scenario(fields, 0).model_dump_json())
-    found: dict[str, Any] = {}
-    for table in CONTROLLER:
-        for key, value in (scenario[table] or {}).items():
-            inner = value if isinstance(value, dict) else {"": value}
-            found |= {f"{table}.{key}.{name}".rstrip("."): each for name, each in inner.items()}
+    found = flat({table: scenario[table] or {} for table in CONTROLLER})
     for field in fields:
-        parts = field.split(".")
-        key = ".".join(parts[:-1] if parts[-1].isdigit() else parts)
-        if parts[0] not in CONTROLLER:
-            value = scenario
-            for name in key.split("."):
-                value = value[name]
-            found[key] = value
+        path, _, tail = field.rpartition(".")
+        key = path if tail.isdigit() else field
+        if key.partition(".")[0] not in CONTROLLER:
+            found[key] = flat(scenario)[key]
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -165,6 +158,11 @@ def _ticks(*axes: Axis) -> None:
 
 
 FRAGMENT = "tuned.toml"
+FIELDS = ("field", "searched", "before", "after", "unit")
+TASKS = (
+    *("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished"),
+    "median RMS effort [rad/s²]",
+)
 
 
 def sentences(found: TuneResult) -> list[str]:
@@ -211,7 +209,7 @@ def failed(certificate: dict[str, Any]) -> str:
     )
 
 
-def fields_table(found: TuneResult) -> Table:
+def fields_table(found: TuneResult) -> list[tuple[str, ...]]:
     """Each field with its range, before and after."""
     rows = []
     for key, about in found.tune.fields.items():
@@ -224,10 +222,10 @@ def fields_table(found: TuneResult) -> Table:
                 about.unit,
             )
         )
-    return Table("Fields", ("field", "searched", "before", "after", "unit"), rows, words=(0, -1))
+    return rows
 
 
-def task_table(found: TuneResult) -> Table:
+def task_table(found: TuneResult) -> list[tuple[str, ...]]:
     """Each task's indicator before and after on fresh rigs."""
     rows = []
     for task in found.tune.tasks:
@@ -245,11 +243,7 @@ def task_table(found: TuneResult) -> Table:
                     digits(own["effort"], places=2),
                 )
             )
-    heads = (
-        *("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished"),
-        "median RMS effort [rad/s²]",
-    )
-    return Table("Every task on the fresh rigs", heads, rows, words=(0, 1, 2))
+    return rows
 
 
 def neighbours_table(found: TuneResult) -> Table:
@@ -303,14 +297,15 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     law = build_law(trials.scenario(found.chosen.fields, 0))
     said = [*sentences(found), *law.remarks]
     head = [found.tune.title, *said, f"ballplate run circle --set parameters={FRAGMENT}"]
-    blocks: list[Block] = [Verdict(said, found.good), task_table(found)]
+    tasks = Table("Every task on the fresh rigs", TASKS, task_table(found), words=(0, 1, 2))
+    blocks: list[Block] = [Verdict(said, found.good), tasks]
     if found.after["reasons"]:
         blocks.append(Text(found.after["reasons"]))
     before_after = "Before and after on the fresh rigs (dotted: cost 1)"
     blocks += [
         Picture(before_after, before_and_after(found)),
         Picture("Error against effort", trade_off(found)),
-        fields_table(found),
+        Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
         *([neighbours_table(found)] if found.neighbours else []),
         margins_table(found),
         Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
