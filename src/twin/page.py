@@ -22,7 +22,7 @@ WIDE = 125
 """Characters of all columns of a table side by side; the others stand in a further table below."""
 HEAD = 14
 """Characters of a heading that are not broken over lines."""
-LINE = 40
+LINE = 30
 """The same of a cell of words."""
 
 
