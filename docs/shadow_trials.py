@@ -26,7 +26,6 @@ from twin.cli.output import progress
 from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow import dead_time
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
 from twin.shadow.causes import likely
 from twin.shadow.diagnosis import THRESHOLD
@@ -524,7 +523,7 @@ def _healthy(
 ) -> list[tuple[str, str]]:
     every, late = (
         hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
-        for test, threshold in enumerate((THRESHOLD, dead_time.THRESHOLD))
+        for test, threshold in enumerate((THRESHOLD, LATE_THRESHOLD))
     )
 
     def short(hours: float) -> str:

@@ -34,6 +34,12 @@ def test_a_narrow_table_is_one():
     assert len(list(Table("", ("only",), [("x",)]).parts)) == 1
 
 
+def test_words_are_broken_over_lines_before_a_table_is():
+    rows = [("rolling", "0.13", "why " * 40)]
+    assert len(list(Table("", ("name", "value", "remark"), rows, words=(0, 2)).parts)) == 1
+    assert len(list(Table("", ("name", "value", "remark"), rows).parts)) == 2
+
+
 def test_the_same_blocks_are_a_page_markdown_and_a_terminals_table():
     blocks = [
         Verdict(["It went <well>."], good=False, title="run"),

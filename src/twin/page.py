@@ -6,6 +6,7 @@ import math
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from markupsafe import Markup
@@ -18,6 +19,8 @@ WIDE = 125
 """Characters of all columns of a table side by side; the others stand in a further table below."""
 HEAD = 14
 """Characters of a heading that are not broken over lines."""
+LINE = 30
+"""The same of a cell of words."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +82,11 @@ class Table:
         count = len(self.heads)
         left = {column % count for column in self.words}
         kept = {column % count for column in self.again}
-        widths = [
-            3 + max([min(len(head), HEAD), *(len(row[at]) for row in self.rows)])
-            for at, head in enumerate(self.heads)
-        ]
+        widths = []
+        for at, head in enumerate(self.heads):
+            widest = max((len(row[at]) for row in self.rows), default=0)
+            most = LINE if at in left else widest  # words are broken over lines
+            widths.append(3 + max(min(len(head), HEAD), min(widest, most)))
         free = WIDE - sum(widths[at] for at in kept)
         groups: list[list[int]] = [[]]
         for at in (each for each in range(count) if each not in kept):
@@ -179,9 +183,21 @@ def terminal(table: Table) -> rich.table.Table:
     return drawn
 
 
+def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
+    """Write ``html`` into a file.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
+
+    text = html(title, blocks)
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
 def digits(value: Any, unit: str = "", places: int = 4) -> str:
     """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "-"
     if isinstance(value, str):
         return value

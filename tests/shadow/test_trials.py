@@ -132,8 +132,3 @@ def test_hours_between_alarms_are_those_of_the_distribution():
     exceeded = -math.expm1(-math.exp(-(9.0 - 2.0)))
     expected = 60 / 3600 / exceeded
     assert trials.hours_between_alarms(largest, 9.0, 60.0) == pytest.approx(expected, rel=0.25)
-
-
-def test_an_interval_of_a_share_is_clopper_and_pearsons():
-    assert trials.interval(12, 12) == "100 (74 to 100)"
-    assert trials.interval(0, 60) == "0 (0 to 6)"

@@ -1,4 +1,4 @@
-"""The physics step of a study's runs: 2 ms where that is known to hold, unless it says another."""
+"""Scenarios of a study's points, and their physics step: 2 ms where that is known to hold."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import json
 
 import pytest
 
+from twin.errors import ScenarioError
 from twin.scenario import load
-from twin.study.schema import Study, read, shipped
-from twin.study.work import Work
+from twin.shipped import find, shipped_in
+from twin.study.schema import Study, read
+from twin.study.work import Builder, Work
 
 
 def work(*given: str, parameters: dict[str, object] | None = None, **about: object) -> Work:
@@ -36,7 +38,7 @@ def test_a_study_runs_at_2_ms_and_a_single_run_at_1_ms() -> None:
     assert load("circle").plant.step == 0.001
 
 
-@pytest.mark.parametrize("name", sorted(shipped()))
+@pytest.mark.parametrize("name", sorted(shipped_in("studies")))
 def test_every_shipped_study_runs_at_2_ms(name: str) -> None:
     about = read(name)
     few = about.samples if about.method == "grid" else 2
@@ -58,8 +60,6 @@ def test_a_study_that_says_its_step_keeps_it(where: str, tmp_path) -> None:
         if where == "parameters":
             made = work(f"parameters={rig}")
         else:
-            from twin.shipped import find
-
             text = find("circle").read_text(encoding="utf-8")
             rig.write_text(text + "\n[plant]\nstep = 0.001\n")
             made = work(scenario=str(rig))
@@ -90,3 +90,17 @@ def test_the_step_is_in_the_key_of_a_run() -> None:
     assert coarse.key != fine.key
     assert coarse.alike != fine.alike
     assert work("plant.step=0.002").tasks[0].key == coarse.key
+
+
+def test_a_law_that_says_nothing_of_a_key_has_its_default() -> None:
+    build = Builder("circle")
+    fixed = ("controller.kind=tvlqr",)
+    assert build.value(fixed, "controller.Q.1") == 2000.0
+    assert build.value((*fixed, "controller.Q=[1.0, 2.0, 3.0, 4.0]"), "controller.Q.1") == 2.0
+    changed = build(fixed, {"controller.Q.1": 0.5}, {"controller.Q.1"})
+    assert changed.controller.settings["Q"] == [20000.0, 1000.0, 100.0, 10.0]
+
+
+def test_what_a_law_must_be_told_has_no_default() -> None:
+    with pytest.raises(ScenarioError, match=r"controller\.frequency: not given"):
+        Builder("circle").value(("controller.kind=tvlqr",), "controller.frequency")

@@ -1,4 +1,7 @@
-"""Another dead time shows as many small signs: they add up, and a few large ones do not."""
+"""The sequential tests: what is learned, what adds up to an alarm, and what is none.
+
+Another dead time shows as many small signs: they add up, and a few large ones do not.
+"""
 
 from __future__ import annotations
 
@@ -10,33 +13,62 @@ import pytest
 from scipy import stats
 
 from twin.identify.log import MECHANISM_LAG
+from twin.identify.plate_motion import servo_response
+from twin.identify.prepare import Segment
 from twin.scenario import load
 from twin.shadow.belief import PARAMETERS, Belief
-from twin.shadow.dead_time import ADDED, CAUSE, delayed, limited, standing
-from twin.shadow.dead_time import THRESHOLD as OWN
 from twin.shadow.diagnosis import THRESHOLD, Findings
 from twin.shadow.evidence import Evidence
-from twin.shadow.monitor import added_up
+from twin.shadow.monitor import (
+    ADDED,
+    CAUSE,
+    MOST,
+    added_up,
+    bounded,
+    delayed,
+    limited,
+    scatter,
+    standing,
+    statistic,
+)
+from twin.shadow.monitor import LATE_THRESHOLD as OWN
+from twin.shadow.plate import plate_evidence
+from twin.sim.drives import Play
 
 LATE = PARAMETERS.index("delay")
 
 
+def belief_of(*settings):
+    return Belief.of(load("excite", settings), SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,)))
+
+
 @pytest.fixture(scope="module")
 def belief():
-    return Belief.of(load("excite"), SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,)))
+    return belief_of()
 
 
-def windows(late, sd=2e-3):
-    """One window a second in which a ball stops, each showing a dead time as well as a real one."""
-    count = len(late)
+def shown(name, values, sd, *, stopping=False):
+    """One window a second, each of which shows a deviation of one parameter."""
+    count = len(values)
     begin = np.arange(count, dtype=float)
     return Evidence.of(
-        ("delay",),
+        (name,),
         np.stack((begin, begin + 1), axis=-1),
         np.full((count, 1, 1), sd**-2),
-        np.asarray(late)[:, None] / sd**2,
-        stopping=np.ones(count, bool),
+        np.asarray(values)[:, None] / sd**2,
+        stopping=np.full(count, stopping),
     )
+
+
+def windows(late):
+    """Windows in which a ball stops, each showing a dead time as well as a real one."""
+    return shown("delay", late, 2e-3, stopping=True)
+
+
+def rolled(rolling):
+    """One window a second that shows rolling friction alone, in relative deviations, well."""
+    unit = belief_of().values["rolling"]
+    return shown("rolling", np.asarray(rolling) * unit, 1e-3 * unit)
 
 
 def test_many_small_signs_are_an_alarm_and_a_few_large_ones_are_not(belief):
@@ -109,8 +141,7 @@ def test_without_a_bound_it_is_the_largest_ratio_of_any_change(belief):
 @pytest.mark.parametrize(("spread", "alarms"), [(0, True), (20, False)])
 def test_on_an_uneven_screen_what_looks_like_dead_time_may_be_the_screen(spread, alarms):
     # found on family rigs: every window of a drive in closed loop shows some ms too much
-    log = SimpleNamespace(own_lag=MECHANISM_LAG, grips=(0.0,))
-    rig = Belief.of(load("excite", [f"plant.surface.spread_percent={spread}"]), log)
+    rig = belief_of(f"plant.surface.spread_percent={spread}")
     late = np.repeat((0.0, 0.006), 20)
     assert bool(delayed(limited(windows(late), rig), rig).max() > OWN) == alarms
 
@@ -127,3 +158,68 @@ def test_either_test_raises_an_alarm_and_both_together_one():
         assert found.crossings == [3]
         assert found.crossed(3) == ratio
     assert not Findings(soft, np.ones((9, 1)), quiet, quiet, None, None, soft).crossings
+
+
+ROLLING = PARAMETERS.index("rolling")
+
+
+def test_scatter_between_windows_is_learned_and_an_offset_is_not():
+    rng = np.random.default_rng(3)
+    belief = belief_of()
+    expected = belief.changing[0, ROLLING] / belief.values["rolling"]
+    for times, offset in ((1.0, 0.0), (5.0, 0.0), (1.0, 0.05), (5.0, 0.05)):
+        off = offset + times * expected * rng.standard_normal(400)
+        factor = scatter(rolled(off), belief)[-1, ROLLING]
+        assert factor == pytest.approx(times, abs=0.25 * times)
+    wild = scatter(rolled(100 * expected * rng.standard_normal(400)), belief)
+    assert wild.max() == MOST
+
+
+def test_a_change_widens_nothing_while_it_may_still_be_one():
+    off = np.concatenate((np.zeros(40), np.full(20, 0.3)))
+    factor = scatter(rolled(off), belief_of())[:, ROLLING]
+    assert factor[46] <= factor[39]
+    assert factor[59] > 2 * factor[39]
+
+
+def test_one_window_is_no_alarm_and_five_are():
+    belief = belief_of()
+    for wrong, alarms in ((1, False), (5, True)):
+        off = np.zeros(40)
+        off[20 : 20 + wrong] = 0.3
+        soft = rolled(off).softened(belief.changing)
+        assert statistic(soft, belief).max() > 2 * THRESHOLD
+        assert bool(statistic(bounded(soft, belief), belief).max() > THRESHOLD) == alarms
+
+
+def test_play_and_cams_that_are_believed_are_no_evidence_of_a_change():
+    period, width = 0.002, np.radians(0.2)
+    time = period * np.arange(6000)
+    rate = np.radians(3.0) * np.stack((np.cos(2 * time), np.sin(3 * time)), axis=-1)
+    shaft = 1.03 * servo_response(rate, period, 0.0)[0]
+    gap = Play(np.full((1, 1), width))
+    turns = np.diff(shaft, axis=0, prepend=shaft[:1])
+    behind = np.cumsum([gap.follow(turn[None])[0] for turn in turns], axis=0)
+    late = time - MECHANISM_LAG
+    angle = np.stack([np.interp(late, time, behind[:, axis]) for axis in (0, 1)], axis=-1)
+    segment = Segment(time, angle, rate, time, np.zeros_like(rate))
+    log = SimpleNamespace(segments=(segment,), period=period)
+
+    def pull(*settings):
+        found = plate_evidence(log, belief_of(*settings), np.zeros((0, 2)))
+        return np.abs(found.score[:, which]).sum(axis=0)
+
+    which = [PARAMETERS.index(name) for name in ("wide_play", "transmission")]
+    exact = "plant.kind=lagrange"  # with the lag of the log, and no plate on wheels
+    known = pull(exact, "plant.servo.backlash_deg=0.2", "rig.cam_error_percent=[3.0, 3.0]")
+    assert (known < 1e-6 * pull(exact)).all()
+
+
+def test_the_same_evidence_weakened_says_the_same_less_loudly():
+    soft = rolled(np.full(3, 0.3)).softened(belief_of().changing)
+    weak = bounded(soft, belief_of())
+    ratio = weak.score[:, ROLLING] / weak.information[:, ROLLING, ROLLING]
+    before = soft.score[:, ROLLING] / soft.information[:, ROLLING, ROLLING]
+    assert ratio == pytest.approx(before)
+    assert weak.information[0, ROLLING, ROLLING] < soft.information[0, ROLLING, ROLLING] / 5
+    assert replace(weak, information=soft.information, score=soft.score).end.tolist() == [1, 2, 3]
