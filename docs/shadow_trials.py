@@ -31,6 +31,7 @@ from twin.shadow.causes import likely
 from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
+from twin.shadow.monitor import LATE_THRESHOLD
 from twin.shadow.plate import GAPS
 from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
