@@ -66,6 +66,7 @@ def show(
     """
     if as_json:
         click.echo(json.dumps(found, indent=2, allow_nan=False))
+        return
     for each in shown:
         if isinstance(each, Table):
             say(*([each.title] if each.title else []))
