@@ -340,6 +340,42 @@ def test_rigs_together_are_as_alone():
         world.advance()
 
 
+def test_the_covariance_is_that_of_the_whole_state_written_out():
+    observer = FrictionMapKalman(**COARSE)
+    world = World(FrictionMapKalman(**COARSE), rigs=2)
+    observer.start(np.zeros(8))
+    for _ in range(300):
+        t, y = world.measure()[:2]
+        observer.correct(Measurement(t, y[0], np.zeros(()), np.ones((), bool)))
+        world.advance()
+    before, s, m = observer.P, observer.s, observer._m[0]
+
+    # no touch: the covariance is only carried on
+    t, y = world.measure()[:2]
+    begin = observer._ball._then
+    observer.correct(Measurement(t, y[0], np.zeros(()), np.zeros((), bool)))
+    place = np.array(observer._ball.position(s.tolist(), begin))
+    unit = np.eye(len(m)).reshape(len(m), *(len(line) for line in world.lines))
+    share = np.array([RegularGridInterpolator(world.lines, each)(place)[0] for each in unit])
+    v = np.array(observer._ball.velocity(s.tolist(), begin))
+    assert np.hypot(*v) > 0.05
+    length = np.sqrt(v @ v + observer.smooth**2)
+    h = v / length
+    F = s[8] + share @ m
+    A = np.eye(9 + len(m))
+    A[0:2, 2:4] += T * np.eye(2)
+    A[2:4, 4:6] += T * np.eye(2)
+    A[2:4, 2:4] += T * F / length * (np.outer(h, h) - np.eye(2))
+    A[2:4, 8] = -T * h
+    A[2:4, 9:] = -T * np.outer(h, share)
+    # what the tilt gain does to the speed is the only part taken from the observer
+    then = observer._ball._then
+    A[2, 6], A[3, 7] = then.speed_x - begin.speed_x, then.speed_y - begin.speed_y
+    Q = np.zeros(9 + len(m))
+    Q[:9] = observer._Q
+    np.testing.assert_allclose(observer.P, A @ before @ A.T + np.diag(Q), rtol=1e-7, atol=1e-16)
+
+
 def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     together, alone = FrictionMapKalman(**COARSE), FrictionMapKalman(**COARSE)
     together.start(np.zeros((2, 8)))
