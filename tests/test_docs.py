@@ -44,6 +44,7 @@ WRITTEN = {
     "reproduction.template.md",
     "experiments.template.md",
     "pages.py",
+    "code_lines.py",
     "cure.py",
     "cure.toml",
     "cure_floor.py",
@@ -343,3 +344,13 @@ def test_the_reference_of_the_page_is_found_and_followed(dropped, scenario):
     done = run(scenario(SMOOTH, "reference.kind=drift", "reference.rate=[0.01, 0]", "duration=6"))
     assert done.motion.reference[-1] == pytest.approx([0.06, 0.0], abs=1e-3)
     assert done.motion.ball[-1] == pytest.approx([0.06, 0.0], abs=0.02)
+
+
+def test_the_lines_that_the_architecture_gives_a_layer_are_those_it_has_within_a_tenth():
+    lines = script("code_lines")
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    rows = {places: int(said.replace(",", "")) for places, said in lines.ROW.findall(text)}
+    layers = (ROOT / "src" / "twin").glob("*/__init__.py")
+    assert {f"src/twin/{each.parent.name}" for each in layers} <= set(rows)
+    for places, said in rows.items():
+        assert said == pytest.approx(lines.counted(places), rel=0.1), places

@@ -371,8 +371,7 @@ def study(
     from twin.study.experiments import Store, carry
 
     report = reporter or default()
-    with report.progress(f"{name}: checking every run", 1.0):
-        work = work_of(str(name), keys)
+    work = work_of(str(name), keys)
     if out is not None:
         check_writable(Path(out), report.name_of("out"))
     with (
