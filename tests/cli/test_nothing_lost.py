@@ -125,6 +125,5 @@ def test_a_warning_of_a_library_is_one_line(ballplate):
         patch.setattr("warnings.showwarning", warnings.showwarning)
         patch.setattr("warnings.filters", [("always", None, Warning, None, 0)])
         patch.setattr("ballplate.changes.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
-        patch.setattr("twin.cli.runs.show", lambda *_: None)
-        patch.setattr("twin.cli.runs.titled", lambda _: None)
+        patch.setattr("twin.cli.runs.show_titles", lambda *_, **__: None)
         assert ballplate("list")[2] == "ballplate: warning: a b\n"

@@ -80,7 +80,7 @@ def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> N
     class Seven(ThreadPoolExecutor):
         workers = 7
 
-    monkeypatch.setattr("twin.study.cluster.Cluster", lambda address: Seven(1))
+    monkeypatch.setattr("twin.study.experiments.Cluster", lambda address: Seven(1))
     code, out, _ = study("short.toml", "--plan", "--scheduler", "tcp://there:8786")
     assert code == 0
     assert "on 7 processors" in " ".join(out.split())

@@ -77,10 +77,11 @@ def show(
         say(f"written to {folder}/{replaced}: {files}")
 
 
-def titled(titles: Mapping[str, str]) -> list[Text]:
-    """What there is to run, name to title, one line each."""
+def show_titles(titles: Mapping[str, str], *, as_json: bool) -> None:
+    """Print what there is to run, name to title, one line each."""
     width = max(map(len, titles), default=0)
-    return [Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles]
+    lines = (Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles)
+    show(titles, as_json, lines)
 
 
 def say(*lines: str) -> None:

@@ -36,7 +36,7 @@ from twin.cli.output import (
     progress,
     reasons,
     show,
-    titled,
+    show_titles,
     warn,
 )
 from twin.errors import LogError
@@ -53,8 +53,7 @@ if TYPE_CHECKING:
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
     """List the scenarios that can be run by name."""
-    found = scenarios()
-    show(found, as_json, titled(found))
+    show_titles(scenarios(), as_json=as_json)
 
 
 @click.command()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +12,7 @@ from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import Terminal, bold, duration, progress, show, titled
-from twin.jobs import cores
+from twin.cli.output import Terminal, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
@@ -59,7 +57,7 @@ def study(
     """
     known = shipped_in("studies")
     if study is None:
-        show(titles(known), as_json, titled(titles(known)))
+        show_titles(titles(known), as_json=as_json)
         return 0
     chosen("study", study, known)  # a wrong name is told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
@@ -94,21 +92,18 @@ def study(
 def _plan_study(
     work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
 ) -> int:
-    from twin.study.cluster import Cluster
-    from twin.study.experiments import Store, remaining, seconds
+    from twin.study.experiments import Store, executors, remaining, seconds
 
-    with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
-        processes = processes or (cluster.workers if cluster else cores())
-    store = Store(folder)
-    known, chunks = remaining(work.tasks, store, processes)
+    with executors(processes, scheduler) as (_, count):
+        known, chunks = remaining(work.tasks, Store(folder), count)
     total = work.different
     left = total - known.num_rows
     each = seconds(work.jobs(chunks[0])) if chunks else 0.0
     counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
-    cost = {"processes": processes, "duration": left * each / processes, "size": left * BYTES}
+    cost = {"processes": count, "duration": left * each / count, "size": left * BYTES}
     told = (
         f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
-        f"batches take about {duration(left * each / processes)} on {processes} processors "
+        f"batches take about {duration(left * each / count)} on {count} processors "
         f"({each:.2f} s per run, measured here on one) and {decimal(left * BYTES)} on disk"
         if chunks
         else f"{total} runs, all of them finished"
@@ -186,14 +181,14 @@ def tune(
     """
     known = shipped_in("tunes")
     if tune is None:
-        show(titles(known), as_json, titled(titles(known)))
+        show_titles(titles(known), as_json=as_json)
         return 0
     chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
     from twin.tune.schema import read
 
     about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
     from twin.study.experiments import Store, executors
-    from twin.tune.report import fields_table, sentences, task_table, write
+    from twin.tune.report import FIELDS, TASKS, fields_table, sentences, task_table, write
     from twin.tune.search import library
     from twin.tune.trials import Trials
     from twin.tune.tune import tuned
@@ -210,20 +205,9 @@ def tune(
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
     write(trials, found, folder)
-    fields = ("field", "searched", "before", "after", "unit")
-    tasks = (
-        "task",
-        "",
-        "judged by",
-        "median",
-        "90 %",
-        "largest",
-        "cost 1 at",
-        "finished",
-        "effort",
-    )
+    tasks = (*TASKS[:-1], "effort")  # its unit would make the table wider than a terminal
     shown = (
-        Table("", fields, fields_table(found), words=range(len(fields))),
+        Table("", FIELDS, fields_table(found), words=range(len(FIELDS))),
         Table("", tasks, task_table(found), words=range(len(tasks))),
         *sentences(found),
     )

@@ -10,7 +10,7 @@ import click
 
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
-from twin.cli.output import Shown, bold, indicators, progress, show, titled, warn
+from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
@@ -187,7 +187,7 @@ def fit(
     """
     known = shipped_in("fits")
     if table is None:
-        show(titles(known), as_json, titled(titles(known)))
+        show_titles(titles(known), as_json=as_json)
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table

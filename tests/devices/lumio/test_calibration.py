@@ -140,8 +140,9 @@ def test_a_point_that_alone_keeps_the_others_from_a_line_is_not_judged():
 def test_the_fit_of_exact_points_is_the_calibration(way):
     true = mounted(*way)
     found = fit([true.screen(*point) for point in POINTS], POINTS)
-    assert np.allclose(found.calibration.matrix, true.matrix, atol=1e-9)
-    assert found.rms < 1e-9
+    assert np.allclose(found.calibration.matrix, true.matrix, atol=1e-12)
+    assert np.allclose(found.calibration.origin, true.origin, atol=1e-12)
+    assert found.rms < 1e-12
 
 
 def test_a_calibration_is_read_back_from_its_file(tmp_path):
