@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
 from controllers.arrays import Array, Mask, every, some
 from controllers.interfaces import Measurement, Quantity
@@ -274,7 +274,7 @@ class FrictionKalman(LateBall):
             gain = hP / S[:, None]
             if not whole:
                 gain = np.where(new[:, None], gain, 0.0)
-            self._reduce(gain, hP, moving)
+            self._reduce(gain, hP, S, moving)
             if not every(moving):
                 gain[~moving, LEARNT] = 0.0
             self._correct_by(gain * e[:, None])
@@ -286,7 +286,7 @@ class FrictionKalman(LateBall):
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
 
-    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
+    def _reduce(self, gain: Array, hP: Array, S: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
         fall = gain[:, :, None] * hP[:, None, :]
         if not every(moving):
@@ -353,15 +353,24 @@ class FrictionMapKalman(FrictionKalman):
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
-        count = len(self._points)
-        self._m = np.zeros((int(np.prod(np.shape(x)[:-1])), count))
-        self._rows = np.arange(len(self._m))[:, None]
         super().start(x)
+        rigs, count = self._rigs, len(self._points)
+        self._m = np.zeros((rigs, count))
+        self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
         apart = ((self._points[:, None] - self._points) ** 2).sum(axis=-1)
-        P = np.zeros((self._rigs, 9 + count, 9 + count))
-        P[:, :9, :9] = self._P
-        P[:, 9:, 9:] = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
-        self._P, self._fall = P, np.empty(P.shape[1:])
+        prior = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
+        self._M = np.tile(prior, (rigs, 1, 1))
+        """Covariance of the map; of each rig the lower half is kept up to date."""
+        self._rows = 0 if rigs == 1 else np.arange(rigs)
+        self._now = self._at(self._state[0::4])
+
+    @property
+    def P(self) -> Array:
+        """Covariance of the nine states and the map, shape (..., 9 + points, 9 + points)."""
+        top, low = self._P, np.tril(self._M)
+        below = np.concatenate((top[:, :, 9:].swapaxes(1, 2), low + np.tril(low, -1).mT), axis=2)
+        P = np.concatenate((top, below), axis=1)
+        return P.reshape(*self._shape, *P.shape[1:])
 
     @property
     def friction_map(self) -> Array:
@@ -374,52 +383,59 @@ class FrictionMapKalman(FrictionKalman):
     def further(self) -> Array:
         """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
         found = super().further.reshape(self._rigs, -1)
-        found[:, FRICTION] = self._at(self._state[0::4])[F]
-        (corners, shares), P = self._here, self._P
-        along = 9 + corners
-        map_alone = P[self._rows[:, :, None], along[:, :, None], along[:, None, :]]
-        both = 2 * P[self._rows, F, along] + (map_alone * shares[:, None]).sum(axis=-1)
-        found[:, SPREAD] = np.sqrt(P[:, F, F] + (both * shares).sum(axis=-1))
+        found[:, FRICTION] = self._now[F]
+        h = self._shares
+        with_map = (self._map_times(h) + 2 * self._P[:, F, 9:]) * h
+        found[:, SPREAD] = np.sqrt(self._P[:, F, F] + with_map.sum(axis=-1))
         return found.reshape(*self._shape, len(KNOWN))
 
-    def _shares(self, place: Sequence[Any]) -> tuple[NDArray[np.integer], Array]:
-        """The four points about a place, and the share that each has in it, both shape (N, 4)."""
+    def _shares_at(self, place: Sequence[Any]) -> Array:
+        """The share of every point of the map in a place (x, y) in m, shape (N, points)."""
         least, most, (n, m) = self._by.least, self._by.most, self._cells
         (width, height), (x, y) = self.map_sides, place
         u = least(most((x / width + 0.5) * n, 0.0), n - 1e-9)
         v = least(most((y / height + 0.5) * m, 0.0), m - 1e-9)
         i, j = u // 1, v // 1
-        a, b, first = u - i, v - j, i * (m + 1) + j
-        corners = together((first, first + 1, first + m + 1, first + m + 2), self._rigs)
-        shares = together(((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b), self._rigs)
+        a, b = u - i, v - j
         # a ball that has run away is nowhere, and all that follows from it not a number
-        return np.where(corners >= 0, corners, 0).astype(int), shares
+        first = most(i * (m + 1) + j, 0.0)
+        h, rows = np.zeros((self._rigs, len(self._points))), self._rows
+        first = int(first) if self._rigs == 1 else first.astype(int)
+        h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
+        h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b
+        return h
 
     def _at(self, place: Sequence[Any]) -> Any:
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
-        self._here = corners, shares = self._shares(place)
-        (more,) = components((self._m[self._rows, corners] * shares).sum(axis=-1)[:, None])
+        self._shares = h = self._shares_at(place)
+        (more,) = components((self._m * h).sum(axis=-1)[:, None])
         return [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
 
-    def _propagated(self, A: Array, step: Derivatives) -> Array:
-        """Covariance a period on: the map acts on the velocities as F does, where it was asked."""
-        corners, shares = self._here
-        P, by = self._P, np.zeros((self._rigs, 9))
-        by[:, 2], by[:, 3] = step.friction
-        part = shares[:, None]
-        top = A @ P[:, :9] + by[:, :, None] * (part @ P[self._rows, 9 + corners])
-        along = part @ top.swapaxes(1, 2)[self._rows, 9 + corners]
-        top[:, :, :9] = top[:, :, :9] @ A.swapaxes(1, 2) + along.swapaxes(1, 2) * by[:, None]
-        P[:, :9], P[:, 9:, :9] = top, top[:, :, 9:].swapaxes(1, 2)
-        return P
+    def _map_times(self, h: Array) -> Array:
+        """The covariance of the map times a vector of each rig, shape (N, points)."""
+        product = scipy.linalg.blas.dsymv
+        return np.array([product(1.0, M.T, row) for M, row in zip(self._M, h, strict=True)])
 
-    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
-        """Rig by rig and in place, as the covariance of one is as much as stays near at hand."""
-        for rig in np.flatnonzero(gain.any(axis=1)).tolist():
-            np.multiply(gain[rig, :, None], hP[rig], out=self._fall)
-            if not moving[rig]:
-                self._fall[LEARNT, LEARNT] = 0.0
-            self._P[rig] -= self._fall
+    def _propagated(self, A: Array, step: Derivatives) -> Array:
+        """Covariance a period on: the map acts on the velocities as F does, where it was asked.
+
+        With the shares h of the map and the derivatives by of the nine states by the friction,
+        they are A s + by h m after it, and the map is what it was.
+        """
+        h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 9, 1))
+        by[:, 2, 0], by[:, 3, 0] = step.friction
+        of_friction = np.concatenate((P[:, :, 9:] @ h, self._map_times(self._shares)[:, :, None]), 1)
+        after = A @ P + by * of_friction.mT
+        after[:, :, :9] = after[:, :, :9] @ A.mT + (after[:, :, 9:] @ h) * by.mT
+        return after
+
+    def _reduce(self, gain: Array, hP: Array, S: Array, moving: Mask) -> None:
+        """Take from the covariance what a touch sample tells; nothing of the map at rest."""
+        super()._reduce(gain[:, :9], hP, S, moving)
+        for rig, informs in enumerate(moving & (gain[:, 0] != 0)):
+            if informs:  # the lower half in place
+                M = self._M[rig].T
+                scipy.linalg.blas.dsyr(-1 / S[rig], hP[rig, 9:], a=M, overwrite_a=1)
 
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
