@@ -398,7 +398,8 @@ class FrictionMapKalman(FrictionKalman):
         i, j = u // 1, v // 1
         a, b = u - i, v - j
         # a ball that has run away is nowhere, and all that follows from it not a number
-        first = most(i * (m + 1) + j, 0.0)
+        first = i * (m + 1) + j
+        first = self._by.where(first >= 0, first, 0.0)
         h, rows = np.zeros((self._rigs, len(self._points))), self._rows
         first = int(first) if self._rigs == 1 else first.astype(int)
         h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
