@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -185,11 +185,6 @@ class FrictionKalman(LateBall):
     most_friction: Positive = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
 
-    innovation: Array = field(init=False, repr=False)
-    """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-    innovation_variance: Array = field(init=False, repr=False)
-    """What the filter takes for its variance, m^2, shape (..., 2)."""
-
     def __post_init__(self) -> None:
         """Check the settings."""
         super().__post_init__()
@@ -197,21 +192,31 @@ class FrictionKalman(LateBall):
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
-        self._at_rest = 0.0
+        self._at_rest = self.resting_walk is not None
         if self.resting_walk is not None:
-            self._at_rest = self.resting_walk**2 * T - disturbance
+            self._Q_at_rest = np.zeros(9)
+            self._Q_at_rest[DISTURBANCE] = self.resting_walk**2 * T - disturbance
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
-        self._A = np.eye(9)
-        self._A[[0, 1], [2, 3]] = self._A[[2, 3], [4, 5]] = T
-        self._diagonal = np.arange(9)
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
         self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
-        self.innovation = np.full((self._rigs, 2), np.nan)
-        self.innovation_variance = self.innovation.copy()
+        self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
+        for k in range(4):
+            self._A[:, k, k + 2] = self.period
+        self._seen = np.full((2, self._rigs, 2), np.nan)
+
+    @property
+    def innovation(self) -> Array:
+        """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
+        return self._seen[0].reshape(*self._shape, 2)
+
+    @property
+    def innovation_variance(self) -> Array:
+        """What the filter takes for its variance, m^2, alike."""
+        return self._seen[1].reshape(*self._shape, 2)
 
     @property
     def P(self) -> Array:
@@ -231,18 +236,18 @@ class FrictionKalman(LateBall):
         s = self._at(self._ball.position(self._s, begin))
         s, step = self._ball.step(s, begin, then)
         self._s = [*s[:F], self._s[F]]
-        A = np.empty((self._rigs, 9, 9))
-        A[:] = self._A
+        A = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
         A[:, 2, F], A[:, 3, F] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._P = P = self._propagated(A, step)
-        P[:, self._diagonal, self._diagonal] += self._Q
+        Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
-            P[:, DISTURBANCE, DISTURBANCE] += np.reshape(rest * self._at_rest, (-1, 1))
+            Q = Q + np.multiply.outer(rest, self._Q_at_rest)
+        diagonal(P)[...] += Q
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on, from what the period does to the nine states."""
@@ -251,44 +256,53 @@ class FrictionKalman(LateBall):
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        self.innovation = np.full((self._rigs, 2), np.nan)
-        self.innovation_variance = np.full((self._rigs, 2), np.nan)
+        self._seen[...] = np.nan
         return super().correct(measurement)
 
     def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
-        """Correct by a touch sample, axis by axis."""
-        aged, whole = some(age), every(new)
-        vx, vy = self._ball.velocity(self._s, then)
-        moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)
-        for axis in range(2):
-            h = np.reshape(self._ball.position(self._s, then)[axis], -1)
-            P = self._P
-            hP = P[:, axis]
-            variance = hP[:, axis]
-            if aged:
-                # the ball was there an age ago: less the way since
-                h = h - age * np.reshape(self._ball.velocity(self._s, then)[axis], -1)
-                hP = hP - age[:, None] * P[:, 2 + axis]
-                variance = hP[:, axis] - age * hP[:, 2 + axis]
-            e, S = y[:, 2 * axis] - h, variance + self.R[axis]
-            gain = hP / S[:, None]
-            if not whole:
-                gain = np.where(new[:, None], gain, 0.0)
-            self._reduce(gain, hP, S, moving)
-            if not every(moving):
-                gain[~moving, LEARNT] = 0.0
-            self._correct_by(gain * e[:, None])
-            self.innovation[:, axis] = np.where(new, e, np.nan)
-            self.innovation_variance[:, axis] = S
-        least, most = self._by.least, self._by.most
+        """Correct by a touch sample.
+
+        With its covariance S = L L', and the factor W = L^-1 H P of what it tells, the covariance
+        becomes P - W' W, and the estimate changes by W' L^-1 e.
+        """
+        by, hP, late = self._by, self._P[:, :2], 0.0
+        x, vx = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
+        if some(age):
+            # the ball was there an age ago: less the way since
+            (late,) = components(age[:, None])
+            hP = hP - age[:, None, None] * self._P[:, 2:4]
+        ex, ey = (
+            seen - (a - late * b) for seen, a, b in zip(components(y[:, ::2]), x, vx, strict=True)
+        )
+        a, _, b, c = components(
+            np.reshape(hP[:, :, :2] - age[:, None, None] * hP[:, :, 2:4], (-1, 4))
+        )
+        a, c = a + self.R[0], c + self.R[1]
+        first, second = 1 / by.sqrt(a), 1 / by.sqrt(c - b * b / a)
+        (share,) = components(new[:, None] * 1.0)
+        L = together(
+            (first * share, 0.0 * share, -b / a * second * share, second * share), self._rigs
+        )
+        L = L.reshape(-1, 2, 2)
+        W = L @ hP
+        change = together((first * ex * share, second * (ey - b / a * ex) * share), self._rigs)
+        change = (change[:, None] @ W)[:, 0]
+        moving = np.reshape(vx[0] * vx[0] + vx[1] * vx[1] > self.learning_speed**2, -1)
+        if not every(moving):
+            change[~moving, LEARNT] = 0.0
+        self._reduce(W, moving)
+        self._correct_by(change)
+        least, most = by.least, by.most
         *_, kx, ky, friction = self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
+        seen = together((ex, ey, a, c), self._rigs).reshape(-1, 2, 2)
+        self._seen = np.where(new[:, None], seen.swapaxes(0, 1), np.nan)
 
-    def _reduce(self, gain: Array, hP: Array, S: Array, moving: Mask) -> None:
+    def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
-        fall = gain[:, :, None] * hP[:, None, :]
+        fall = W[:, :, :9].mT @ W
         if not every(moving):
             fall[~moving, LEARNT, LEARNT] = 0.0
         self._P = self._P - fall
@@ -296,6 +310,12 @@ class FrictionKalman(LateBall):
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9)."""
         self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
+
+
+def diagonal(P: Array) -> Array:
+    """The first nine numbers on the diagonal of covariances, shape (N, 9, n), to be changed."""
+    step = P.shape[-1] + 1
+    return P.reshape(len(P), -1)[:, : 9 * step : step]
 
 
 FRICTION, SPREAD = (
@@ -423,20 +443,22 @@ class FrictionMapKalman(FrictionKalman):
         With the shares h of the map and the derivatives by of the nine states by the friction,
         they are A s + by h m after it, and the map is what it was.
         """
-        h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 9, 1))
-        by[:, 2, 0], by[:, 3, 0] = step.friction
-        of_friction = np.concatenate((P[:, :, 9:] @ h, self._map_times(self._shares)[:, :, None]), 1)
-        after = A @ P + by * of_friction.mT
-        after[:, :, :9] = after[:, :, :9] @ A.mT + (after[:, :, 9:] @ h) * by.mT
+        h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 2, 1))
+        by[:, 0, 0], by[:, 1, 0] = step.friction
+        after = A @ P
+        after[:, 2:4, :9] += by * (P[:, :, 9:] @ h).mT
+        after[:, 2:4, 9:] += by * self._map_times(self._shares)[:, None]
+        own = after[:, :, :9] @ A.mT
+        own[:, :, 2:4] += (after[:, :, 9:] @ h) * by.mT
+        after[:, :, :9] = own
         return after
 
-    def _reduce(self, gain: Array, hP: Array, S: Array, moving: Mask) -> None:
+    def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of the map at rest."""
-        super()._reduce(gain[:, :9], hP, S, moving)
-        for rig, informs in enumerate(moving & (gain[:, 0] != 0)):
+        super()._reduce(W, moving)
+        for M, told, informs in zip(self._M, W[:, :, 9:], moving.tolist(), strict=True):
             if informs:  # the lower half in place
-                M = self._M[rig].T
-                scipy.linalg.blas.dsyr(-1 / S[rig], hP[rig, 9:], a=M, overwrite_a=1)
+                scipy.linalg.blas.dsyrk(-1.0, told.T, 1.0, M.T, overwrite_c=1)
 
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""
