@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, every, some
+from controllers.arrays import Array, Mask, every
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.linear import NOISE
@@ -265,29 +265,25 @@ class FrictionKalman(LateBall):
         With its covariance S = L L', and the factor W = L^-1 H P of what it tells, the covariance
         becomes P - W' W, and the estimate changes by W' L^-1 e.
         """
-        by, hP, late = self._by, self._P[:, :2], 0.0
-        x, vx = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
-        if some(age):
-            # the ball was there an age ago: less the way since
-            (late,) = components(age[:, None])
-            hP = hP - age[:, None, None] * self._P[:, 2:4]
-        ex, ey = (
-            seen - (a - late * b) for seen, a, b in zip(components(y[:, ::2]), x, vx, strict=True)
-        )
-        a, _, b, c = components(
-            np.reshape(hP[:, :, :2] - age[:, None, None] * hP[:, :, 2:4], (-1, 4))
-        )
+        by, P = self._by, self._P
+        age = np.where(new, age, 0.0)
+        place, way = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
+        # the ball was there an age ago: less the way since
+        (late,), back = components(age[:, None]), age[:, None, None]
+        hP = P[:, :2] - back * P[:, 2:4]
+        a, _, b, c = components(np.reshape(hP[:, :, :2] - back * hP[:, :, 2:4], (-1, 4)))
         a, c = a + self.R[0], c + self.R[1]
-        first, second = 1 / by.sqrt(a), 1 / by.sqrt(c - b * b / a)
-        (share,) = components(new[:, None] * 1.0)
-        L = together(
-            (first * share, 0.0 * share, -b / a * second * share, second * share), self._rigs
-        )
-        L = L.reshape(-1, 2, 2)
+        x, y = components(y[:, ::2])
+        ex, ey = x - place[0] + late * way[0], y - place[1] + late * way[1]
+        # L^-1, and nothing where there is no new sample
+        (taken,) = components(new[:, None] * 1.0)
+        first, second = taken / by.sqrt(a), taken / by.sqrt(c - b * b / a)
+        cross = -b / a * second
+        L = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2)
         W = L @ hP
-        change = together((first * ex * share, second * (ey - b / a * ex) * share), self._rigs)
+        change = together((first * ex, cross * ex + second * ey), self._rigs)
         change = (change[:, None] @ W)[:, 0]
-        moving = np.reshape(vx[0] * vx[0] + vx[1] * vx[1] > self.learning_speed**2, -1)
+        moving = np.reshape(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, -1)
         if not every(moving):
             change[~moving, LEARNT] = 0.0
         self._reduce(W, moving)
