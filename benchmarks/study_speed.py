@@ -19,7 +19,10 @@ import numpy as np
 
 PIECE = """
 import sys, time
-from twin.study.experiments import missing
+try:
+    from twin.study.experiments import missing
+except ImportError:  # an earlier checkout
+    from twin.study.carry import missing
 from twin.study.schema import read
 from twin.study.work import Work, carry_out
 

@@ -7,8 +7,11 @@ those of ``TRUTHS`` numbers that are known from elsewhere or from a finer step.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,45 +35,20 @@ AWAY = (0.6, 0.0, 0.0, 0.0)
 """Start of the ball beside the screen."""
 AXES = ("phi", "theta")
 
-AGEING = ("plant.friction.breakaway_ratio=2.0", "plant.friction.dwell_time=0.5")
-RUNS: dict[str, tuple[str, ...]] = {
-    "circle": ("circle",),
-    "circle, play of 0.3 deg": ("circle", "plant.servo.backlash_deg=0.3"),
-    "circle, ageing friction": ("circle", *AGEING),
-    "circle, uneven friction": ("circle", "plant.surface.spread_percent=30.0"),
-    "circle, motors at 15 Hz": ("circle", "plant.servo.bandwidth_hz=15.0"),
-    "circle, vibration at 13 Hz": ("circle", "plant.servo.vibration=3.0"),
-    "circle, ball 0.2 mm out of balance": ("circle", "plant.ball.offset_mm=[0.2, 0.0, 0.0]"),
-    "circle, sliding mode": (
-        "circle",
-        "controller.kind=sliding_mode",
-        "controller.alpha=1.5",
-        "controller.epsilon=0.3",
-        "controller.betas=[1.5, 3.0, 5.0]",
-    ),
-    "circle over the emulated wire": ("circle",),
-    "circle, wheels damped twice critical": ("circle", "plant.wheels.damping_ratio=2.0"),
-    "exact equations, play of 0.3 deg": (
-        "circle",
-        "plant.kind=lagrange",
-        "plant.servo.backlash_deg=0.3",
-    ),
-    "step": ("step",),
-    "hold beside the middle, ageing friction": ("hold", "plant.start.x=0.1", *AGEING),
-}
-"""Scenario and overrides of what is run in closed loop."""
-WIRED = {"circle over the emulated wire"}
-"""Those whose drives and screen are emulated byte by byte, in stepped time."""
+RUNS: dict[str, dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("runs.toml").read_text(encoding="utf-8")
+)
+"""What is run in closed loop: scenario, overrides, and whether over emulated drives and screen."""
 SECONDS = 10.0
 
 
 def path(step: float, run: str, seconds: float = SECONDS) -> tuple[Array, Array]:
     """Where the ball is in each control period of a run, and where it is to be, m, each (K, 2)."""
-    name, *overrides = RUNS[run]
+    about = RUNS[run]
     given = [f"duration={seconds}", f"metrics.start={seconds / 2}", f"plant.step={step}"]
-    scenario = load(name, [*overrides, *given])
+    scenario = load(about["scenario"], [*about["set"], *given])
     ticks = round(seconds / PERIOD)
-    if run in WIRED:
+    if about.get("wired"):
         plant = EmulatedPlant(scenario)
         limits = build_limits(scenario.rig.limits)
         rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)

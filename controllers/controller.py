@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -229,7 +229,7 @@ class SampledReference(Reference):
 
     BLOCK = 512
 
-    def __init__(self, reference: Reference, period: float) -> None:
+    def __init__(self, reference: Callable[[float | Array], Array], period: float) -> None:
         self.original = reference
         self._period = period
         self._first = 0
@@ -277,21 +277,6 @@ def _place(rigs: Sequence[int]) -> Place:
     return np.array(rigs)
 
 
-class SideBySide(Reference):
-    """M references as one, with the rigs' axis before the last: (5, *shape(t), M, 2).
-
-    Args:
-        members: The references.
-    """
-
-    def __init__(self, members: Sequence[Reference]) -> None:
-        self._members = tuple(members)
-
-    def __call__(self, t: float | Array) -> Array:
-        """Positions and four derivatives of every reference."""
-        return np.stack([member(t) for member in self._members], axis=-2)
-
-
 class PerRigReference(SampledReference):
     """The references of N rigs, each evaluated once however many rigs follow it.
 
@@ -303,7 +288,8 @@ class PerRigReference(SampledReference):
     def __init__(self, members: Sequence[Reference], period: float) -> None:
         distinct = list(dict.fromkeys(members))
         self.members = tuple(members)
-        super().__init__(SideBySide(distinct), period)
+        # with the rigs' axis before the last: (5, *shape(t), M, 2)
+        super().__init__(lambda t: np.stack([each(t) for each in distinct], axis=-2), period)
         self._which = np.array([distinct.index(member) for member in members])
         self._now: tuple[float, Array] | None = None
 

@@ -5,7 +5,7 @@ uv run python docs/chapter8.py
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from io import BytesIO
 from pathlib import Path
@@ -17,15 +17,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from pages import filled
 from PIL import Image
 
 from controllers.ballplate import BallPlate
 from twin import markdown
 from twin.run.picture import COLOURS, REFERENCE
-from twin.thesis.claims import terms
-from twin.thesis.reproduce import compare as report
-from twin.thesis.reproduce.cases import COLUMNS, SimulatedTable, SimulationTrace, chosen
-from twin.thesis.reproduce.compare import Agreement, Cell, Results, compare, plan, row_results
+from twin.thesis import chapter8
+from twin.thesis.chapter8 import COLUMNS, Agreement, Cell, Excerpt, Results, SimulatedTable
+from twin.thesis.neglected import terms
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
@@ -45,14 +45,13 @@ def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
         figure, panels = _panels(3, f"Table {table.id}: {table.title}")
         for index, row in enumerate(table.rows):
             label = row.detail or _omega(row.name)
-            exact, mujoco = (found[(table.id, index), way].excerpt for way in ("exact", "mujoco"))
-            _add(panels, exact, step=step, color=COLOURS[index], label=label)
+            ours, mujoco = (found[(table.id, index), way].excerpt for way in ("sampled", "mujoco"))
+            _add(panels, ours, step=step, color=COLOURS[index], label=label)
             _add(panels, mujoco, step=step, zorder=4, **MECHANISM)
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
             if step:
-                goal = found[(table.id, 0), "exact"].excerpt
-                panels[0, axis].plot(goal.time, 1000 * goal.reference[:, axis], **REFERENCE)
+                panels[0, axis].plot(ours.time, 1000 * ours.reference[:, axis], **REFERENCE)
         _keys(figure, panels[0, 0], mechanism=True)
         _write(figure, path)
 
@@ -64,26 +63,21 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
         RecordError: If the file cannot be written.
     """
     row = table.rows[index]
-    trace = found[(table.id, index), "sampled"].excerpt
+    shown = found[(table.id, index), "sampled"].excerpt
+    names = (("x", "x'", "φ", "φ'"), ("y", "y'", "θ", "θ'"))
+    scales = ((1000, "mm"), (1000, "mm/s"), (180 / np.pi, "deg"), (180 / np.pi, "deg/s"))
     with _style():
         figure, panels = _panels(5, f"Table {table.id}: {row.name}, first of the noisy runs")
-        names = (("x", "x'", "φ", "φ'"), ("y", "y'", "θ", "θ'"))
-        scales = ((1000, "mm"), (1000, "mm/s"), (180 / np.pi, "deg"), (180 / np.pi, "deg/s"))
         for axis in (0, 1):
             for state, (scale, unit) in enumerate(scales):
-                panel = panels[state, axis]
+                panel, at = panels[state, axis], 4 * axis + state
                 for values, colour, label in (
-                    (trace.estimate, COLOURS[1], "estimated"),
-                    (trace.state, COLOURS[0], "true"),
+                    (shown.estimate, COLOURS[1], "estimated"),
+                    (shown.state, COLOURS[0], "true"),
                 ):
-                    panel.plot(
-                        trace.time,
-                        scale * values[:, 0, 4 * axis + state],
-                        color=colour,
-                        label=label,
-                    )
+                    panel.plot(shown.time, scale * values[:, at], color=colour, label=label)
                 panel.set_ylabel(f"{names[axis][state]} [{unit}]")
-            panels[4, axis].plot(trace.time, trace.u[:, 0, axis], color=COLOURS[0])
+            panels[4, axis].plot(shown.time, shown.u[:, axis], color=COLOURS[0])
             panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
         _keys(figure, panels[0, 0], mechanism=False)
         _write(figure, path)
@@ -98,12 +92,12 @@ def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
     with _style():
         figure, panels = _panels(2, "Main and neglected terms of (6.42), AFL, full state feedback")
         for index, row in enumerate(table.rows):
-            trace = found[(table.id, index), "exact"].excerpt
-            parts = terms(BallPlate(), trace.state[:, 0], trace.u[:, 0])
+            shown = found[(table.id, index), "sampled"].excerpt
+            parts = terms(BallPlate(), shown.state, shown.u)
+            look = {"color": COLOURS[index], "label": _omega(row.name)}
             for axis in (0, 1):
-                look = {"color": COLOURS[index], "label": _omega(row.name)}
-                panels[0, axis].plot(trace.time, parts.main[:, axis], **look)
-                panels[1, axis].plot(trace.time, 1000 * parts.neglected[:, axis], **look)
+                panels[0, axis].plot(shown.time, parts.main[:, axis], **look)
+                panels[1, axis].plot(shown.time, 1000 * parts.neglected[:, axis], **look)
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"main, {name} [m/s²]")
             panels[1, axis].set_ylabel(f"neglected, {name} [mm/s²]")
@@ -134,14 +128,13 @@ def _panels(rows: int, title: str) -> tuple[Figure, NDArray[Any]]:
     return figure, panels
 
 
-def _add(panels: NDArray[Any], trace: SimulationTrace, *, step: bool, **look: Any) -> None:
-    state, time = trace.state[:, 0], trace.time
+def _add(panels: NDArray[Any], shown: Excerpt, *, step: bool, **look: Any) -> None:
     for axis, (angle, acceleration) in enumerate((("φ [deg]", "φ″"), ("θ [deg]", "θ″"))):
-        ball = state[:, 4 * axis]
-        shown = ball if step else trace.reference[:, axis] - ball
-        panels[0, axis].plot(time, 1000 * shown, **look)
-        panels[1, axis].plot(time, np.degrees(state[:, 4 * axis + 2]), **look)
-        panels[2, axis].plot(time, trace.u[:, 0, axis], **look)
+        ball = shown.state[:, 4 * axis]
+        first = ball if step else shown.reference[:, axis] - ball
+        panels[0, axis].plot(shown.time, 1000 * first, **look)
+        panels[1, axis].plot(shown.time, np.degrees(shown.state[:, 4 * axis + 2]), **look)
+        panels[2, axis].plot(shown.time, shown.u[:, axis], **look)
         panels[1, axis].set_ylabel(angle)
         panels[2, axis].set_ylabel(f"{acceleration} [rad/s²]")
 
@@ -167,10 +160,6 @@ def _write(figure: Figure, path: Path) -> None:
     write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
 
 
-DRAWN: Mapping[str, str] = {"full_state": "table", "tracking": "table", "observers": "observer"}
-"""Data file to the kind of figure its tables get."""
-
-
 def draw_all(folder: Path, table: SimulatedTable, found: Results) -> dict[str, str]:
     """Draw what belongs to a table: file name to what it shows.
 
@@ -178,7 +167,7 @@ def draw_all(folder: Path, table: SimulatedTable, found: Results) -> dict[str, s
         RecordError: If a file cannot be written.
     """
     slug = f"table-{table.id.replace('.', '-')}"
-    if DRAWN[table.group] == "observer":
+    if table.group == "observers":
         drawn = {}
         for index, row in enumerate(table.rows):
             name = f"{slug}-{row.name.lower().replace(' ', '-')}.png"
@@ -198,28 +187,6 @@ GROUPS = {
     "observers": "Observers, Tables 8.12 and 8.13",
     "tracking": "Tracking with EKF, Tables 8.14 to 8.21",
 }
-INTRODUCTION = """\
-# The thesis's simulation tables, computed anew
-
-Written by `uv run python docs/chapter8.py`. Every numeric cell of Tables 8.1 to
-8.21 is laid beside three values:
-
-- **exact**: the exact model (5.9) under continuous control. Full state feedback is integrated by
-  a multistep method with relative tolerance 1e-9; with an observer, plant, observer (for the EKF
-  with its Riccati differential equation), dead time and held noise are integrated together by RK4
-  at 10 ms. Halving that step changes no indicator by more than 0.05 % (estimation errors: 0.1 %).
-- **sampled**: the same plant under the controller that also drives a rig, at 2 ms through the
-  seam. It is another implementation, discrete throughout, yet with the same noise it agrees with
-  *exact* to 0.7 %, and to a quarter of that at 0.5 ms.
-- **MuJoCo**: the same loop on the mechanism (cams, spring, cardan joint, rolling contact) without
-  rolling friction and without sensor imperfections beyond those of the table.
-
-*exact* and *sampled* must agree with the thesis: values without spread to 4 % (Tables 8.1 to
-8.11) or 5 % (angles and efforts from Table 8.12 on), settling times within what was read by eye
-from a figure, noisy errors within the 5 to 95 % range of 20 seeds. (!) marks a cell that does not
-and whose reason is known, !! one without; no cell is left out. The mechanism's column is there to
-see what a real transmission makes of it; it need not agree.
-"""
 
 
 def write_doc(
@@ -230,60 +197,51 @@ def write_doc(
     Raises:
         RecordError: If a file cannot be written.
     """
-    parts = [INTRODUCTION, "## Summary\n", report.sentence(cells) + "\n", *_summary(tables, cells)]
-    group = ""
-    for table in tables:
-        if table.group != group:
-            group = table.group
-            parts += [f"## {GROUPS[group]}\n", *(f"- {remark}" for remark in table.shared), ""]
-        parts += _table(table, cells)
-        for name, title in draw_all(path.parent / "figures", table, found).items():
-            parts.append(f"![{title}](figures/{name})\n")
-    text = "\n".join(parts).rstrip() + "\n"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    groups = []
+    for group, title in GROUPS.items():
+        parts = []
+        for table in (each for each in tables if each.group == group):
+            rows, notes = chapter8.lines(_of(table, cells))
+            made = markdown.table(chapter8.HEADINGS, rows, words=(0, 1, -1))
+            parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
+        if parts:
+            groups.append((title, parts[0][0].shared, parts))
+    sentence, summary = chapter8.sentence(cells), _summary(tables, cells)
+    text = filled("reproduction", sentence=sentence, summary=summary, groups=groups)
+    write_whole(path, lambda target: target.write_text(text.rstrip() + "\n", encoding="utf-8"))
 
 
-def _summary(tables: Sequence[SimulatedTable], cells: Sequence[Cell]) -> list[str]:
+def _of(table: SimulatedTable, cells: Sequence[Cell]) -> list[Cell]:
+    """The cells of one table."""
+    return [cell for cell in cells if cell.table == table.id]
+
+
+def _summary(tables: Sequence[SimulatedTable], cells: Sequence[Cell]) -> str:
     """A line for every table: how many cells agree how well."""
-    steps = [f"within {step:g} %" for step in report.STEPS]
+    steps = [f"within {step:g} %" for step in chapter8.STEPS]
     head = ("table", "cells", "agree", "exceptions", "differ", *steps, "worst that agrees")
     rows = []
     for table in tables:
-        found = report.summary(report.of_table(table, cells))
+        found = chapter8.summary(_of(table, cells))
         worst: Cell | None = found["worst"]
+        name = ""
+        if worst is not None:
+            quantity = COLUMNS[worst.column].name
+            name = f"{worst.deviation_percent:+.2f} % ({worst.row}, {quantity})"
         within = [f"{count} of {found['values']}" for count in found["within"].values()]
-        name = "" if worst is None else f"{_percent(worst)} ({worst.row}, {_quantity(worst)})"
         counts = [str(found[key]) for key in ("cells", *Agreement)]
         rows.append((f"{table.id} {table.title}", *counts, *within, name))
-    remark = "The last five columns count values without spread only.\n"
-    return [markdown.table(head, rows, words=(0, -1)), remark]
-
-
-def _percent(cell: Cell) -> str:
-    return f"{cell.deviation_percent:+.2f} %"
-
-
-def _quantity(cell: Cell) -> str:
-    return COLUMNS[cell.column].name
-
-
-def _table(table: SimulatedTable, cells: Sequence[Cell]) -> list[str]:
-    out = [f"### Table {table.id}: {table.title}\n"]
-    out += [f"- {row.name}: {row.detail}" for row in table.rows if row.detail]
-    out += [f"- {remark}" for remark in table.own]
-    if out[1:]:
-        out.append("")
-    rows, notes = report.lines(table, cells)
-    out.append(markdown.table(report.HEADINGS, rows, words=(0, 1, -1)))
-    out += [f"{note}  " for note in notes]
-    return [*out, ""]
+    return markdown.table(head, rows, words=(0, -1))
 
 
 def main() -> None:
     """Compute all tables and write the page."""
-    wanted = chosen([])
-    found = {(one.place, one.way): one for one in row_results(plan(wanted))}
-    write_doc(Path(__file__).parent / "reproduction.md", wanted, compare(wanted, found), found)
+    wanted = list(chapter8.tables().values())
+    results = chapter8.row_results(chapter8.plan(wanted))
+    found = {(one.place, one.way): one for one in results}
+    write_doc(
+        Path(__file__).parent / "reproduction.md", wanted, chapter8.compare(wanted, found), found
+    )
 
 
 if __name__ == "__main__":

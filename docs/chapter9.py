@@ -15,6 +15,7 @@ import click
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from pages import filled
 
 from twin.fit.runs import cells as numbers_of
 from twin.fit.schema import read
@@ -35,52 +36,35 @@ LAWS = {
     "sliding mode": ("9.8", "9.9"),
 }
 MEASURED, PREDICTED, CLEAN, HELD = "#222222", "#1f6fb4", "#e08214", "#4d9221"
-INTRODUCTION = """\
-# The thesis's experiments, predicted and explained
-
-Written by `uv run python docs/chapter9.py`. Chapter 9 of the thesis measured tracking errors of 13
-to 38 % on a rig whose simulations promise less than 1 %. Here the twin runs the same experiments,
-with a dead time of 42 ms, noise and quantisation of all sensors, under the thesis's laws, observer
-(8.1) and Smith predictor at 2 ms, judged by what a rig's computer sees: tracking errors are
-reference minus estimate, angles those of the encoders.
-
-- *Predicted*: on the mechanism with **one number, the rolling friction, identified from the three
-  tracking errors of Table 9.3** (`ballplate fit friction_of_table_9_3`); every other cell is a
-  prediction. The range is that of its 95 % interval. *Frictionless*: the same without it.
-- *Explained*: on the exact equations with four numbers fitted to all tables (`ballplate fit
-  chapter_9`): rolling friction; the factor by which it is larger in the series without predictor;
-  the length of the polynomial start of the circles, of which the thesis prints none (the prediction
-  has three quarters of a turn); and play between motor and plate. The sliding mode has case 2 of
-  Table 8.10, which the text calls its choice, in place of the printed settings, which cannot all be
-  the rig's: with alpha = 1.5 no u1 of 1.549 is possible.
-- *Held out*: each cell with numbers that were fitted without its table. The explanation is judged
-  by these alone. Its ingredients were chosen with all tables in sight ([how](explained.md));
-  leaving a table out guards the numbers, not the choice of the ingredients.
-"""
 
 
 def page(cells: list[Row], confirmed: list[Row]) -> str:
     """The page: goals, numbers, and all cells; ``confirmed`` is explained on the mechanism."""
-    parts = [
-        INTRODUCTION,
-        f"![Measured, predicted and explained tracking errors](figures/{FIGURE})\n",
-        "## The prediction's goals\n",
-        table(
-            ("goal", "found", ""),
-            [
-                (g.sentence, g.found, "reached" if g.reached else "**not reached**")
-                for g in goals(cells)
-            ],
-        ),
-        *_numbers(),
-        *_held_out(cells, confirmed),
-        *_tracking(cells, confirmed),
-        *_others(cells),
+    searches = stored()["searches"]
+    verdicts = [
+        (goal.sentence, goal.found, "reached" if goal.reached else "**not reached**")
+        for goal in goals(cells)
     ]
-    return "\n".join(parts).rstrip() + "\n"
+    return filled(
+        "experiments",
+        figure=FIGURE,
+        goals=table(("goal", "found", ""), verdicts),
+        numbers=_numbers(),
+        searches=len(searches),
+        ends=", ".join(f"{search['chi2']:.1f} ({search['by']})" for search in searches),
+        cells=len(numbers_of(read("chapter_9"))),
+        held_out=_held_out(cells, confirmed),
+        tracking=_tracking(cells, confirmed),
+        others=_others(cells),
+        notes=[
+            f"- {row['table']}, {row['row']}, {row['column']}: {row['note']}"
+            for row in cells
+            if row["note"]
+        ],
+    )
 
 
-def _numbers() -> list[str]:
+def _numbers() -> str:
     known, about = stored(), read("chapter_9")
     lines = []
     for each in known["parameters"]:
@@ -96,19 +80,11 @@ def _numbers() -> list[str]:
                 each["verdict"],
             )
         )
-    ends = ", ".join(f"{search['chi2']:.1f} ({search['by']})" for search in known["searches"])
-    text = (
-        f"{len(known['searches'])} searches that began otherwise ended at chi-squared {ends} of "
-        f"{len(numbers_of(about))} numbers; the lowest end is used, with all tables and without "
-        "each. Scales: 2 points, 0.35 in the logarithm of a maximum, and for Table 9.1 6 mm, 2 %, "
-        "0.2 and 0.1. They were chosen near what remains, so chi-squared compares "
-        "models and tests none.\n"
-    )
     head = ("number", "value", "95 %, bootstrap", "without one table", "unit", "verdict")
-    return ["## The four numbers\n", table(head, lines), text]
+    return table(head, lines)
 
 
-def _held_out(cells: list[Row], confirmed: list[Row]) -> list[str]:
+def _held_out(cells: list[Row], confirmed: list[Row]) -> str:
     scatter, searches = chapter9.scatter(), stored()["searches"]
     lines = []
     for one, other in zip(held_out_goals(cells), held_out_goals(confirmed), strict=True):
@@ -128,15 +104,10 @@ def _held_out(cells: list[Row], confirmed: list[Row]) -> list[str]:
         )
     names = [f"search {number}" for number in range(1, len(searches) + 1)]
     head = ("goal", "", "held out", *names, "scatter", "", "mechanism", "")
-    text = (
-        "A goal is *reached* if it is met by more than the searches differ, largest less least; "
-        "otherwise what meets it is *within the scatter*. The mechanism runs with the numbers "
-        "fitted on the exact equations.\n"
-    )
-    return ["## The explanation's goals\n", text, table(head, lines, words=(0, 1, -3, -1))]
+    return table(head, lines, words=(0, 1, -3, -1))
 
 
-def _tracking(cells: list[Row], confirmed: list[Row]) -> list[str]:
+def _tracking(cells: list[Row], confirmed: list[Row]) -> str:
     lines = []
     for row, other in zip(cells, confirmed, strict=True):
         if row["column"] == "e_tt":
@@ -149,28 +120,22 @@ def _tracking(cells: list[Row], confirmed: list[Row]) -> list[str]:
                 (name, f"{row['thesis']:.1f}", *values, span, *more, off, shown(other["held_out"]))
             )
     head = ("experiment", "measured", "frictionless", "predicted", "range", "explained", "held out")
-    return ["## Tracking errors in %\n", table((*head, "off", "mechanism, held out"), lines)]
+    return table((*head, "off", "mechanism, held out"), lines)
 
 
-def _others(cells: list[Row]) -> list[str]:
-    lines, notes = [], []
-    for row in cells:
-        name = f"{row['table']}, {row['row']}"
-        if row["note"]:
-            notes.append(f"- {name}, {row['column']}: {row['note']}")
-        if row["column"] != "e_tt":
-            quantity = f"{row['column']} [{COLUMNS[row['column']][1]}]"
-            lines.append((name, quantity, f"{row['thesis']:.4g}", *(shown(row[k]) for k in KEYS)))
-    head = (
-        "experiment",
-        "quantity",
-        "measured",
-        "frictionless",
-        "predicted",
-        "explained",
-        "held out",
-    )
-    return ["## Stabilisation, angles and efforts\n", table(head, lines, words=(0, 1)), *notes]
+def _others(cells: list[Row]) -> str:
+    lines = [
+        (
+            f"{row['table']}, {row['row']}",
+            f"{row['column']} [{COLUMNS[row['column']][1]}]",
+            f"{row['thesis']:.4g}",
+            *(shown(row[key]) for key in KEYS),
+        )
+        for row in cells
+        if row["column"] != "e_tt"
+    ]
+    heads = (*KEYS[:-1], "held out")
+    return table(("experiment", "quantity", "measured", *heads), lines, words=(0, 1))
 
 
 def shown(value: float | None) -> str:
@@ -204,7 +169,12 @@ def _panel(ax: Axes, cells: list[Row], number: str) -> None:
     def values(key: str) -> Any:
         return errors(cells, [number], key)
 
-    look = {"color": PREDICTED, "alpha": 0.2, "lw": 0, "label": "its 95 % interval of friction"}
+    look: dict[str, Any] = {
+        "color": PREDICTED,
+        "alpha": 0.2,
+        "lw": 0,
+        "label": "its 95 % interval of friction",
+    }
     ax.fill_between(omega, values("low"), values("high"), **look)
     ax.plot(omega, values("predicted"), "o-", color=PREDICTED, ms=5, label="predicted")
     ax.plot(omega, values("frictionless"), "s-", color=CLEAN, ms=4, label="frictionless twin")

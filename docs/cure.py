@@ -9,7 +9,6 @@ Finished tasks are kept in runs/cure and used again while scenarios and code sta
 from __future__ import annotations
 
 import inspect
-import json
 import tomllib
 from pathlib import Path
 from textwrap import fill
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
+from pages import filled, kept, points
 
 HERE = Path(__file__).parent
 EVERY = 5
@@ -65,13 +65,6 @@ def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     return found
 
 
-def reached(
-    plan: dict[str, Any], task: dict[str, Any], kept: Path, *, simulate: bool
-) -> list[float | None] | None:
-    """What is judged of every scenario of a task, on the true ball; None if it is not known."""
-    return known(scenarios(plan, task), task.get("judged", "tracking"), kept, simulate=simulate)
-
-
 def key(runs: list[Any], judged: str) -> str:
     """What tells runs of one batch and what is judged of them from every other."""
     from twin.study.work import code, digest  # noqa: PLC0415
@@ -81,18 +74,15 @@ def key(runs: list[Any], judged: str) -> str:
 
 
 def known(
-    runs: list[Any], judged: str, kept: Path, *, simulate: bool = True
+    runs: list[Any], judged: str = "tracking", *, simulate: bool = True
 ) -> list[float | None] | None:
-    """The same of scenarios that run as one batch, as they are kept or simulated."""
-    file = kept / f"{key(runs, judged)}.json"
-    if file.is_file():
-        found: list[float | None] = json.loads(file.read_text())
-        return found
-    if not simulate:
-        return None
-    found = simulated(runs, judged)
-    kept.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(found))
+    """What is judged of scenarios that run as one batch, on the true ball: as kept or simulated.
+
+    None if it is not known.
+    """
+    found: list[float | None] | None = kept(
+        "cure", key(runs, judged), lambda: simulated(runs, judged), simulate=simulate
+    )
     return found
 
 
@@ -193,23 +183,13 @@ def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
     )  # fmt: skip
 
 
-def filled(name: str, **parts: Any) -> str:
-    """The page of a template in this folder."""
-    import jinja2  # noqa: PLC0415
-
-    text = (HERE / f"{name}.template.md").read_text(encoding="utf-8")
-    strict = jinja2.StrictUndefined
-    how = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=strict)
-    return how.from_string(text).render(parts)
-
-
 def floors(plan: dict[str, Any], cell: Cell) -> tuple[str, list[tuple[str, ...]]]:
     """What an uneven screen leaves to anybody at the edge of the family, and rig by rig."""
     from cure_floor import Screen, floor  # noqa: PLC0415
 
     task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
     radius = 0.15
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for number, (scenario, value) in enumerate(zip(rigs_of(plan, task), cell.rigs, strict=True)):
         touch, friction = scenario.sensors.touch, scenario.plant.friction.rolling_mm
         spread = scenario.plant.surface.spread_percent
@@ -255,32 +235,19 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
     """The picture."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    names = [law["name"] for law in plan["laws"]]
     figure = Figure(figsize=(12, 1 + 3.3 * rows_of(table)), layout="constrained")
     tasks = [task for task in plan["tasks"] if task["name"] in table]
     axes = figure.subplots(rows_of(table), 4, sharey=True, squeeze=False)
-    rows = np.arange(len(names))[::-1]
+    names = [law["name"] for law in plan["laws"][::-1]]
     for axis, task in zip(axes.flat, tasks, strict=False):
-        found = table[task["name"]]
+        found = table[task["name"]][::-1]
         word, unit = KINDS[task.get("judged", "tracking")]
         known = [v for cell in found for v in cell[:2] if v is not None and v > 0]
         low, high = min([*known, *task["goals"]]) / 1.6, max([*known, *task["goals"]]) * 3
-        for at, kind in enumerate(("nominal", "worst")):
-            values = [getattr(cell, kind) for cell in found]
-            x = [high / 1.3 if value is None else max(value, low) for value in values]
-            face = "tab:blue" if at == 0 else "none"
-            gone = np.array([value is None for value in values])
-            x, colours = np.array(x), {"facecolors": face, "edgecolors": "tab:blue"}
-            whose = ("nominal rig", "worst rig")[at]
-            axis.scatter(x[~gone], rows[~gone], s=30, label=whose, **colours)
-            axis.scatter(
-                x[gone],
-                rows[gone],
-                s=40 if at else 15,
-                marker="x",
-                c="tab:red",
-                label=f"{whose}: not reached",
-            )
+        for at, whose in enumerate(("nominal rig", "worst rig")):
+            values = [None if cell[at] is None else max(cell[at], low) for cell in found]
+            words = (whose, f"{whose}: not reached")
+            points(axis, values, high / 1.3, words, full=at == 0, large=at == 1)
             line: dict[str, Any] = {"color": "0.6", "lw": 1, "ls": "-" if at == 0 else "--"}
             axis.axvline(task["goals"][at], label=f"goal of the {whose}", **line)
         # no text wider than its panel: the layout does not see to that
@@ -288,7 +255,7 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
         axis.set_title(fill(task["name"], 20), fontsize=10)
         axis.set_xlabel(fill(f"{word}, {unit}", 22), fontsize=9)
         axis.grid(axis="y", color="0.9")
-        axis.set_yticks(rows, names)
+        axis.set_yticks(range(len(names)), names)
     for axis in axes.flat[len(tasks) :]:
         axis.set_axis_off()
     entries = axes.flat[0].get_legend_handles_labels()
@@ -305,10 +272,11 @@ def main(rigs: int | None, only: tuple[str, ...], *, finished: bool) -> None:
     """Simulate what is not finished, then write the page."""
     plan = tomllib.loads((HERE / "cure.toml").read_text(encoding="utf-8"))
     plan["rigs"] = rigs or plan["rigs"]
-    kept, table = HERE.parent / "runs" / "cure", {}
+    table = {}
     for task in plan["tasks"]:
         if not only or task["name"] in only:
-            values = reached(plan, task, kept, simulate=not finished)
+            judged = task.get("judged", "tracking")
+            values = known(scenarios(plan, task), judged, simulate=not finished)
             if values is None:
                 continue
             table[task["name"]] = cells(plan, values)

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+from cure import known, said
+from pages import filled
 
 HERE = Path(__file__).parent
-KEPT = HERE.parent / "runs" / "cure"
 
 
 def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:
     """The page as Markdown."""
-    from cure import filled, said  # noqa: PLC0415  the script beside this one
-
     rows = {name: [said(value) for value in row] for name, row in table.items()}
     return filled("cure_attacks", tasks=[task["name"] for task in plan["tasks"]], table=rows)
 
@@ -27,8 +26,6 @@ def page(plan: dict[str, Any], table: dict[str, list[float | None]]) -> str:
 @click.command()
 def main() -> None:
     """Simulate what is not kept, then write the page."""
-    from cure import known  # noqa: PLC0415
-
     from twin.scenario.load import load  # noqa: PLC0415
 
     plan = tomllib.loads((HERE / "cure_attacks.toml").read_text(encoding="utf-8"))
@@ -37,7 +34,7 @@ def main() -> None:
         table[attack["name"]] = []
         for task in plan["tasks"]:
             run = load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]])
-            table[attack["name"]] += known([run], task["judged"], KEPT) or [None]
+            table[attack["name"]] += known([run], task["judged"]) or [None]
         click.echo(f"{attack['name']}: {table[attack['name']]}")
     (HERE / "cure_attacks.md").write_text(page(plan, table), encoding="utf-8")
 

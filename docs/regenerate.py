@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -20,57 +21,16 @@ HERE = Path(__file__).parent
 
 
 class Page(NamedTuple):
-    """Something generated.
+    """Something generated; see regenerate.toml."""
 
-    Attributes:
-        files: What it is made of, as patterns in this folder.
-        command: What makes it, after ``ballplate``, or a script of this folder, or a module
-            after ``-m``; ``TEMPORARY`` stands for an empty folder that is gone afterwards.
-        kept: What is taken from there.
-    """
-
-    files: tuple[str, ...]
-    command: tuple[str, ...]
-    kept: tuple[tuple[str, str], ...] = ()
+    files: list[str]
+    command: list[str]
+    kept: dict[str, str] = {}  # noqa: RUF012  never changed
 
 
 PAGES = {
-    "circle": Page(
-        ("circle.png",),
-        ("run", "circle", "--beside", "cure", "--out", "TEMPORARY"),
-        (("picture.png", "circle.png"),),
-    ),
-    "view": Page(("view-*.png",), ("screenshots.py",)),
-    "play": Page(("play.png",), ("play_picture.py",)),
-    "cure": Page(("cure.md", "figures/cure.svg"), ("cure.py",)),
-    "tuned": Page(("tuned.md", "figures/tuned.svg"), ("tuned.py",)),
-    "cure_attacks": Page(("cure_attacks.md",), ("cure_attacks.py",)),
-    "claims": Page(("claims.md",), ("claims.py",)),
-    "settings": Page(("settings.md",), ("settings.py",)),
-    "performance": Page(
-        ("performance.md", "data/performance.toml"),
-        ("-m", "benchmarks", "--doc", "docs/performance.md"),
-    ),
-    "learning": Page(
-        ("learning.md", "learning.png"),
-        ("../examples/learning.py",),
-        (("learning.md", "learning.md"), ("learning.png", "learning.png")),
-    ),
-    "bring-up": Page(("bring-up.md",), ("bring_up.py",)),
-    "shadow": Page(("shadow.md",), ("shadow_trials.py",)),
-    "safety": Page(("safety.md",), ("safety", "--doc", "docs/safety.md")),
-    "reproduction": Page(
-        ("reproduction.md", "figures/table-*.png", "figures/neglected.png"),
-        ("chapter8.py",),
-    ),
-    "experiments": Page(("experiments.md", "figures/experiments.png"), ("chapter9.py",)),
-    **{
-        f"study-{name}": Page(
-            (f"studies/{name}.md", f"studies/{name}-*.svg"),
-            ("study_page.py", name),
-        )
-        for name in ("friction", "gains", "tournament", "what_matters")
-    },
+    name: Page(**about)
+    for name, about in tomllib.loads((HERE / "regenerate.toml").read_text("utf-8")).items()
 }
 
 
@@ -86,7 +46,7 @@ def make(page: Page) -> int:
             call = "from twin.cli import main; main()"
             program = [sys.executable, "-c", call, *command]
         code = subprocess.call(program, cwd=folder if page.kept else HERE.parent)
-        for made, name in page.kept if code == 0 else ():
+        for made, name in page.kept.items() if code == 0 else ():
             shutil.copyfile(Path(folder) / made, HERE / name)
     return code
 

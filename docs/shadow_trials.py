@@ -10,13 +10,14 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
+from pages import filled
 from scipy import stats
 
 from controllers.arrays import Array
@@ -25,12 +26,12 @@ from twin.cli.output import progress
 from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
-from twin.shadow import dead_time
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
 from twin.shadow.causes import likely
 from twin.shadow.diagnosis import THRESHOLD
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
+from twin.shadow.monitor import LATE_THRESHOLD
 from twin.shadow.plate import GAPS
 from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
@@ -402,9 +403,191 @@ def interval(hits: int, count: int) -> str:
     return f"{100 * hits / count:.0f} ({low:.0f} to {high:.0f})"
 
 
-def inside(found: Sequence[Trial]) -> float:
+def rates(alarms: int, hours: float) -> tuple[float, float]:
+    """The exact 95 % interval of a rate per hour (Poisson)."""
+    low = stats.chi2.ppf(0.025, 2 * alarms) / 2 if alarms else 0.0
+    return float(low) / hours, float(stats.chi2.ppf(0.975, 2 * alarms + 2)) / 2 / hours
+
+
+def counted(alarms: int, hours: float) -> str:
+    """False alarms, and how many an hour that means."""
+    low, high = rates(alarms, hours)
+    return f"{alarms} in {hours:.2f} h ({low:.2f} to {high:.2f} per hour)"
+
+
+class Alarms(NamedTuple):
+    """How the alarms of some rigs came.
+
+    Attributes:
+        rigs: All of them.
+        early: Those with an alarm before anything had happened; for a healthy rig every alarm is
+            false, whenever it comes.
+        rest: The others.
+        timely: Of these those with an alarm in time.
+        right: Of these those with the right cause.
+    """
+
+    rigs: list[Trial]
+    early: list[Trial]
+    rest: list[Trial]
+    timely: list[Trial]
+    right: list[Trial]
+
+    @classmethod
+    def of(cls, rigs: Iterable[Trial]) -> Alarms:
+        """Those of some rigs."""
+        every = list(rigs)
+        early = [one for one in every if one.alarm is not None and one.alarm < AT]
+        rest = [one for one in every if one.alarm is None or one.alarm >= AT]
+        timely = [one for one in rest if one.in_time]
+        return cls(every, early, rest, timely, [one for one in timely if one.named])
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Rigs, in time, right, wrong, early, and after how many s half and 95 % had an alarm."""
+        timely, right = len(self.timely), len(self.right)
+        late = [np.inf if one.alarm is None else one.alarm - one.complete for one in self.rest]
+        after = "-"
+        if late:
+            ends = np.quantile(late, (0.5, 0.95), method="inverted_cdf")
+            after = ", ".join("never" if np.isinf(each) else f"{each:.0f}" for each in ends)
+        return (
+            str(len(self.rigs)),
+            interval(timely, len(self.rest)),
+            interval(right, timely),
+            interval(timely - right, timely),
+            str(len(self.early)),
+            after,
+        )
+
+
+def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[str, str, str]]:
+    """What was to be reached, what was, and whether so few rigs can tell."""
+    rows = []
+
+    def said(low: float, high: float, least: float, most: float, unsure: str) -> str:
+        if low >= least and high <= most:
+            return "met"
+        return "**not met**" if high < least or low > most else unsure
+
+    def share(name: str, hits: int, count: int, least: float = 0.0, most: float = 100.0) -> None:
+        if count == 0:
+            rows.append((name, "-", "no rig"))
+            return
+        word = said(*bounds(hits, count), least, most, "too few rigs to tell")
+        rows.append((name, f"{interval(hits, count)} % of {count}", word))
+
+    for kind in KINDS[:GOALS]:
+        own = Alarms.of(each for each in found if each.kind == kind)
+        timely, right = len(own.timely), len(own.right)
+        share(f"alarm in time for 95 %: {kind.name}", timely, len(own.rest), least=95)
+        share(f"right cause in 90 %: {kind.name}", right, timely, least=90)
+        share(f"wrong cause below 3 %: {kind.name}", timely - right, timely, most=3)
+    false = _false(found, judged)
+    alarms, hours = false[0][0] + false[1][0], false[0][1] + false[1][1]
+    low, high = (24 * each for each in rates(alarms, hours))
+    rows.append(
+        (
+            "healthy: less than one false alarm in 24 h",
+            f"{24 * alarms / hours:.2g} ({low:.2g} to {high:.2g}) in 24 h",
+            said(low, high, 0.0, 1.0, "too few hours to tell"),
+        )
+    )
+    error, within = 1000 * float(np.median(_every(judged, "errors"))), inside(judged)
+    name = "healthy: replay error at 1 s at most 1 mm (median)"
+    rows.append((name, f"{error:.2f} mm", said(error, error, 0.0, 1.0, "")))
+    name = "healthy: 93 to 97 % inside the 95 % band"
+    rows.append((name, f"{within:.1f} %", said(within, within, 93, 97, "")))
+    return rows
+
+
+def _false(found: Sequence[Trial], judged: Sequence[Trial]) -> list[tuple[int, float]]:
+    """False alarms, and in how many hours: healthy rigs, and others before something happens."""
+    changed = Alarms.of(each for each in found if each.kind != HEALTHY)
+    alarms = sum(each.alarm is not None for each in judged)
+    early = len(changed.early), len(changed.rigs) * AT / 3600
+    return [(alarms, len(judged) * DURATION / 3600), early]
+
+
+def _every(some: Iterable[Trial], name: str) -> Array:
+    """Squares or errors of all rigs, one behind the other."""
+    return np.concatenate([np.zeros(0), *(getattr(each, name) for each in some)])
+
+
+def inside(found: Iterable[Trial]) -> float:
     """Percentage of replays that end in their 95 % band."""
-    return float(100 * (np.concatenate([each.squares for each in found]) <= BAND).mean())
+    return float(100 * (_every(found, "squares") <= BAND).mean())
+
+
+def _healthy(
+    found: Sequence[Trial], learned: Sequence[Trial], judged: Sequence[Trial]
+) -> list[tuple[str, str]]:
+    every, late = (
+        hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
+        for test, threshold in enumerate((THRESHOLD, LATE_THRESHOLD))
+    )
+
+    def short(hours: float) -> str:
+        return f"{hours:.3g}" if hours < 1e4 else "more than 10000"
+
+    others, before = (counted(*each) for each in _false(found, judged))
+    squares = _every(judged, "squares")
+    rows = [
+        (
+            "hours between false alarms, by the extreme-value fit",
+            short(1 / (1 / every + 1 / late)),
+        ),
+        ("of the test of all causes alone", short(every)),
+        ("of the test of the dead time alone", short(late)),
+        ("false alarms on the others", others),
+        ("false alarms on the rigs below, before anything happens to them", before),
+        (
+            "median score (1: as predicted)",
+            f"{np.sqrt(np.median(squares) / MEDIAN):.2f}",
+        ),
+        (
+            "replays of 1 s inside their 95 % band",
+            f"{inside(judged):.1f} % of {len(squares)}",
+        ),
+        ("replay error after 1 s, median", f"{1000 * np.median(_every(judged, 'errors')):.2f} mm"),
+    ]
+    for least, most in itertools.pairwise(UNEVEN):
+        some = [each for each in judged if least <= each.uneven < most]
+        errors = _every(some, "errors")
+        median = f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
+        name = f"on screens uneven by {least:g} to {most:g} % ({len(some)} rigs), median"
+        rows.append((name, median))
+    return rows
+
+
+def _confusion(found: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
+    """The causes of first alarms in time, and of every kind how often each was named."""
+    rows = {
+        kind.name: Counter(
+            each.causes[0] if each.in_time and each.causes else "no alarm in time"
+            for each in found
+            if each.kind == kind
+        )
+        for kind in KINDS
+    }
+    columns = sorted({cause for row in rows.values() for cause in row})
+    return columns, [
+        [name, *(str(row[cause] or "") for cause in columns)] for name, row in rows.items()
+    ]
+
+
+def _laws(found: Sequence[Trial]) -> list[tuple[str, ...]]:
+    """A row for every law: false alarms in healthy running, and alarms after a change."""
+    tried = [law for law in LAWS if any(each.law == law for each in found)]
+    rows = []
+    for law in (*tried, *(("all of these",) if tried else ())):
+        some = [each for each in found if law in {each.law, "all of these"}]
+        healthy = [each for each in some if each.kind == HEALTHY]
+        alarms = sum(each.alarm is not None for each in healthy)
+        false = counted(alarms, len(healthy) * DURATION / 3600)
+        changed = Alarms.of(each for each in some if each.kind != HEALTHY)
+        rows.append((law, str(len(healthy)), false, *changed.cells))
+    return rows
 
 
 def page(found: Sequence[Trial], command: str) -> str:
@@ -418,230 +601,24 @@ def page(found: Sequence[Trial], command: str) -> str:
     found = [each for each in found if each.law == LAW]
     learned = [each for each in found if CALIBRATED <= each.seed < JUDGED]
     judged = [each for each in found if JUDGED <= each.seed < INJECTED]
-    lines = [
-        "# How good the shadow is",
-        "",
-        f"Made by `{command}`; every number comes from simulated rigs (the mechanism, everything "
-        "on) of which the truth is known. Healthy rigs are drawn from the family `uncertain` "
-        "(friction, uneven screens, level, drives, play, cams, screen clocks); those that "
-        "something happens to are like the one the project describes, friction, breakaway, dead "
-        "time and level drawn. The twin of each knows it but for the errors of an "
-        "identification. Shares in percent with their 95 % interval (Clopper and Pearson). The "
-        "alarms' thresholds, and by how much a healthy rig may scatter and drift, were chosen on "
-        "rigs that are not counted here.",
-        "",
-        "## Against the goals",
-        "",
-        *goals(found, judged),
-        "",
-        "## Healthy rigs",
-        "",
-        *_healthy(found, learned, judged),
-        "",
-        "## Rigs that something happens to",
-        "",
-        f"While the ball follows the path of `excite`; at 20 s, half of them along a ramp of "
-        f"{RAMP:g} s where there can be one. In time: an alarm within {IN_TIME:g} s of the "
-        "complete change. Right: the right cause is named, or among those not told apart; wrong: "
-        "it is not. Early: a false alarm, before anything had happened. After: seconds from the "
-        "complete change by which half and 95 % of the others have had their alarm, if they have.",
-        "",
-        "| what happens | rigs | alarm in time [%] | right, of these [%] | wrong [%] | early | "
-        "after [s] |",
-        "|---|--:|--:|--:|--:|--:|--:|",
-        *[_row(kind.name, [each for each in found if each.kind == kind]) for kind in KINDS],
-        "",
-        "## What each is held to be",
-        "",
-        "The most probable cause of the first alarm, if it came in time. A patch of the screen is "
-        "no cause of its own, so `rolling friction` is right there: while it was one, it was named "
-        "for 18 (8 to 31) % of the patches and stole alarms of other causes.",
-        "",
-        *_confusion(found),
-        "",
-        "## Under every law",
-        "",
-        "So far all rigs were under AFL. Here the ball follows the path of `excite` under every "
-        "other law, with the gains it is tuned from (`scenarios/tunes`) or its defaults: healthy "
-        "rigs of the family, and rigs of the four kinds with goals, counted as above.",
-        "",
-        *_laws(under_laws),
-        "",
+    kinds = [
+        (kind.name, *Alarms.of(each for each in found if each.kind == kind).cells) for kind in KINDS
     ]
-    return "\n".join(lines)
-
-
-def _early(some: Sequence[Trial]) -> list[Trial]:
-    """Those with an alarm before anything had happened."""
-    return [each for each in some if each.alarm is not None and each.alarm < AT]
-
-
-def _false(judged: Sequence[Trial], changed: Sequence[Trial]) -> list[tuple[int, float]]:
-    """False alarms, and in how many hours: healthy rigs, and others before something happens."""
-    alarms = sum(each.alarm is not None for each in judged)
-    early = len(_early(changed)), len(changed) * AT / 3600
-    return [(alarms, len(judged) * DURATION / 3600), early]
-
-
-def _counted(alarms: int, hours: float) -> str:
-    low, high = rates(alarms, hours)
-    return f"{alarms} in {hours:.2f} h ({low:.2f} to {high:.2f} per hour)"
-
-
-def _healthy(
-    found: Sequence[Trial], learned: Sequence[Trial], judged: Sequence[Trial]
-) -> list[str]:
-    every, late = (
-        hours_between_alarms([each.largest[test] for each in learned], threshold, DURATION)
-        for test, threshold in enumerate((THRESHOLD, dead_time.THRESHOLD))
+    return filled(
+        "shadow",
+        command=command,
+        goals=goals(found, judged),
+        scenarios=HEALTHY_SCENARIOS,
+        seconds=DURATION,
+        learned=len(learned),
+        judged=len(judged),
+        healthy=_healthy(found, learned, judged),
+        ramp=RAMP,
+        in_time=IN_TIME,
+        kinds=kinds,
+        confusion=_confusion(found),
+        laws=_laws(under_laws),
     )
-    both = 1 / (1 / every + 1 / late)
-    squares = np.concatenate([each.squares for each in judged])
-    errors = np.concatenate([each.errors for each in judged])
-    changed = [each for each in found if each.kind != HEALTHY]
-    others, before = (_counted(*each) for each in _false(judged, changed))
-    return [
-        f"Scenarios {', '.join(HEALTHY_SCENARIOS)} by turns, {DURATION:g} s each; the rate is "
-        f"worked out from {len(learned)} rigs, everything else judged on {len(judged)} others. Of "
-        "an uneven screen the twin knows how uneven it is; the friction of a place it learns when "
-        "the ball has been there, which is always before the start of a replay.",
-        "",
-        "| | |",
-        "|---|--:|",
-        f"| hours between false alarms, by the extreme-value fit | {_short(both)} |",
-        f"| of the test of all causes alone | {_short(every)} |",
-        f"| of the test of the dead time alone | {_short(late)} |",
-        f"| false alarms on the others | {others} |",
-        f"| false alarms on the rigs below, before anything happens to them | {before} |",
-        f"| median score (1: as predicted) | {np.sqrt(np.median(squares) / MEDIAN):.2f} |",
-        f"| replays of 1 s inside their 95 % band | {inside(judged):.1f} % of {len(squares)} |",
-        f"| replay error after 1 s, median | {1000 * np.median(errors):.2f} mm |",
-        *[_by_screen(judged, *between) for between in itertools.pairwise(UNEVEN)],
-    ]
-
-
-def _by_screen(judged: Sequence[Trial], least: float, most: float) -> str:
-    """The replay error on screens of some unevenness in percent."""
-    some = [each.errors for each in judged if least <= each.uneven < most]
-    errors = np.concatenate([np.zeros(0), *some])
-    median = f"{1000 * np.median(errors):.2f} mm" if len(errors) else "-"
-    return f"| on screens uneven by {least:g} to {most:g} % ({len(some)} rigs), median | {median} |"
-
-
-def rates(alarms: int, hours: float) -> tuple[float, float]:
-    """The exact 95 % interval of a rate per hour (Poisson)."""
-    low = stats.chi2.ppf(0.025, 2 * alarms) / 2 if alarms else 0.0
-    return float(low) / hours, float(stats.chi2.ppf(0.975, 2 * alarms + 2)) / 2 / hours
-
-
-def goals(found: Sequence[Trial], judged: Sequence[Trial]) -> list[str]:
-    """What was to be reached, what was, and whether so few rigs can tell."""
-    lines = ["| goal | reached | |", "|---|--:|---|"]
-
-    def share(name: str, hits: int, count: int, least: float = 0.0, most: float = 100.0) -> None:
-        if count == 0:
-            lines.append(f"| {name} | - | no rig |")
-            return
-        low, high = bounds(hits, count)
-        word = "too few rigs to tell"
-        if low >= least and high <= most:
-            word = "met"
-        elif high < least or low > most:
-            word = "**not met**"
-        lines.append(f"| {name} | {interval(hits, count)} % of {count} | {word} |")
-
-    for kind in KINDS[:GOALS]:
-        own = [each for each in found if each.kind == kind]
-        rest = [each for each in own if each.alarm is None or each.alarm >= AT]
-        timely = [each for each in rest if each.in_time]
-        right = sum(each.named for each in timely)
-        share(f"alarm in time for 95 %: {kind.name}", len(timely), len(rest), least=95)
-        share(f"right cause in 90 %: {kind.name}", right, len(timely), least=90)
-        share(f"wrong cause below 3 %: {kind.name}", len(timely) - right, len(timely), most=3)
-    changed = [each for each in found if each.kind != HEALTHY]
-    alarms, hours = (sum(each) for each in zip(*_false(judged, changed), strict=True))
-    low, high = rates(int(alarms), hours)
-    word = "met" if high < 1 / 24 else "**not met**" if low > 1 / 24 else "too few hours to tell"
-    lines.append(
-        f"| healthy: less than one false alarm in 24 h | {24 * alarms / hours:.2g} "
-        f"({24 * low:.2g} to {24 * high:.2g}) in 24 h | {word} |"
-    )
-    error = 1000 * float(np.median(np.concatenate([each.errors for each in judged])))
-    word = "met" if error <= 1 else "**not met**"
-    lines.append(
-        f"| healthy: replay error at 1 s at most 1 mm (median) | {error:.2f} mm | {word} |"
-    )
-    within = inside(judged)
-    word = "met" if 93 <= within <= 97 else "**not met**"
-    lines.append(f"| healthy: 93 to 97 % inside the 95 % band | {within:.1f} % | {word} |")
-    return lines
-
-
-def _short(hours: float) -> str:
-    return f"{hours:.3g}" if hours < 1e4 else "more than 10000"
-
-
-def _row(name: str, some: Sequence[Trial]) -> str:
-    early = _early(some)
-    rest = [each for each in some if each not in early]
-    timely = [each for each in rest if each.in_time]
-    right = sum(each.named for each in timely)
-    return (
-        f"| {name} | {len(some)} | {interval(len(timely), len(rest))} | "
-        f"{interval(right, len(timely))} | {interval(len(timely) - right, len(timely))} | "
-        f"{len(early)} | {_after(rest)} |"
-    )
-
-
-def _after(some: Sequence[Trial]) -> str:
-    """Seconds from the complete change to the alarm, for half and 95 % of the rigs."""
-    if not some:
-        return "-"
-    late = np.array([np.inf if each.alarm is None else each.alarm - each.complete for each in some])
-    half, most = np.quantile(late, (0.5, 0.95), method="inverted_cdf")
-    return ", ".join("never" if np.isinf(each) else f"{each:.0f}" for each in (half, most))
-
-
-def _confusion(found: Sequence[Trial]) -> list[str]:
-    rows = {
-        kind.name: Counter(
-            each.causes[0] if each.in_time and each.causes else "no alarm in time"
-            for each in found
-            if each.kind == kind
-        )
-        for kind in KINDS
-    }
-    columns = sorted({cause for row in rows.values() for cause in row})
-    return [
-        f"| | {' | '.join(columns)} |",
-        f"|---|{'--:|' * len(columns)}",
-        *[
-            f"| {name} | {' | '.join(str(row[cause]) if row[cause] else '' for cause in columns)} |"
-            for name, row in rows.items()
-        ],
-    ]
-
-
-def _laws(found: Sequence[Trial]) -> list[str]:
-    """A row for every law: false alarms in healthy running, and alarms after a change."""
-    lines = [
-        "| law | healthy rigs | false alarms | changed rigs | alarm in time [%] | "
-        "right, of these [%] | wrong [%] | early | after [s] |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-
-    def row(name: str, some: Sequence[Trial]) -> str:
-        healthy = [each for each in some if each.kind == HEALTHY]
-        alarms = sum(each.alarm is not None for each in healthy)
-        hours = len(healthy) * DURATION / 3600
-        changed = _row("", [each for each in some if each.kind != HEALTHY])
-        return f"| {name} | {len(healthy)} | {_counted(alarms, hours)} |{changed[4:]}"
-
-    if not found:
-        return ["None were tried."]
-    tried = [law for law in LAWS if any(each.law == law for each in found)]
-    lines += [row(law, [each for each in found if each.law == law]) for law in tried]
-    return [*lines, row("all of these", found)]
 
 
 @click.command()

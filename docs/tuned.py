@@ -10,14 +10,15 @@ by a larger budget; what a search found, while all that it read does.
 from __future__ import annotations
 
 import inspect
-import json
 import tomllib
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from pages import filled, kept, points
 
 HERE = Path(__file__).parent
 OWN, KNOWN = ", thesis", ", friction known"
@@ -65,26 +66,18 @@ def key(tune: Any) -> str:
     return digest(" ".join(texts))
 
 
-def result(tune: Any, kept: Path, *, simulate: bool) -> dict[str, Any] | None:
-    """What a tune found, as its ``--json`` says; None if it is not known."""
+def result(tune: Any) -> dict[str, Any]:
+    """What a tune finds, as its ``--json`` says."""
     from twin.study.experiments import Store, executors  # noqa: PLC0415
     from twin.tune.report import settings  # noqa: PLC0415
     from twin.tune.trials import Trials  # noqa: PLC0415
     from twin.tune.tune import tuned  # noqa: PLC0415
-    from twin.writing import write_json  # noqa: PLC0415
 
-    file = kept / f"{key(tune)}.json"
-    if file.is_file():
-        known: dict[str, Any] = json.loads(file.read_text())
-        return known
-    if not simulate:
-        return None
     with executors(None) as (executor, count):
-        trials = Trials(tune, Store(kept), executor=executor, processes=count)
+        store = Store(HERE.parent / "runs" / "tuned")
+        trials = Trials(tune, store, executor=executor, processes=count)
         found = tuned(trials, sensitivity=False)
-    about = found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
-    write_json(file, about)
-    return about
+    return found.as_dict() | {"settings": settings(trials, found.chosen.fields)}
 
 
 def fewer(plan: dict[str, Any], found: dict[str, dict[str, Any]]) -> list[str]:
@@ -133,8 +126,6 @@ def said(cost: float | None) -> str:
 
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
     """The page as Markdown, of the laws that are tuned."""
-    from cure import filled  # noqa: PLC0415  the script beside this one
-
     names = sorted(found, key=lambda name: order(found[name]))
     tasks = [task.name for task in tune.tasks]
     laws, fields = [], []
@@ -197,16 +188,10 @@ def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
     beyond = 2 * max(known, default=1.0)
     figure = Figure(figsize=(9, 1.2 + 0.28 * len(names)), layout="constrained")
     axis = figure.subplots()
-    rows = np.arange(len(names))
-    for at, (label, face) in enumerate((("before", "none"), ("after", "tab:blue"))):
-        x = np.array([beyond if pair[at] is None else pair[at] for pair in costs])
-        lost = np.array([pair[at] is None for pair in costs])
-        axis.scatter(
-            x[~lost], rows[~lost], s=30, facecolors=face, edgecolors="tab:blue", label=label
-        )
-        size, word = (15, "a rig lost before") if at == 0 else (40, "a rig lost after")
-        axis.scatter(x[lost], rows[lost], s=size, marker="x", c="tab:red", label=word)
-    axis.set_yticks(rows, names)
+    for at, when in enumerate(("before", "after")):
+        values = [pair[at] for pair in costs]
+        points(axis, values, beyond, (when, f"a rig lost {when}"), full=at == 1, large=at == 1)
+    axis.set_yticks(range(len(names)), names)
     axis.set(xscale="log", xlabel="cost of the worst rigs, 1 = 1 % of the circle")
     axis.grid(color="0.9")
     figure.legend(loc="outside upper right", ncols=4, fontsize="small")
@@ -220,12 +205,12 @@ def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
 def main(only: tuple[str, ...], *, finished: bool) -> None:
     """Tune what is not tuned yet, then write the page."""
     plan = tomllib.loads((HERE / "tuned.toml").read_text(encoding="utf-8"))
-    kept, found = HERE.parent / "runs" / "tuned", {}
+    found = {}
     tunes = asked(plan)
     for name, tune in tunes.items():
         if only and name not in only:
             continue
-        about = result(tune, kept, simulate=not finished)
+        about = kept("tuned", key(tune), partial(result, tune), simulate=not finished)
         if about is not None:
             found[name] = about
             click.echo(f"{name}: lost and cost {order(about)}")

@@ -1,12 +1,15 @@
 """What every test may use."""
 
 import gc
+import tomllib
+from pathlib import Path
 
 import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
 
 from controllers.catalog import forget
+from twin.devices import lumio
 from twin.scenario.load import check, put, setting
 
 TABLES = {
@@ -19,23 +22,7 @@ TABLES = {
 
 pytest_plugins = ["pytester", "real_time_session", "verified_long"]
 
-# Report descriptors as two Lumio panels and a mouse give them to Linux.
-FINGER = (
-    "a1 02 05 0d 09 42 15 00 25 01 75 01 95 01 81 02 95 03 81 03 09 32 09 47 95 02 81 02 95 02"
-    " 81 03 09 51 75 08 95 01 81 02 05 01 26 ff 7f 65 11 55 0e 46 b0 0e 75 10 95 01 09 30 81 02"
-    " 09 31 46 c2 0b 81 02 c0 "
-)
-PANEL_0006 = (
-    "05 0d 09 04 a1 01 09 22 "
-    + FINGER.replace("05 0d 09 42", "09 42")
-    + 3 * FINGER
-    + "05 0d 09 54 75 08 95 01 15 00 25 08 81 02 09 55 b1 02 c0"
-)
-PANEL_0007 = (
-    "05 0d 09 04 a1 01 09 22 a1 00 09 42 15 00 25 01 75 01 95 01 81 02 95 03 81 03 09 32 09 47"
-    " 95 02 81 02 95 0a 81 03 05 01 26 ff 7f 65 11 55 0e 46 ba 0e 75 10 95 01 09 30 81 02 09 31"
-    " 46 ea 0b 81 02 05 0d 09 51 75 10 95 01 81 02 09 55 15 00 25 08 75 08 95 01 b1 02 c0 c0"
-)
+# The report descriptor that a mouse gives Linux.
 MOUSE = (
     "05 01 09 02 a1 01 09 01 a1 00 05 09 19 01 29 03 15 00 25 01 95 03 75 01 81 02 95 01 75 05"
     " 81 03 05 01 09 30 09 31 15 81 25 7f 75 08 95 02 81 06 c0 c0"
@@ -69,7 +56,8 @@ def long_lived():
 @pytest.fixture(scope="session")
 def descriptors():
     """Report descriptors by what they are of."""
-    texts = {"hid-0006": PANEL_0006, "hid-0007": PANEL_0007, "mouse": MOUSE}
+    panels = tomllib.loads((Path(lumio.__file__).parent / "panels.toml").read_text("utf-8"))
+    texts = {**panels, "mouse": MOUSE}
     return {name: bytes.fromhex(text) for name, text in texts.items()}
 
 

@@ -28,8 +28,8 @@ def changed(path):
         (TABLES, "tests/thesis/test_reproduce_long.py"),
         (TABLES, "tests/conftest.py"),
         (TABLES, "src/twin/thesis/__init__.py"),
-        (TABLES, "src/twin/thesis/reproduce/simulated.py"),
-        (TABLES, "src/twin/thesis/reproduce/data/full_state.toml"),
+        (TABLES, "src/twin/thesis/chapter8.py"),
+        (TABLES, "src/twin/thesis/data/full_state.toml"),
         (TABLES, "src/twin/sim/plant/exact.py"),  # through several others
         (TABLES, "controllers/nonlinear.py"),  # by name, through the catalog
         (TABLES, "models/ballplate.xml"),
@@ -42,8 +42,10 @@ def test_a_changed_dependency_changes_the_hash(test, path):
     assert fingerprint(test, changed(path)) != today(test)
 
 
-@pytest.mark.parametrize("test", [TABLES, TRIALS])
-@pytest.mark.parametrize("path", ["src/twin/view/viewer.py", "src/twin/devices/akd/frames.py"])
+@pytest.mark.parametrize(
+    ("test", "path"),
+    [(TABLES, "src/twin/view/viewer.py"), (TRIALS, "src/twin/devices/akd/frames.py")],
+)
 def test_a_change_in_an_unrelated_room_does_not(test, path):
     assert (ROOT / path).is_file()
     assert fingerprint(test, changed(path)) == today(test)

@@ -79,25 +79,21 @@ def test_another_package_called_controllers_is_one_line_that_names_it(tmp_path):
     assert line.startswith(f"ballplate: another package called controllers shadows ours: {other};")
 
 
-def test_an_installation_in_one_folder_is_whole_too(tmp_path):
-    installed(tmp_path, "controllers/__init__.py", "scenarios/circle.toml")
-    assert python(tmp_path, "-c", ASK).stdout == "None\n"
+INSIDE, DATA, PACKAGE = "controllers/__init__.py", "scenarios/circle.toml", "scenarios/__init__.py"
 
 
-def test_another_package_called_scenarios_is_told(tmp_path):
-    installed(tmp_path, "controllers/__init__.py", "scenarios/__init__.py")
-    said = python(tmp_path, "-c", ASK).stdout
-    assert said.startswith(f"another package called scenarios lies over ours: {tmp_path}")
-
-
-def test_missing_scenarios_are_told(tmp_path):
-    installed(tmp_path, "controllers/__init__.py")
-    assert f"{tmp_path / 'scenarios'} is missing" in python(tmp_path, "-c", ASK).stdout
-
-
-def test_missing_controllers_are_told(tmp_path):
-    installed(tmp_path, "scenarios/circle.toml")
-    assert "controllers is missing" in python(tmp_path, "-S", "-c", ASK).stdout
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ((INSIDE, DATA), "None"),
+        ((INSIDE, PACKAGE), "another package called scenarios lies over ours: {}"),
+        ((INSIDE,), "scenarios is missing"),
+        ((DATA,), "controllers is missing"),
+    ],
+)
+def test_an_installation_in_one_folder_is_whole_or_what_is_wrong_is_told(tmp_path, files, says):
+    installed(tmp_path, *files)
+    assert says.format(tmp_path) in python(tmp_path, "-S", "-c", ASK).stdout
 
 
 def test_looking_costs_no_import():

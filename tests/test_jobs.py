@@ -27,10 +27,10 @@ def begun(kind, scenario, stack):
         from twin.emulator.process import emulated
         stack.enter_context(emulated(scenario))
     else:
-        from twin.view import live, live_process, terminal
+        from twin.view import live_process, recording, terminal
         if kind == "terminal":
             return live_process.LiveProcess(terminal.work, (scenario,))
-        return live.show(scenario, "run", "rerun+http://127.0.0.1:1/proxy")
+        return recording.show(scenario, "run", "rerun+http://127.0.0.1:1/proxy")
 
 if __name__ == "__main__":
     with ExitStack() as stack:

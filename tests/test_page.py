@@ -3,6 +3,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from twin.markdown import table
 from twin.page import WIDE, Code, Picture, Table, Text, Verdict, as_markdown, digits, html, terminal
 
 NAMES = [f"law_number_{number}" for number in range(12)]
@@ -33,6 +34,12 @@ def test_a_narrow_table_is_one():
     assert len(list(Table("", ("only",), [("x",)]).parts)) == 1
 
 
+def test_words_are_broken_over_lines_before_a_table_is():
+    rows = [("rolling", "0.13", "why " * 40)]
+    assert len(list(Table("", ("name", "value", "remark"), rows, words=(0, 2)).parts)) == 1
+    assert len(list(Table("", ("name", "value", "remark"), rows).parts)) == 2
+
+
 def test_the_same_blocks_are_a_page_markdown_and_a_terminals_table():
     blocks = [
         Verdict(["It went <well>."], good=False, title="run"),
@@ -59,3 +66,15 @@ def test_the_same_blocks_are_a_page_markdown_and_a_terminals_table():
 )
 def test_values_have_the_digits_a_person_reads(value, unit, text):
     assert digits(value, unit) == text
+
+
+def test_a_table_has_words_to_the_left_numbers_to_the_right_and_an_empty_line_after_it():
+    text = table(("name", "a", "remark"), [("x", "1", "good"), ("y", "2", "")], words=(0, -1))
+    assert text.splitlines() == [
+        "| name | a | remark |",
+        "|---|--:|---|",
+        "| x | 1 | good |",
+        "| y | 2 |  |",
+    ]
+    assert "\n".join([text, "next"]).endswith("|\n\nnext")
+    assert table(("a", "b", "c"), []) == "| a | b | c |\n|---|--:|--:|\n"

@@ -46,43 +46,22 @@ CALLS = {
 }
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp("platform")
-    (path / "short.toml").write_text(STUDY)
-    return path
-
-
-@pytest.fixture(scope="module")
-def printed(folder):
-    """What each command prints where the modules of POSIX are missing; one process for all."""
+@pytest.mark.long
+def test_without_posix_scenarios_are_listed_runs_reported_studies_planned_and_commands_told(
+    tmp_path,
+):
+    (tmp_path / "short.toml").write_text(STUDY)
+    # one process for all
     done = subprocess.run(
         [sys.executable, "-c", HIDDEN, *CALLS.values()],
-        cwd=folder, capture_output=True, text=True, check=False,
+        cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    return dict(zip(CALLS, done.stdout.split("\f"), strict=False))
-
-
-@pytest.mark.long
-def test_the_scenarios_are_listed_without_posix(printed):
+    printed = dict(zip(CALLS, done.stdout.split("\f"), strict=False))
     assert "circle" in printed["list"]
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("printed")
-def test_a_run_and_its_report_are_made_without_posix(folder):
-    assert (folder / "runs" / "hold" / "run.parquet").is_file()
-    assert (folder / "runs" / "hold" / "report.html").is_file()
-
-
-@pytest.mark.long
-def test_a_study_is_planned_without_posix(printed):
+    for name in ("run.parquet", "report.html"):
+        assert (tmp_path / "runs" / "hold" / name).is_file()
     assert "2 runs" in printed["plan"]
-
-
-@pytest.mark.long
-def test_every_command_explains_itself_without_posix(printed):
     assert printed["help"].count("Usage: ") == len(COMMANDS)
 
 

@@ -10,9 +10,8 @@ import pytest
 
 import controllers
 from controllers import catalog as catalog_module
-from controllers.catalog import catalog, in_files_only
+from controllers.catalog import catalog
 from controllers.interfaces import Law
-from twin.cli import COMMANDS
 from twin.run.finished import run
 from twin.scenario.load import check, read, resolved, setting
 from twin.scenario.rig import check_rig
@@ -33,19 +32,16 @@ def snippet(tmp_path, monkeypatch):
     catalog_module.forget()
 
 
-def test_the_readmes_law_has_at_most_forty_lines(snippet):
-    assert len(snippet.splitlines()) <= 40
-
-
 def test_the_readmes_law_is_found_and_drives_the_ball_around_the_circle(snippet, scenario):
+    assert len(snippet.splitlines()) <= 40
     assert "cascade" in catalog(Law)
     done = run(
         scenario(
             "controller.kind=cascade",
             "reference.kind=circle",
             "reference.amplitude=0.1",
-            "duration=16",
-            "metrics.start=10",
+            "duration=10",
+            "metrics.start=7",
             "plant.friction.rolling_mm=0",
         )
     )
@@ -83,10 +79,6 @@ def test_the_readmes_rig_file_is_one():
     assert rig.uncalibrated_screen().port == "/dev/ttyUSB0"
 
 
-def test_every_command_the_readme_shows_exists():
-    assert set(re.findall(r"uv run ballplate (\w+)", README)) <= set(COMMANDS)
-
-
 def test_every_change_of_a_scenario_that_the_readme_shows_is_accepted(
     snippet, tmp_path, monkeypatch
 ):
@@ -117,10 +109,9 @@ def test_the_readmes_list_names_every_table_law_observer_and_reference():
     tables = {name for names in rows for name in re.findall(r"\[(\w+)\]", names)}
     simple = {"title", "duration", "seed", "baseline"}
     assert tables == set(Scenario.model_fields) - simple
-    with in_files_only():  # without what other tests have registered
-        for table in KINDS:
-            named = set(re.findall(r"`(\w+)`", rows[f"`[{table}]`"]))
-            assert named == set(choices(table)), table
+    for table in KINDS:
+        named = set(re.findall(r"`(\w+)`", rows[f"`[{table}]`"]))
+        assert named == set(choices(table)), table
 
 
 def test_what_every_extra_costs_is_said():

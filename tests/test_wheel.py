@@ -31,7 +31,7 @@ def wheel(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
+def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {
         "twin/models/ballplate.xml",
@@ -40,21 +40,14 @@ def test_the_wheel_holds_code_model_and_scenarios_and_no_tests(wheel):
         "controllers/controller.py",
         "twin/cli/__init__.py",
         "twin/devices/lumio/70-ballplate-touch.rules",
+        *(f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")),
     } <= names
     assert not [name for name in names if "test" in name or name.startswith("src/")]
-
-
-@pytest.mark.long
-def test_the_wheel_installs_these_names_and_no_others(wheel):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     data = f"{project['name']}-{project['version']}.dist-info"
-    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert tops == {"ballplate", "controllers", "scenarios", "twin", data}
-
-
-def test_the_packages_of_the_wheel_are_typed(wheel):
-    typed = {f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")}
-    assert typed <= set(zipfile.ZipFile(wheel).namelist())
+    assert {name.split("/")[0] for name in names} == {
+        "ballplate", "controllers", "scenarios", "twin", data,
+    }  # fmt: skip
 
 
 @pytest.mark.long

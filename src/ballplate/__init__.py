@@ -24,24 +24,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ballplate import own as own
-from ballplate.catalogue import Keys, describe, scenarios
-from ballplate.changes import Changes
-from ballplate.comparing import Comparison, compare
-from ballplate.first_law import law
-from ballplate.identifying import Identified, identify
-from ballplate.loading import Log, load
-from ballplate.models import model
+from ballplate.changes import Changes, Keys, describe, law, model, scenarios
 from ballplate.reporter import BallplateWarning, Reporter
 from ballplate.running import run
-from ballplate.stepping import Rig, rig
-from ballplate.studies import StudyResult, study
-from ballplate.sweeping import Sweep, sweep
 from twin.errors import TwinError
-from twin.run.signals import Signals
+from twin.run.files import Signals
 
 if TYPE_CHECKING:
     from ballplate import laws, observers, references, systems
+    from ballplate.comparing import Comparison, compare
+    from ballplate.loading import Identified, Log, identify, load
     from ballplate.results import Result
+    from ballplate.stepping import Rig, rig
+    from ballplate.studies import StudyResult, Sweep, study, sweep
 
 __all__ = [
     "BallplateWarning",
@@ -74,16 +69,25 @@ __all__ = [
     "systems",
 ]
 
-_LATE = ("gym", "laws", "observers", "references", "systems")
+_MODULES = ("gym", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
+_NAMES = {
+    "comparing": ("Comparison", "compare"),
+    "loading": ("Identified", "Log", "identify", "load"),
+    "results": ("Result",),
+    "stepping": ("Rig", "rig"),
+    "studies": ("StudyResult", "Sweep", "study", "sweep"),
+}
+"""Modules that not every program needs, and what is in them."""
 
 if "gymnasium" in sys.modules:  # as within gym.make("ballplate:..."); see ballplate.gym
     import_module("ballplate.gym")
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LATE:
+    if name in _MODULES:
         return import_module(f"ballplate.{name}")
-    if name == "Result":
-        return import_module("ballplate.results").Result
+    for module, names in _NAMES.items():
+        if name in names:
+            return getattr(import_module(f"ballplate.{module}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -1,18 +1,23 @@
-"""What is changed of a scenario: its keys as keyword arguments, dotted keys, or texts KEY=VALUE."""
+"""What there is to run and to set, and what is changed of a scenario: tables, keys, texts."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 from twin.errors import ScenarioError
+from twin.shipped import shipped, titles
 
 if TYPE_CHECKING:
+    from controllers.ballplate import BallPlate
     from controllers.interfaces import Law, Observer, Reference
+    from twin.scenario.describe import Key
     from twin.scenario.schema import Scenario
+
 
 Table = Mapping[str, Any]
 """A table of a scenario: keys to values or further tables."""
@@ -216,3 +221,135 @@ def _plain(key: str, value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise ScenarioError(f"{key}: must be a number, a text, a list or a table, got {value!r}")
+
+
+class Keys(list["Key"]):
+    """Settings with type, unit, default, range and meaning; a table in a notebook.
+
+    Attributes:
+        sentence: What the law, observer or reference is; empty for anything else.
+    """
+
+    sentence = ""
+
+    def __str__(self) -> str:
+        lines = [f"{key.key} = {key.value} {key.unit}".rstrip() for key in self]
+        return "\n".join(filter(None, (self.sentence, *lines)))
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        from twin.page import Table, Text, fragment
+
+        heads = ("key", "default", "unit", "type", "allowed", "meaning")
+        lines = [
+            (each.key, each.value, each.unit, each.type, each.allowed, each.meaning)
+            for each in self
+        ]
+        about = [Text([self.sentence])] if self.sentence else []
+        return fragment("", [*about, Table("", heads, lines, words=range(len(heads)))])
+
+
+def describe(name: str = "") -> Keys:
+    """What may be set.
+
+    Args:
+        name: A key (``plant.friction.rolling_mm``) or its last part, a table
+            (``plant.friction``), or a law, observer or reference (``lqr``); empty for the keys of
+            every scenario.
+
+    Raises:
+        ScenarioError: If there is nothing of that name.
+    """
+    from twin.scenario.describe import about, described
+
+    if not isinstance(name, str):
+        raise ScenarioError(f"describe: give a key, a table or a kind as a text, got {name!r}")
+    found = Keys(described(name))
+    found.sentence = about(name)
+    return found
+
+
+def scenarios() -> dict[str, str]:
+    """The shipped scenarios: name to title."""
+    return titles(shipped())
+
+
+def model(
+    scenario: str | Path | None = None, settings: Settings = (), **changes: Unpack[Changes]
+) -> BallPlate:
+    """The exact equations of ball and plate, the model that controllers are designed on.
+
+    ``A, B, C = model().linear()`` about the level plate; ``derivative(x, u)``, ``jacobian(x)`` and
+    more are functions of any state.
+
+    Args:
+        scenario: Whose ball it has, on which the scenario's controller is designed unless
+            ``controller.model`` says otherwise; the nominal one by default.
+        settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
+        changes: What is changed of that scenario, by tables.
+
+    Raises:
+        TwinError: If there is no such scenario, or anything in it is unknown or out of range.
+    """
+    from controllers.ballplate import BallPlate
+
+    if scenario is None:
+        return BallPlate()
+    found: BallPlate = scenario_of(scenario, changes_of(settings, changes)).plant.ball.model
+    return found
+
+
+GIVEN = ("t", "x", "reference")
+"""What the function is given, in this order."""
+
+
+def law(function: Callable[..., Any]) -> type[Law]:
+    """A law that commands what a function gives.
+
+        @bp.law
+        def pd(t, x, reference, *, kp=6.0, kd=5.0):
+            r = reference(t)
+            goal = (kp * (r[0] - x[..., 0::4]) + kd * (r[1] - x[..., 1::4])) / 5.886
+            return 100 * (goal * [1, -1] - x[..., 2::4]) - 20 * x[..., 3::4]
+
+        bp.run("circle", controller=pd)
+
+    Args:
+        function: From time in s, state (..., 8) and reference to plate accelerations (phi'',
+            theta'') in rad/s^2, shape (..., 2). Its keywords with defaults are the law's settings,
+            its name is the law's.
+
+    Raises:
+        ScenarioError: If it takes other arguments, or a setting has no default.
+    """
+    from dataclasses import make_dataclass
+
+    from controllers.interfaces import Law
+
+    parameters = inspect.signature(function).parameters
+    given = [name for name, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
+    settings = {name: each for name, each in parameters.items() if name not in given}
+    if len(given) != len(GIVEN) or any(each.default is each.empty for each in settings.values()):
+        raise ScenarioError(
+            f"law: {function.__name__} must take ({', '.join(GIVEN)}), and settings with defaults "
+            "behind a *, as in def pd(t, x, reference, *, kp=6.0)"
+        )
+
+    def control(self: Any, t: float, x: Any, reference: Any, q: Any) -> Any:
+        """What the function gives."""
+        return function(t, x, reference, **{name: getattr(self, name) for name in settings})
+
+    fields = [(name, type(each.default), each.default) for name, each in settings.items()]
+    made = make_dataclass(
+        function.__name__,
+        fields,
+        bases=(Law,),
+        namespace={"name": function.__name__, "control": control, "__doc__": function.__doc__},
+        frozen=True,
+        kw_only=True,
+    )
+    made.__module__ = function.__module__
+    return made

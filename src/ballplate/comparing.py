@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.notebook import indicators, page, png_image, showable
-from ballplate.reporter import Reporter, default
+from ballplate.reporter import Reporter, default, overview, showable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find
@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from twin.scenario.schema import Scenario
 
 
+@dataclass(repr=False, eq=False)
 class Comparison(Mapping[str, "Result"]):
     """Runs side by side, by what tells them apart; shows itself in a notebook.
 
     Attributes:
+        runs: By what tells them apart.
         title: What is compared.
         headings: What the table calls each run.
         names: What pictures call it.
@@ -39,41 +41,36 @@ class Comparison(Mapping[str, "Result"]):
         logs: Which of them are logs, by label.
     """
 
-    def __init__(
-        self,
-        runs: Mapping[str, Result],
-        title: str,
-        headings: Mapping[str, str],
-        *,
-        names: Mapping[str, str] | None = None,
-        folders: Mapping[str, str] | None = None,
-        interrupted: bool = False,
-        replaced: str = "",
-        logs: Sequence[str] = (),
-    ) -> None:
-        self._runs = dict(runs)
-        self.title = title
-        self.headings = {label: headings.get(label, label) for label in runs}
-        self.names = self.headings | dict(names or {})
-        self.folders = dict(folders or {})
-        self.interrupted, self.replaced = interrupted, replaced
-        self.folder: Path | None = None
-        self.logs = tuple(logs)
+    runs: Mapping[str, Result]
+    title: str
+    headings: Mapping[str, str]
+    _: KW_ONLY
+    names: Mapping[str, str] = field(default_factory=dict)
+    folders: Mapping[str, str] = field(default_factory=dict)
+    interrupted: bool = False
+    folder: Path | None = None
+    replaced: str = ""
+    logs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Call a run what it is called, or by its label."""
+        self.headings = {label: self.headings.get(label, label) for label in self.runs}
+        self.names = {**self.headings, **self.names}
 
     def __getitem__(self, label: str) -> Result:
         """One of the runs."""
-        return self._runs[label]
+        return self.runs[label]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._runs)
+        return iter(self.runs)
 
     def __len__(self) -> int:
-        return len(self._runs)
+        return len(self.runs)
 
     @property
     def metrics(self) -> dict[str, dict[str, Any]]:
         """The indicators of each run, as ``Result.metrics``."""
-        return {label: each.metrics for label, each in self._runs.items()}
+        return {label: each.metrics for label, each in self.runs.items()}
 
     def to_pandas(self) -> pd.DataFrame:
         """The indicators, a row per run."""
@@ -84,11 +81,11 @@ class Comparison(Mapping[str, "Result"]):
     @property
     def motions(self) -> dict[str, Motion]:
         """The motion of each run by what pictures call it."""
-        return {self.names[label]: each.motion for label, each in self._runs.items()}
+        return {self.names[label]: each.motion for label, each in self.runs.items()}
 
     def summaries(self) -> dict[str, dict[str, Any]]:
         """The indicators of each run, as ``Result.summary``."""
-        return {label: each.summary() for label, each in self._runs.items()}
+        return {label: each.summary() for label, each in self.runs.items()}
 
     def plot(self) -> Figure:
         """All runs in one picture."""
@@ -106,8 +103,8 @@ class Comparison(Mapping[str, "Result"]):
         from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
-        self.folders = {label: self.folders.get(label, slug(label)) for label in self._runs}
-        for label, each in self._runs.items():
+        self.folders = {label: self.folders.get(label, slug(label)) for label in self.runs}
+        for label, each in self.runs.items():
             kept(each, Path(folder) / self.folders[label])
         return self.draw(folder)
 
@@ -133,7 +130,7 @@ class Comparison(Mapping[str, "Result"]):
 
     @property
     def _area(self) -> tuple[float, float]:
-        area: tuple[float, float] = next(iter(self._runs.values())).scenario.rig.limits.area
+        area: tuple[float, float] = next(iter(self.runs.values())).scenario.rig.limits.area
         return area
 
     def __repr__(self) -> str:
@@ -141,8 +138,8 @@ class Comparison(Mapping[str, "Result"]):
 
     def _repr_html_(self) -> str:
         """For a notebook: indicators and picture."""
-        runs = {self.headings[label]: each for label, each in self._runs.items()}
-        return page(self.title, indicators(runs), png_image(self.plot()))
+        runs = {self.headings[label]: each for label, each in self.runs.items()}
+        return overview(self.title, runs, self.plot())
 
 
 Vary = Mapping[str, Iterable[Any]]
@@ -193,41 +190,87 @@ def compare(
 
     Raises:
         TwinError: If there is no such scenario, run or log, or anything in it is unknown, out of
-            range or cannot be assembled.
+            range or cannot be assembled, or the folder cannot be written.
+        KeyboardInterrupt: If the user interrupts before any has run.
     """
-    from twin.run.files import sorted_out
+    from twin.run.files import forget, sorted_out
 
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
     given = [str(each) for each in sources if isinstance(each, str | Path)]
-    names, kept, logs = sorted_out(given) if given else ((), (), ())
+    names, folders, logs = sorted_out(given) if given else ((), (), ())
     report = reporter or default()
     if vary and not names:
         what = report.name_of("vary")
         raise ScenarioError(f"{what}: nothing to run; name a scenario, as in circle")
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
+    from ballplate.results import Result, kept
+
+    base, varied = changes_of(settings, changes), varied_of(vary or {})
+    opened = _opened(sources, folders, report)
+    recorded, fitted = measured(logs, names, opened, base)
+    finished = _labelled([*map(Result.from_run, recorded), *opened])
+    cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
+    title = title_of(names, cases, finished, varied, [each.text for each in base])
+    folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
+    replaced = ""
+    if folder is not None:
+        check_writable(folder, report.name_of("out"))
+        replaced = forget(folder)
+    runs: dict[str, Result] = {}
+    failed: list[LawError] = []
+    interrupted = False
+    try:
+        scenarios = {label: case.scenario for label, case in cases.items()}
+        for label, done in _each(scenarios, processes, report):
+            if isinstance(done, LawError):
+                failed.append(done)
+                report.warn(f"{label}: {done}")
+                continue
+            each = Result.from_run(done, label)
+            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
+    except KeyboardInterrupt:
+        interrupted = True
+        if not runs:
+            raise
+    if failed and not (runs or finished):
+        raise failed[0]
+    ordered = {label: runs[label] for label in cases if label in runs}
+    found = Comparison(
+        {**finished, **ordered},
+        title,
+        {label: cases[label].heading for label in ordered},
+        names={label: cases[label].name for label in ordered},
+        folders={label: cases[label].folder for label in ordered},
+        interrupted=interrupted or bool(failed),
+        folder=folder,
+        replaced=replaced,
+        logs=tuple(each.name for each in recorded),
+    )
+    if folder is not None:
+        found.draw(folder)
+    return found
+
+
+def _opened(
+    sources: Sequence[str | Path | Result], folders: tuple[Path, ...], reporter: Reporter
+) -> list[Result]:
+    """Finished runs: those of the folders, then those that were given as they are."""
     from ballplate.results import Result
     from twin.run.finished import open_runs
 
-    base, varied = changes_of(settings, changes), varied_of(vary or {})
-    opened = [*map(Result.from_run, open_runs(kept, tell=report.warn))] if kept else []
+    found = open_runs(folders, tell=reporter.warn) if folders else []
+    opened = [Result.from_run(each) for each in found]
     for each in sources:
         if isinstance(each, Result):
             opened.append(each)
         elif not isinstance(each, str | Path):
             raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
-    measured, fitted = _measured(logs, names, opened, base)
-    finished = _labelled([*map(Result.from_run, measured), *opened])
-    cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
-    title = title_of(names, cases, finished, varied, [each.text for each in base])
-    folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
-    return side_by_side(
-        cases, finished, title, folder, processes, report, tuple(each.name for each in measured)
-    )
+    return opened
 
 
-def _measured(
+def measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[Change]
 ) -> tuple[list[Run], list[Change]]:
     """Logs as runs, and what their prediction is to be changed to."""
@@ -313,73 +356,6 @@ def _labelled(finished: Sequence[Result]) -> dict[str, Result]:
         label = each.name if names.count(each.name) == 1 else each.title
         taken = sum(other.partition("~")[0] == label for other in found)
         found[f"{label}~{taken + 1}" if taken else label] = each
-    return found
-
-
-def side_by_side(
-    cases: Mapping[str, Case],
-    finished: Mapping[str, Result],
-    title: str,
-    folder: Path | None,
-    processes: int | None,
-    reporter: Reporter,
-    logs: tuple[str, ...] = (),
-) -> Comparison:
-    """Run cases and put them beside runs that are finished.
-
-    Args:
-        cases: Label to what is to run.
-        finished: Label to run.
-        title: What is compared.
-        folder: Where each run is saved as it comes, and the picture; None for nowhere.
-        processes: Processes to use; None for all processors if the runs are worth it.
-        reporter: Who is told progress and warnings.
-        logs: Labels of those that are logs.
-
-    Raises:
-        TwinError: If a case cannot be assembled, or the folder cannot be written.
-        KeyboardInterrupt: If the user interrupts before any has run.
-    """
-    from ballplate.results import Result, kept
-
-    replaced = ""
-    if folder is not None:
-        from twin.run.files import forget
-
-        check_writable(folder, reporter.name_of("out"))
-        replaced = forget(folder)
-    runs: dict[str, Result] = {}
-    failed: list[LawError] = []
-    interrupted = False
-    try:
-        scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, done in _each(scenarios, processes, reporter):
-            if isinstance(done, LawError):
-                failed.append(done)
-                reporter.warn(f"{label}: {done}")
-                continue
-            each = Result.from_run(done, label)
-            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
-    except KeyboardInterrupt:
-        interrupted = True
-        if not runs:
-            raise
-    if failed and not (runs or finished):
-        raise failed[0]
-    ordered = {label: runs[label] for label in cases if label in runs}
-    found = Comparison(
-        {**finished, **ordered},
-        title,
-        {label: cases[label].heading for label in ordered},
-        names={label: cases[label].name for label in ordered},
-        folders={label: cases[label].folder for label in ordered},
-        interrupted=interrupted or bool(failed),
-        replaced=replaced,
-        logs=logs,
-    )
-    found.folder = folder
-    if folder is not None:
-        found.draw(folder)
     return found
 
 

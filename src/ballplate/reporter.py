@@ -1,16 +1,21 @@
-"""Who is told how far some work is and what to beware of: nobody, a notebook, a terminal."""
+"""Who is told of progress and dangers, and how results show themselves in a notebook."""
 
 from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from html import escape
+from io import BytesIO
 from time import monotonic
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from ballplate.notebook import shell
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from twin.run.finished import Run
+
 
 OWN = ("ballplate", "twin", "contextlib")
 """Packages whose lines a warning is not about."""
@@ -102,3 +107,41 @@ def _outside() -> int:
     while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] in OWN:
         frame, level = frame.f_back, level + 1
     return level
+
+
+DPI = 80
+"""Resolution of pictures in a notebook."""
+
+
+def shell() -> Any:
+    """The IPython that this program runs in; None outside of one."""
+    package: Any = sys.modules.get("IPython")
+    return package.get_ipython() if package is not None else None
+
+
+def showable(figure: Figure) -> Figure:
+    """The figure, which a notebook shows as a picture even if pyplot was never imported."""
+    running = shell()
+    if running is not None:
+        pictures = running.display_formatter.formatters["image/png"]
+        try:
+            pictures.lookup_by_type(type(figure))
+        except KeyError:
+            pictures.for_type(type(figure), png)
+    return figure
+
+
+def overview(title: str, runs: Mapping[str, Run], figure: Figure) -> str:
+    """Runs by their headings for a notebook: their indicators and a picture."""
+    from twin.page import Picture, fragment
+    from twin.report.numbers import indicators, rows
+
+    table = indicators("", rows(list(runs.values())), list(runs))
+    return fragment(title, [table, Picture("", png(figure))])
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as a PNG."""
+    content = BytesIO()
+    figure.savefig(content, dpi=DPI, format="png")
+    return content.getvalue()

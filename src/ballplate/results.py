@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballplate.notebook import indicators, page, png_image, showable
+from ballplate.reporter import overview, showable
 from twin.errors import RecordError
 from twin.run.finished import Run
 
@@ -123,7 +123,7 @@ class Result(Run):
 
     def _repr_html_(self) -> str:
         """For a notebook: title, indicators and picture."""
-        return page(self.title, indicators(self.shown), png_image(self.plot()))
+        return overview(self.title, self.shown, self.plot())
 
     def __repr__(self) -> str:
         error = self.metrics.get("tracking_error_percent")

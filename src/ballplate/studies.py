@@ -1,16 +1,22 @@
-"""Studies: many runs in batches, and what they say about the parameters."""
+"""Many runs over the values of some keys: sweeps and studies, and what they found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
-from ballplate.notebook import page, paragraphs, png_image, showable, table
-from ballplate.reporter import Reporter, default
-from twin.errors import ScenarioError
+from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
+from ballplate.comparing import cases_of
+from ballplate.reporter import Reporter, default, png, showable
+from ballplate.running import importable
+from twin.errors import LawError, ScenarioError, nearest
+from twin.shipped import find
 from twin.writing import check_writable
 
 if TYPE_CHECKING:
@@ -18,10 +24,262 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
+    from twin.scenario.schema import Scenario
     from twin.study.answers import Answer
     from twin.study.work import Work
 
 
+DRAWN = ("tracking_error_percent", "rms_error")
+"""The first of these indicators that applies is drawn unless another is named."""
+WIDTH = 80
+"""Characters in a line of the title."""
+
+
+@dataclass(repr=False, eq=False)
+class Sweep:
+    """Indicators of runs over the values of some keys; shows itself in a notebook.
+
+    Attributes:
+        title: What was swept.
+        keys: What was varied.
+        points: The values of the keys, one tuple a run; of a table what tells it from the others.
+        rows: The indicators of each run, as ``Result.summary``.
+    """
+
+    title: str
+    keys: Sequence[str]
+    points: Sequence[tuple[Any, ...]]
+    rows: Sequence[Mapping[str, Any]]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self.title!r} over {', '.join(self.keys)}: {len(self)} runs>"
+
+    def __getitem__(self, metric: str) -> list[Any]:
+        """An indicator of every run; None where it does not apply.
+
+        Raises:
+            ScenarioError: If there is none of that name.
+        """
+        known = dict.fromkeys(name for row in self.rows for name in row)
+        if metric not in known:
+            raise ScenarioError(f"no indicator '{metric}'{nearest(metric, known)}")
+        return [row.get(metric) for row in self.rows]
+
+    @property
+    def finished(self) -> bool:
+        """Whether every run ran to its end."""
+        return all(row["outcome"] == "finished" for row in self.rows)
+
+    @property
+    def values(self) -> list[Any]:
+        """Those of the first key, in order."""
+        return list(dict.fromkeys(point[0] for point in self.points))
+
+    @property
+    def curves(self) -> dict[str, list[Mapping[str, Any]]]:
+        """The rows over the values of the first key, by the values of the others."""
+        found: dict[str, list[Mapping[str, Any]]] = {}
+        for point, row in zip(self.points, self.rows, strict=True):
+            found.setdefault(", ".join(map(named, point[1:])), []).append(row)
+        return found
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per run: values of the keys, then indicators."""
+        import pandas as pd
+
+        values = [dict(zip(self.keys, point, strict=True)) for point in self.points]
+        lines = [{**at, **row} for at, row in zip(values, self.rows, strict=True)]
+        return pd.DataFrame(lines)
+
+    def csv(self) -> str:
+        """A line per run: values of the keys, every indicator with its unit in the header."""
+        from twin.run.indicators import UNITS
+
+        names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
+        frame = self.to_pandas().reindex(columns=[*self.keys, *names])
+        frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
+        text: str = frame.to_csv(index=False, lineterminator="\n")
+        return text
+
+    def plot(self, *metrics: str) -> Figure:
+        """Indicators over the first key, a curve for each value of the others.
+
+        Runs that ended early are crosses at the bottom.
+
+        Args:
+            metrics: Their names, as ``settling_time``; by default the tracking error, or, where
+                it does not apply, the RMS error.
+
+        Raises:
+            ScenarioError: If there is none of that name.
+        """
+        import matplotlib as mpl
+        import numpy as np
+        from matplotlib.figure import Figure
+
+        from twin.report.numbers import LABELS
+        from twin.run.picture import LOOK, style
+
+        known = [name for name in DRAWN if any(each is not None for each in self[name])]
+        drawn = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}
+        values = self.values
+        numeric = all(isinstance(value, int | float) for value in values)
+        at = np.array(values if numeric else range(len(values)), float)
+        with mpl.rc_context(LOOK):
+            figure = Figure(figsize=(8, 1.6 + 2.8 * len(drawn)), layout="constrained")
+            lines = textwrap.wrap(self.title, WIDTH)
+            figure.suptitle("\n".join(lines), fontsize=11, fontweight="bold")
+            panels = figure.subplots(len(drawn), sharex=True, squeeze=False)[:, 0]
+            for panel, name in zip(panels, drawn, strict=True):
+                words, unit = LABELS.get(name, (name, ""))
+                scale = 1000 if unit == "mm" else 1
+                for index, (curve, rows) in enumerate(self.curves.items()):
+                    early = np.array([row["outcome"] != "finished" for row in rows])
+                    each = [np.nan if row.get(name) is None else scale * row[name] for row in rows]
+                    look = style(index)
+                    shown = np.where(early, np.nan, each)
+                    panel.plot(at, shown, marker="o", ms=4, label=curve, **look)
+                    if early.any():
+                        cross = {"color": look["color"], "ms": 7, "clip_on": False}
+                        panel.plot(at[early], 0 * at[early], "x", **cross)
+                panel.set(ylabel=f"{words} [{unit}]", ylim=(0, None))
+            early_too = "" if self.finished else "  (×: the run ended early)"
+            panels[-1].set_xlabel(f"{self.keys[0]}{early_too}")
+            if not numeric:
+                panels[-1].set_xticks(at, list(map(named, values)))
+            if len(self.curves) > 1:
+                handles = panels[0].get_legend_handles_labels()
+                of = ", ".join(self.keys[1:])
+                figure.legend(*handles, loc="outside lower center", ncols=4, title=of)
+            figure.draw_without_rendering()
+        return showable(figure)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write sweep.png and sweep.csv into a folder; returns it.
+
+        Raises:
+            RecordError: If they cannot be written.
+        """
+        from twin.writing import write_whole
+
+        figure, text, place = self.plot(), self.csv(), Path(folder)
+        write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))
+        write_whole(place / "sweep.csv", lambda file: file.write_text(text, encoding="utf-8"))
+        return place
+
+    def _repr_html_(self) -> str:
+        """For a notebook: the tracking error of every run, and its curve."""
+        from twin.page import Picture, Table, digits, fragment
+        from twin.report.numbers import LABELS
+
+        metric = DRAWN[0]
+        unit = LABELS[metric][1]
+        lines = [
+            (*map(named, point), str(row["outcome"]), digits(row[metric], unit))
+            for point, row in zip(self.points, self.rows, strict=True)
+        ]
+        heads = (*self.keys, "outcome", f"{LABELS[metric][0]} [{unit}]")
+        return fragment(self.title, [Table("", heads, lines), Picture("", png(self.plot()))])
+
+
+def named(value: Any) -> str:
+    """A value in the digits a person wants to read."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def sweep(
+    scenario: str | Path,
+    vary: Mapping[str, Iterable[Any]],
+    *,
+    settings: Settings = (),
+    out: str | Path | None = None,
+    processes: int | None = None,
+    reporter: Reporter | None = None,
+    **changes: Unpack[Changes],
+) -> Sweep:
+    """Run a scenario for every combination of values; each run is that of ``run``.
+
+    ``sweep("circle", {"plant.friction.rolling_mm": np.linspace(0, 0.5, 6)}).plot()``
+
+    Args:
+        scenario: A shipped scenario, or a TOML file.
+        vary: Dotted key, or a table as ``controller``, to the values that it takes.
+        settings: What else is changed, by dotted keys or as texts ``KEY=VALUE``.
+        out: Folder to save in; see ``Sweep.save`` for later.
+        processes: Processes to use; all processors by default.
+        reporter: Who is told progress; a notebook has its own.
+        changes: What else is changed, by tables.
+
+    Raises:
+        TwinError: If there is no such scenario, or anything in it is unknown, out of range or
+            cannot be assembled.
+        KeyboardInterrupt: If the user interrupts before any run has ended; later, what has ended
+            is kept.
+    """
+    find(str(scenario))  # a wrong name is told before anything heavy is imported
+    from twin import jobs
+    from twin.scenario.variants import comparison, headings
+
+    base, varied = changes_of(settings, changes), varied_of(vary)
+    if not varied or not all(varied.values()):
+        raise ScenarioError("vary: name at least one key, each with at least one value")
+    report = reporter or default()
+    title = scenario_of(scenario, base, titled=False).title
+    cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
+    if out is not None:
+        check_writable(Path(out), report.name_of("out"))
+    count = processes or jobs.cores()
+    if not all(map(importable, cases)):
+        count = 1
+    rows: dict[int, dict[str, Any]] = {}
+    with report.progress("sweep", len(cases), "runs") as advance:
+        try:
+            for number, row in jobs.results(_judged, enumerate(cases), min(count, len(cases))):
+                rows[number] = row
+                advance(len(rows))
+        except KeyboardInterrupt:
+            if not rows:
+                raise
+    plain = [
+        [
+            heading if isinstance(value, list | dict) else value
+            for value, heading in zip(values, headings(values), strict=True)
+        ]
+        for values in varied.values()
+    ]
+    title = comparison(title, varied, [each.text for each in base])
+    points = list(itertools.product(*plain))
+    every = [rows.get(number, _none("not run")) for number in range(len(cases))]
+    done = Sweep(title, tuple(varied), points, every)
+    if out is not None:
+        done.save(out)
+    return done
+
+
+def _judged(scenario: Scenario) -> dict[str, Any]:
+    """The indicators of a run; of one whose law raises an error none, but its line."""
+    from twin.run import finished
+
+    try:
+        done = finished.run(scenario)
+    except LawError as error:
+        return _none("failed") | {"reason": str(error)}
+    if done.interrupted:
+        raise KeyboardInterrupt
+    return done.summary()
+
+
+def _none(outcome: str) -> dict[str, Any]:
+    """The indicators of a run that there is not, and why not."""
+    from twin.run.indicators import UNITS
+
+    return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}
+
+
+@dataclass(repr=False, eq=False)
 class StudyResult:
     """What a study found; shows itself in a notebook.
 
@@ -31,8 +289,9 @@ class StudyResult:
         answers: Statistics, one per variant.
     """
 
-    def __init__(self, work: Work, rows: pa.Table, answers: Sequence[Answer]) -> None:
-        self.work, self.rows, self.answers = work, rows, list(answers)
+    work: Work
+    rows: pa.Table
+    answers: list[Answer]
 
     @property
     def title(self) -> str:
@@ -76,12 +335,12 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
+        from twin.page import Picture, Text, fragment
         from twin.study.report import compared
 
         found = compared(self.work.study, self.answers)
-        rows = table(found.heads, found.rows)
-        pictures = [png_image(figure) for figure in self.plot().values()]
-        return page(self.title, paragraphs(self.sentences), rows, *pictures)
+        pictures = [Picture("", png(figure)) for figure in self.plot().values()]
+        return fragment(self.title, [Text(self.sentences), found, *pictures])
 
 
 def study(
@@ -107,36 +366,20 @@ def study(
     Raises:
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
-    return carried_out(
-        work_of(str(name), keys),
-        out=out,
-        processes=processes,
-        scheduler=scheduler,
-        reporter=reporter or default(),
-    )
-
-
-def carried_out(
-    work: Work,
-    *,
-    out: str | Path | None,
-    processes: int | None,
-    scheduler: str | None,
-    reporter: Reporter,
-) -> StudyResult:
-    """The runs of a study, those that are missing carried out; arguments as for ``study``."""
     from twin.study.answers import answers
     from twin.study.cluster import Cluster
     from twin.study.experiments import Store, carry
 
+    report = reporter or default()
+    work = work_of(str(name), keys)
     if out is not None:
-        check_writable(Path(out), reporter.name_of("out"))
+        check_writable(Path(out), report.name_of("out"))
     with (
         TemporaryDirectory() if out is None else nullcontext(out) as folder,
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
     ):
         store = Store(Path(folder))
-        with reporter.progress(work.study.title, work.different, "runs") as advance:
+        with report.progress(work.study.title, work.different, "runs") as advance:
             rows = carry(
                 work,
                 store,

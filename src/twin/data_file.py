@@ -64,19 +64,15 @@ def parse_json(text: str | bytes) -> Any:
         DataError: If it is not JSON, or goes beyond a limit of this module.
     """
     try:
-        data = json.loads(text, parse_int=_integer)
+        data = json.loads(text)
     except RecursionError:
         raise DataError(f"nested deeper than {DEEPEST} levels") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise DataError(f"not JSON: {error}") from None
+    except ValueError:  # as for TOML
+        raise DataError(_TOO_LARGE) from None
     _check(data)
     return data
-
-
-def _integer(digits: str) -> int:
-    if len(digits) > len(str(INTEGERS[0])):
-        raise DataError(_TOO_LARGE)
-    return int(digits)
 
 
 def _check(value: Any, level: int = 0) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 if TYPE_CHECKING:
@@ -19,10 +19,20 @@ def render(template: str, **content: Any) -> str:
         template: Its path below the package, as ``identify/report.html.j2``.
         content: What it shows; ``title`` among it.
     """
+    return _template(template).render(**content)
+
+
+def inner(template: str, **content: Any) -> str:
+    """What such a page shows, without the page around it."""
+    page = _template(template)
+    return "".join(page.blocks["content"](page.new_context(content)))
+
+
+def _template(name: str) -> Template:
     pages = Environment(
         loader=PackageLoader("twin", "."), autoescape=True, undefined=StrictUndefined
     )
-    return pages.get_template(template).render(**content)
+    return pages.get_template(name)
 
 
 def inline(figure: Figure) -> Markup:

@@ -220,16 +220,15 @@ def _start_method() -> str:
     return "fork" if alone else "spawn"
 
 
-def let_go(process: BaseProcess, patience: float = 1.0) -> None:
+def let_go(process: BaseProcess) -> None:
     """End a process, whatever it does, and let go of it.
 
     Args:
-        process: May have ended before.
-        patience: Seconds from asking it to end to killing it.
+        process: May have ended before; it is killed a second after it was asked to end.
     """
     if process.is_alive():
         process.terminate()
-        process.join(patience)
+        process.join(1.0)
     if process.is_alive():
         process.kill()
         process.join()

@@ -6,12 +6,10 @@ import math
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from markupsafe import Markup
-
-from twin import markdown
-from twin.html import inline, render
 
 if TYPE_CHECKING:
     import rich.table
@@ -21,6 +19,8 @@ WIDE = 125
 """Characters of all columns of a table side by side; the others stand in a further table below."""
 HEAD = 14
 """Characters of a heading that are not broken over lines."""
+LINE = 30
+"""The same of a cell of words."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,11 @@ class Table:
         count = len(self.heads)
         left = {column % count for column in self.words}
         kept = {column % count for column in self.again}
-        widths = [
-            3 + max([min(len(head), HEAD), *(len(row[at]) for row in self.rows)])
-            for at, head in enumerate(self.heads)
-        ]
+        widths = []
+        for at, head in enumerate(self.heads):
+            widest = max((len(row[at]) for row in self.rows), default=0)
+            most = LINE if at in left else widest  # words are broken over lines
+            widths.append(3 + max(min(len(head), HEAD), min(widest, most)))
         free = WIDE - sum(widths[at] for at in kept)
         groups: list[list[int]] = [[]]
         for at in (each for each in range(count) if each not in kept):
@@ -123,6 +124,8 @@ class Picture:
         if isinstance(self.content, bytes):
             data = b64encode(self.content).decode()
             return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, self.title)
+        from twin.html import inline  # noqa: PLC0415  heavy, as in what follows
+
         return self.content if isinstance(self.content, Markup) else inline(self.content)
 
 
@@ -147,7 +150,17 @@ Block = Text | Verdict | Table | Picture | Code
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
+    from twin.html import render  # noqa: PLC0415
+
     return render("page.html.j2", title=title, blocks=blocks)
+
+
+def fragment(title: str, blocks: Sequence[Block]) -> str:
+    """The same without a page around it, for a notebook."""
+    from twin.html import inner  # noqa: PLC0415
+
+    heading = Markup("<h4>{}</h4>").format(title) if title else ""
+    return f"<div>{heading}{inner('page.html.j2', blocks=blocks)}</div>"
 
 
 def as_markdown(title: str, blocks: Sequence[Block]) -> str:
@@ -170,9 +183,21 @@ def terminal(table: Table) -> rich.table.Table:
     return drawn
 
 
+def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
+    """Write ``html`` into a file.
+
+    Raises:
+        RecordError: If it cannot be written.
+    """
+    from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
+
+    text = html(title, blocks)
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
 def digits(value: Any, unit: str = "", places: int = 4) -> str:
     """A value in the digits a person wants to read; one in m as mm, if that is its unit."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "-"
     if isinstance(value, str):
         return value
@@ -180,6 +205,8 @@ def digits(value: Any, unit: str = "", places: int = 4) -> str:
 
 
 def _in_markdown(block: Block) -> str:
+    from twin import markdown  # noqa: PLC0415
+
     above = f"## {block.title}\n\n" if block.title else ""
     match block:
         case Text((line,)):

@@ -30,14 +30,23 @@ def read_model(model: type[Model], path: Path, **given: Any) -> Model:
     Raises:
         ScenarioError: If it cannot be read, or anything in it is unknown or out of range.
     """
+    instead = {key: value for key, value in given.items() if value is not None}
     try:
-        tables = read_toml(path)
-        tables |= {key: value for key, value in given.items() if value is not None}
-        return model.model_validate(tables)
-    except DataError as error:
-        raise ScenarioError(f"{path.name}: {error}") from error
+        return model.model_validate(read_tables(path) | instead)
     except ValidationError as error:
         raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        ScenarioError: If it cannot be read.
+    """
+    try:
+        return read_toml(path)
+    except DataError as error:
+        raise ScenarioError(f"{path.name}: {error}") from error
 
 
 def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()) -> str:

@@ -113,22 +113,6 @@ def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
         import_module("ballplate.gym")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"hold": 7}, "hold: must divide the 5000 control periods"),
-        ({"rate": 0.0}, "rate: must be more than 0"),
-        ({"preview": (-1.0,)}, "preview: must be times"),
-        ({"family": "uncertan"}, "did you mean 'uncertain'"),
-        ({"settings": ["plant.kin=lagrange"]}, "did you mean"),
-    ],
-)
-def test_a_mistake_is_one_line(arguments, message):
-    with pytest.raises(ballplate.TwinError, match=message) as told:
-        gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, **arguments)
-    assert "\n" not in str(told.value)
-
-
 def test_a_reset_that_cannot_be_is_refused():
     envs = gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, settings=EXACT)
     with pytest.raises(ballplate.TwinError, match="reset once before"):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import ballplate as bp
-from ballplate.hardware import streamed, tell_timing
 from ballplate.reporter import Reporter
+from ballplate.running import streamed, tell_timing
 from twin.devices.realtime import TimingLog
 from twin.errors import TwinError
 from twin.hal.interface import Severity
@@ -63,7 +63,7 @@ def test_what_a_rig_believes_of_its_cams_needs_no_mechanism(keys, monkeypatch):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from ballplate.hardware import streamed
+from ballplate.running import streamed
 from twin.run.finished import run
 from twin.scenario.load import load
 
@@ -107,5 +107,5 @@ def test_a_stream_stays_only_where_the_run_is_not_kept(tmp_path, scenario, fails
 
 def test_a_stream_without_a_row_says_so(tmp_path):
     (tmp_path / "run.arrows").touch()
-    with pytest.raises(TwinError, match="run.arrows: nothing has been recorded yet"):
+    with pytest.raises(TwinError, match=r"run\.arrows: nothing has been recorded yet"):
         bp.load(tmp_path)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import ballplate
-from twin.errors import ScenarioError
 from twin.run.record import read_run
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.3, "metrics": {"start": 0}}
@@ -45,7 +44,7 @@ class Tags(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        self.cells.append(data)
+        self.cells += [data] if data.strip() else []
 
 
 def test_the_columns_and_units_are_those_of_the_record(done, tmp_path):
@@ -121,19 +120,6 @@ def test_a_comparison_is_saved_and_loaded_and_put_beside_other_runs(compared, do
     assert list(ballplate.compare(done, done)) == [done.title, f"{done.title}~2"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("values", "told"),
-    [([], "seed: give at least one value"), ([1, 2, 1], "seed: 1 is given twice")],
-)
-def test_no_values_or_one_twice_is_told_before_anything_runs(values, told, tmp_path):
-    with pytest.raises(ScenarioError, match=told):
-        ballplate.compare("circle", vary={"seed": values}, duration=0.01, out=tmp_path / "run")
-    with pytest.raises(ScenarioError, match=told):
-        ballplate.sweep("circle", {"seed": values}, duration=0.01)
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_sweep_is_a_run_for_every_combination(done):
     found = ballplate.sweep(
         "circle",
@@ -189,29 +175,6 @@ def test_what_there_is_to_run_and_to_set():
     assert str(ballplate.describe("lqr")).startswith("State feedback that minimises")
 
 
-@pytest.mark.parametrize(
-    ("call", "told"),
-    [
-        (lambda: ballplate.describe(None), "describe: give a key"),
-        (lambda: ballplate.sweep("circle", None), "vary: give a table"),
-        (lambda: ballplate.run("circle", 5), "settings: must be a table"),
-        (lambda: ballplate.run("circle", [5]), "5"),
-    ],
-)
-def test_an_argument_of_another_type_is_one_line(call, told):
-    with pytest.raises(ballplate.TwinError, match=told) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-
-
-def test_the_model_is_that_of_the_ball_asked_for():
-    A, B, C = ballplate.model().linear()
-    assert (A.shape, B.shape, C.shape) == ((8, 8), (8, 2), (4, 8))
-    assert A[1, 2] == pytest.approx(0.6 * 9.81)  # a thin hollow sphere
-    steel = ballplate.model("circle", plant={"ball": {"kind": "steel"}})
-    assert steel.linear().A[1, 2] == pytest.approx(5 / 7 * 9.81, rel=1e-3)
-
-
 def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_path):
     done.save(tmp_path / "run")
     for place in ("a", "b"):
@@ -222,8 +185,6 @@ def test_runs_and_logs_stand_beside_scenarios_as_on_the_command_line(done, tmp_p
     assert list(found) == ["log", "log~2", "run", "circle"]
     assert found.logs == ("log", "log~2")
     assert np.array_equal(found["circle"].ball, done.ball)
-    with pytest.raises(ballplate.TwinError, match="names, files and results, got <Comparison"):
-        ballplate.compare(found)
 
 
 @pytest.mark.long

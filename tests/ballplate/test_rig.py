@@ -106,11 +106,3 @@ def test_numbers_of_another_shape_are_named_and_nothing_moves(name, given, told)
     for number in (1, -1, "a", None):
         with pytest.raises(ballplate.TwinError, match="rig: must be 0 to 0"):
             rig.result(number)
-
-
-@pytest.mark.parametrize("count", ["3", 2.5, 0])
-def test_a_number_of_rigs_that_is_none_is_one_line(count):
-    with pytest.raises(ballplate.TwinError, match=f"count: must be .* got {count!r}"):
-        ballplate.rig("hold", plant={"kind": "lagrange"}, count=count, **SHORT)
-    with pytest.raises(ballplate.TwinError, match="name at least one"):
-        ballplate.rig([])

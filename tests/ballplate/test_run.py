@@ -13,9 +13,7 @@ import pytest
 import ballplate
 from ballplate.changes import changes_of
 from ballplate.reporter import Notebook, Reporter
-from controllers import catalog
 from twin.cli import main
-from twin.errors import ScenarioError
 
 QUICK = {"plant": {"kind": "lagrange"}, "duration": 0.2, "metrics": {"start": 0}}
 COMMAND = ("--plant", "lagrange", "--set", "duration=0.2", "--set", "metrics.start=0")
@@ -31,15 +29,6 @@ class Proportional(ballplate.laws.Law):
     def control(self, t, x, reference, q):
         away = reference(t)[0] - x[..., 0::4] - x[..., 1::4]
         return self.gain * away * [1.0, -1.0] - 60 * x[..., 2::4] - 14 * x[..., 3::4]
-
-
-@pytest.fixture
-def own(monkeypatch):
-    """A law of the running program, forgotten afterwards."""
-    monkeypatch.setattr(catalog, "_registered", {})
-    catalog.forget()
-    yield Proportional
-    catalog.forget()
 
 
 @pytest.fixture(scope="module")
@@ -87,20 +76,14 @@ def test_a_law_by_class_is_all_of_its_settings_not_those_of_the_scenario():
     )
     assert given["requested_phi_acc"].tobytes() == kept["requested_phi_acc"].tobytes()
     assert default.scenario.controller.settings == {}
-    with pytest.raises(ballplate.TwinError, match=r"controller\.model"):
-        ballplate.run("circle", controller=ballplate.laws.LQR(model=heavy()), **QUICK)
-
-
-def heavy():
-    return ballplate.model("circle", plant={"ball": {"mass": 0.1}})
 
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
-def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place(own):
-    first = ballplate.run("hold", controller=own(gain=30.0), **QUICK)
+def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place():
+    first = ballplate.run("hold", controller=Proportional(gain=30.0), **QUICK)
     assert '(controller={kind="proportional", gain=30.0}, ' in first.title
 
-    class Other(own):
+    class Other(Proportional):
         """Does nothing."""
 
         name = "proportional"
@@ -114,37 +97,12 @@ def test_a_law_of_the_running_program_runs_and_its_new_version_takes_its_place(o
 
 
 @pytest.mark.filterwarnings("ignore::ballplate.BallplateWarning")
-def test_a_law_that_only_this_process_knows_runs_in_it(own, monkeypatch):
+def test_a_law_that_only_this_process_knows_runs_in_it(monkeypatch):
     monkeypatch.setattr("twin.jobs.pool", None)
-    found = ballplate.compare("hold", vary={"controller": [own, "lqr"]}, processes=2, **QUICK)
+    found = ballplate.compare(
+        "hold", vary={"controller": [Proportional, "lqr"]}, processes=2, **QUICK
+    )
     assert [each.outcome for each in found.values()] == ["finished", "finished"]
-    with pytest.raises(ballplate.TwinError, match="taken by LQR"):
-        ballplate.run("hold", controller=type("LQR", (own,), {"name": "lqr"}), **QUICK)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: ballplate.run("cirle"), "did you mean 'circle'"),
-        (lambda: ballplate.run("hold", controller={"kind": "lqr", "rh": 1}), "did you mean 'rho'"),
-        (lambda: ballplate.run("hold", controller=3), "must be a table, the name of a kind"),
-        (lambda: ballplate.run("hold", "duration=1"), "a list of texts"),
-        (lambda: ballplate.run("hold", {"duration": object()}), "must be a number"),
-        (lambda: ballplate.run("hold", out="/proc/nowhere"), "out /proc/nowhere: cannot be"),
-        (lambda: ballplate.run("hold", reset=True), "reset: a simulated rig .* needs on"),
-        (lambda: ballplate.run("hold", {"plant.kind": "x"}, on="r.toml"), "mujoco"),
-        (lambda: ballplate.load("nowhere"), "no such record"),
-        (lambda: ballplate.describe("roling_mm"), "nothing called 'roling_mm'; did you mean"),
-        (lambda: ballplate.sweep("hold", {}), "at least one key"),
-        (lambda: ballplate.rig("hold", count=0), "count: must be at least 1"),
-        (lambda: ballplate.identify("nowhere"), "log nowhere: not found"),
-        (lambda: ballplate.study("nowhere"), "study 'nowhere': not found"),
-    ],
-)
-def test_a_mistake_is_the_line_of_the_command_as_an_exception(call, words):
-    with pytest.raises(ballplate.TwinError, match=words) as caught:
-        call()
-    assert "\n" not in str(caught.value)
 
 
 def test_what_is_unwise_is_a_warning_of_the_line_that_asked_for_it():
@@ -196,6 +154,7 @@ def test_in_a_notebook_progress_is_a_bar_that_goes_when_the_work_is_done(monkeyp
 
     module = type(sys)("IPython")
     module.display = Display
+    module.version_info = (9, 0, 0)  # matplotlib asks for it when it draws for the first time
     formatter = Formatter()
     formats = type("Formats", (), {"formatters": {"image/png": formatter}})
     shell = type("Shell", (), {"kernel": None, "display_formatter": formats})
@@ -224,12 +183,6 @@ def test_the_import_loads_no_library_but_its_own():
     assert loaded - {"ballplate", "twin", "controllers"} <= set(sys.stdlib_module_names)
 
 
-@pytest.mark.parametrize("values", ["afl", {"kind": "afl"}, 5])
-def test_what_is_varied_over_no_list_is_one_line(values):
-    with pytest.raises(ScenarioError, match=r"vary controller\.kind: give a list of values"):
-        ballplate.compare("circle", vary={"controller.kind": values})
-
-
 def pd(t, x, reference, *, kp=6.0, kd=5.0):
     """Proportional and derivative, of ball and plate."""
     r = reference(t)
@@ -247,12 +200,3 @@ def test_a_function_is_a_law_with_its_keywords_as_settings():
     x = np.array([[0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08]])
     hold = ballplate.references.Hold()
     np.testing.assert_array_equal(law().control(0.0, x, hold, x[:, :0]), pd(0.0, x, hold))
-
-
-@pytest.mark.parametrize(
-    "wrong", [lambda t, x: x, lambda t, x, r, *, kp: x], ids=["arguments", "no default"]
-)
-def test_a_function_that_is_no_law_is_one_line(wrong):
-    with pytest.raises(ScenarioError, match="must take") as told:
-        ballplate.law(wrong)
-    assert "\n" not in str(told.value)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import ballplate as bp
-from ballplate.systems.signals import DESIRED, INPUTS
+from ballplate.systems import DESIRED, INPUTS
 from controllers.analysis import linear_designs, margins, sampled_loop, state_feedback_loop
 from controllers.ballplate import STATES
 from twin.run.assemble import build_controller
@@ -200,19 +200,3 @@ def test_the_exact_plant_carries_the_age_of_a_contact_that_holds_the_ball():
     assert done["true_x_rate"][-1] == 0
     assert found[8, -1] > 0.3
     assert np.abs(found[[0, 4]].T - done.ball).max() < 1e-12
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda s: s.law("circle", controller="sliding_mode"), "has no linearisation"),
-        (lambda s: s.controller("circle", **IDEAL), "systems.law is the law with"),
-        (lambda s: s.mechanism("circle", plant={"ball": {"oval_mm": 0.1}}), "by its attitude"),
-        (lambda s: s.sampled("cirle"), "did you mean 'circle'"),
-        (lambda s: s.exact("circle", rig={"perod": 1}), "did you mean 'period'"),
-    ],
-)
-def test_what_has_no_such_system_is_refused_in_one_line(call, words):
-    with pytest.raises(bp.TwinError, match=words) as caught:
-        call(bp.systems)
-    assert "\n" not in str(caught.value)

@@ -1,5 +1,7 @@
 import pytest
 
+from controllers import catalog
+from controllers.catalog import ADDED, forget
 from twin.cli import main
 
 
@@ -10,8 +12,18 @@ def ballplate(capsys, tmp_path, monkeypatch):
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:
-            main(list(arguments))
+            main(list(map(str, arguments)))
         out, err = capsys.readouterr()
         return caught.value.code, out, err
 
     return call
+
+
+@pytest.fixture
+def own_laws(monkeypatch):
+    """What is taken in of one's own laws is forgotten afterwards."""
+    monkeypatch.setenv(ADDED, "")
+    monkeypatch.setattr(catalog, "_registered", {})
+    forget()
+    yield
+    forget()

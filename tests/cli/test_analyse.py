@@ -5,9 +5,10 @@ from click.testing import CliRunner
 
 from controllers.nonlinear import SlidingMode
 from twin.cli.analyse import analyse
-from twin.errors import ScenarioError
 
 SHORT = ("--set", "duration=0.5", "--set", "metrics.start=0.0")
+
+pytestmark = pytest.mark.long
 
 
 def call(*arguments):
@@ -24,66 +25,42 @@ def content():
 @pytest.fixture
 def quick(monkeypatch, content):
     """The same command with the slow, scenario-independent part remembered."""
-    monkeypatch.setattr("controllers.analysis.designs.design_rows", lambda *_: content["designs"])
+    monkeypatch.setattr("controllers.analysis.design_rows", lambda *_: content["designs"])
 
 
-@pytest.mark.long
-def test_json_is_one_object_with_every_part(content):
-    parts = {"scenario", "designs", "neglected", "loop"}
-    assert set(content) == parts
-
-
-@pytest.mark.long
-def test_thesis_poles_stand_beside_the_ones_found(content):
+def test_json_has_designs_beside_those_of_the_thesis_their_margins_and_what_is_left_out(content):
+    assert set(content) == {"scenario", "designs", "neglected", "loop"}
     rows = [row for row in content["designs"] if row["thesis_poles"]]
     assert len(rows) == 9
     for row in rows:
         found = row["poles_flat_model" if row["thesis_model"] == "flat" else "poles_linear_model"]
         thesis = sorted(real for real, _ in row["thesis_poles"])
         assert sorted(real for real, _ in found) == pytest.approx(thesis, rel=1e-4)
-
-
-@pytest.mark.long
-def test_every_design_has_all_margins_at_every_cut(content):
-    for row in content["designs"]:
-        for cut in row["margins"].values():
-            assert set(cut) >= {"gain_down", "gain_up", "phase", "disk", "delay"}
-            assert cut["disk"] > 0
-
-
-@pytest.mark.long
-def test_the_neglected_terms_are_small_beside_the_main_ones(content):
+    for cut in (cut for row in content["designs"] for cut in row["margins"].values()):
+        assert set(cut) >= {"gain_down", "gain_up", "phase", "disk", "delay"}
+        assert cut["disk"] > 0
     rows = [row for row in content["neglected"]["whole"] if row["terms"] == "neglected"]
     assert len(rows) == 2
     assert all(0 < row["rms_ratio"] < 0.05 for row in rows)
 
 
-@pytest.mark.long
-def test_people_get_tables_with_equation_numbers_and_both_values(monkeypatch, content):
-    monkeypatch.setattr("controllers.analysis.designs.design_rows", lambda *_: content["designs"])
-    text = call("sine", *SHORT)
-    for words in ("thesis", "flat (6.44)", "(6.42a)", "delay ms", "8.1"):
-        assert words in text
+TOLD = {
+    "sine": ("thesis", "flat (6.44)", "(6.42a)", "delay ms", "8.1"),
+    f"sine controller.kind={SlidingMode.name}": ("has no linearisation",),
+    "hold controller.kind=pole_placement controller.poles=[-30,-31,-32,-33]": (
+        "this loop is unstable",
+    ),
+}
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("quick")
-def test_a_law_without_linearisation_is_said_to_have_none():
-    text = call("sine", *SHORT, "--set", f"controller.kind={SlidingMode.name}")
-    assert "has no linearisation" in text
+@pytest.mark.parametrize("asked", TOLD)
+def test_people_get_tables_and_words(asked):
+    scenario, *changes = asked.split()
+    text = call(scenario, *SHORT, *(part for change in changes for part in ("--set", change)))
+    assert all(words in text for words in TOLD[asked])
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("quick")
-def test_an_unstable_loop_is_called_unstable():
-    text = call(
-        *("hold", "--set", "duration=0.1", "--set", "controller.kind=pole_placement"),
-        *("--set", "controller.poles=[-30, -31, -32, -33]"),
-    )
-    assert "this loop is unstable" in text
-
-
-@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_full_state_feedback_is_analysed_too():
     ideal = ("--set", "observer.kind=ideal", "--set", "sensors.ideal=true")
@@ -92,15 +69,7 @@ def test_full_state_feedback_is_analysed_too():
     assert found["loop"]["stable"]
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_a_ball_that_rests_has_no_ratio_but_an_answer():
-    found = json.loads(
-        call("hold", "--set", "duration=0.1", "--set", "plant.start.x=0.0", "--json")
-    )
+    found = json.loads(call("hold", *SHORT, "--set", "plant.start.x=0.0", "--json"))
     assert found["neglected"]["whole"][0]["equation"] == "6.42a"
-
-
-def test_an_unknown_scenario_is_one_line():
-    with pytest.raises(ScenarioError, match="not found"):
-        call("sign")

@@ -6,43 +6,13 @@ import pytest
 from click.testing import CliRunner
 
 from twin.cli.calibrate import touch
-from twin.cli.doctor import request
+from twin.cli.rig import request
 from twin.devices.lumio.transports import UDEV_RULES
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.scenario.rig import read_rig
 from twin.sim import calibration
 from twin.sim.calibration import StaticError
-
-
-@pytest.fixture
-def rig(tmp_path):
-    """A rig file that names the calibration which is still to be made."""
-    file = tmp_path / "rig.toml"
-    file.write_text('[touch]\nport = "/dev/null"\ncalibration_file = "not-yet.json"\n')
-    return str(file)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--at", "1,2", "--at", "30,40"), "2 points; 4 or more are needed"),
-        (("--at", "0,0", "--at", "10,10", "--at", "20,20", "--at", "90,90"), "not lie on one line"),
-        (("--at", "middle"), "--at middle: must be X,Y in mm"),
-        (("--at", "1,2,3"), "must be X,Y in mm"),
-        (("--at", "1000,0"), "from the plate's middle"),
-        (("--at", "nan,0"), "must be X,Y in mm"),
-        ((), "/dev/null: not a serial port"),
-    ],
-)
-def test_what_cannot_be_calibrated_is_one_line_and_no_file(
-    ballplate, rig, tmp_path, options, words
-):
-    code, out, err = ballplate("calibrate", "touch", "--rig", rig, *options)
-    assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 1
-    assert words in err
-    assert not (tmp_path / "touch-of-rig.json").exists()
 
 
 def test_the_udev_rules_are_printed_and_nothing_else_is_done(ballplate, tmp_path):

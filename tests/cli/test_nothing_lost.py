@@ -1,6 +1,5 @@
 """What is finished stays, and what cannot be is told in one line."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -70,55 +69,10 @@ def test_the_lock_of_a_folder_goes_with_what_held_it(tmp_path):
         pass
 
 
-LOG = "time [s],measured_x [m],measured_phi [rad],measured_y [m],measured_theta [rad]\n"
-
-
-def test_logs_with_one_name_are_all_compared(ballplate):
-    for folder in ("a", "b"):
-        Path(folder).mkdir()
-        rows = "".join(f"{0.002 * k:.3f},0.15,0,0,0\n" for k in range(200))
-        Path(folder, "log.csv").write_text(LOG + rows)
-    code, out, _ = ballplate(
-        "compare", "a/log.csv", "b/log.csv", "circle", "--plant", "lagrange", "--json"
-    )
-    assert code == 0
-    assert {"log", "log~2"} <= set(json.loads(out))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("compare", "circle", "--vary", "controller.kind=[]"), "needs at least one value"),
-        (("run", "circle", "--set", "duration=1", "--set", "duration=2"), "given 2 times"),
-        (("run", "circle", "--out", ""), "--out: names no folder"),
-        (("run", "circle", "--out="), "--out: names no folder"),
-    ],
-)
-def test_what_cannot_be_meant_is_one_line(ballplate, arguments, words):
-    code, _, err = ballplate(*arguments)
-    assert (code, err.count("\n")) == (2, 1)
-    assert words in err
-    assert not list(Path().iterdir())
-
-
 def test_a_scenario_that_begins_with_a_byte_order_mark_is_read(ballplate):
     text = 'title = "t"\nduration = 0.1\n[plant]\nkind = "lagrange"\n[controller]\nkind = "lqr"\n'
     Path("bom.toml").write_text(f"\ufeff{text}[reference]\nkind = 'hold'\n", encoding="utf-8")
     assert ballplate("run", "bom.toml")[0] == 0
-
-
-@pytest.mark.parametrize(
-    ("header", "words"),
-    [
-        (LOG.replace(",", ";"), "columns are separated by ';'"),
-        (LOG.replace("measured_y [m]", "measured_x [mm]"), "measured_x: two columns"),
-    ],
-)
-def test_a_log_that_is_written_otherwise_is_told_why(ballplate, header, words):
-    Path("log.csv").write_text(header + "0;0,1;0;0;0\n")
-    code, _, err = ballplate("identify", "log.csv")
-    assert (code, err.count("\n")) == (2, 1)
-    assert words in err
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
@@ -170,14 +124,7 @@ def test_a_warning_of_a_library_is_one_line(ballplate):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("warnings.showwarning", warnings.showwarning)
         patch.setattr("warnings.filters", [("always", None, Warning, None, 0)])
-        patch.setattr("ballplate.catalogue.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
-        patch.setattr("twin.cli.scenarios.print_titles", lambda *_, **__: None)
+        patch.setattr("ballplate.changes.titles", lambda _: warnings.warn("a\nb", stacklevel=1))
+        patch.setattr("twin.cli.runs.show", lambda *_: None)
+        patch.setattr("twin.cli.runs.titled", lambda _: None)
         assert ballplate("list")[2] == "ballplate: warning: a b\n"
-
-
-def test_the_old_option_resume_is_taken_and_begins_anew(ballplate):
-    assert ballplate("run", "circle", *SHORT)[0] == 0
-    before = bp.load("kept")["true_x"]
-    code, _, err = ballplate("run", "circle", *SHORT, "--resume")
-    assert (code, err.count("--resume: runs are exact again")) == (0, 1)
-    assert (bp.load("kept")["true_x"] == before).all()

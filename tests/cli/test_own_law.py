@@ -13,149 +13,117 @@ import pyarrow.parquet as pq
 import pytest
 
 import ballplate as bp
-from controllers.catalog import ADDED, catalog, forget
+from controllers.catalog import catalog, forget
 from controllers.interfaces import Law
 from twin.errors import LawError
 
 SHORT = ("--set", "controller.kind=mine", "--set", "duration=0.1", "--set", "plant.kind=lagrange")
 RUN = Path("runs/circle-controller=mine-duration=0.1-plant=lagrange")
 
+pytestmark = pytest.mark.usefixtures("own_laws")
+
 
 @pytest.fixture
-def mine(ballplate, monkeypatch):
+def mine(ballplate):
     """A law in the folder of laws of the current folder."""
-    monkeypatch.setenv(ADDED, "")
-    forget()
     assert ballplate("new", "law", "mine")[0] == 0
     forget()
-    yield Path("laws/mine.py")
-    forget()
+    return Path("laws/mine.py")
 
 
 @pytest.fixture
-def gone(ballplate, mine):
-    """A run whose law is gone."""
-    assert ballplate("run", "circle", *SHORT)[0] == 0
-    shutil.rmtree("laws")
-    forget()
-    return RUN
+def rewrite(mine):
+    """Writes something else in the place of a text of the law."""
+
+    def change(old, new):
+        mine.write_text(mine.read_text().replace(old, new, 1))
+        forget()
+
+    return change
 
 
-def metadata(folder):
-    return json.loads(pq.read_schema(folder / "run.parquet").metadata[b"ballplate"])
+def about_law(folder):
+    return json.loads(pq.read_schema(folder / "run.parquet").metadata[b"ballplate"])["classes"]
 
 
 def test_a_record_says_what_the_law_was(ballplate, mine):
     ballplate("run", "circle", *SHORT)
-    was = metadata(RUN)["classes"]["controller"]
+    was = about_law(RUN)["controller"]
     assert was["settings"] == {"ball": [2.0, 2.4], "plate": [60.0, 14.0]}
     assert (was["file"], was["source"]) == ("mine.py", mine.read_text())
     assert len(was["sha256"]) == 64
+    assert set(about_law(RUN)["observer"]) == {"settings"}  # one that is shipped
 
 
-def test_of_a_shipped_law_all_settings_are_recorded(ballplate):
-    ballplate("run", "circle", "--set", "duration=0.1", "--set", "plant.kind=lagrange")
-    assert set(
-        metadata(Path("runs/circle-duration=0.1-plant=lagrange"))["classes"]["observer"]
-    ) == {"settings"}
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
+def test_a_record_without_its_law_is_shown_and_that_is_said_but_nothing_goes_on_from_it(
+    ballplate, mine
+):
+    assert ballplate("run", "circle", *SHORT)[0] == 0
+    shutil.rmtree("laws")
+    forget()
+    for command in (
         ("report", RUN),
         ("export", RUN, "signals.csv"),
         ("view", RUN, "--rrd", "view.rrd"),
         ("compare", RUN),
-    ],
-    ids=lambda command: command[0],
-)
-def test_a_record_is_shown_without_its_law_and_that_is_said_once(ballplate, gone, command):
-    code, _, err = ballplate(*map(str, command))
-    assert code == 0
-    assert err.count("controller 'mine' (it was in mine.py): not here") == 1
-    assert "another version" not in err
-
-
-def test_nothing_goes_on_from_a_record_without_its_law(ballplate, gone):
-    code, _, err = ballplate("whatif", str(gone), "--at", "0.05")
-    assert code == 2
+    ):
+        code, _, err = ballplate(*command)
+        assert code == 0
+        assert err.count("controller 'mine' (it was in mine.py): not here") == 1
+        assert "another version" not in err
+    code, _, err = ballplate("whatif", RUN, "--at", "0.05")
+    assert (code, err.count("\n")) == (2, 1)
     assert "what-if need it" in err
-    assert err.count("\n") == 1
+    with pytest.warns(UserWarning, match="controller 'mine'"):
+        found = bp.load(RUN)
+    assert found.finished
+    assert found.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
+    bad = Path("runs/bad")
+    bad.mkdir()
+    (bad / "run.parquet").write_text("no Parquet")
+    code, _, err = ballplate("compare", RUN, bad)
+    assert code == 0
+    assert "bad/run.parquet: not a readable Parquet file" in err
+    assert ballplate("compare", bad)[0] == 2
 
 
-def test_nothing_goes_on_with_another_law_of_the_name(ballplate, mine):
+def test_of_a_law_that_was_changed_both_runs_are_kept_and_what_differs_is_told(ballplate, rewrite):
     ballplate("run", "circle", *SHORT)
-    mine.write_text(mine.read_text().replace("60.0", "61.0"))
-    forget()
-    code, _, err = ballplate("whatif", str(RUN), "--at", "0.05")
+    assert "replaced the run" in ballplate("run", "circle", *SHORT)[1]
+    rewrite("60.0", "61.0")
+    code, _, err = ballplate("whatif", RUN, "--at", "0.05")
     assert (code, err.count("\n")) == (2, 1)
     assert "mine.py has changed since" in err
+    assert "was another: it stays" in ballplate("run", "circle", *SHORT)[1]
+    other = RUN.with_name(f"{RUN.name}~2")
+    plates = [about_law(each)["controller"]["settings"]["plate"] for each in (RUN, other)]
+    assert plates == [[60.0, 14.0], [61.0, 14.0]]
+    out = ballplate("compare", RUN, other)[1]
+    assert f"controller.plate: {RUN.name} [60.0, 14.0]" in out.replace("\n", " ")
+    ballplate("report", other, "--out", "page")
+    page = Path("page.html").read_text()
+    assert "controller.plate" in page
+    assert "Inner loop on the plate angle, outer loop on the ball." in page
 
 
-def test_a_law_changed_within_the_second_is_the_changed_one(ballplate, mine, monkeypatch):
+def test_a_law_changed_within_the_second_is_the_changed_one(ballplate, mine, rewrite, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     forget()
     ballplate("run", "circle", *SHORT)
     was = mine.stat()
-    mine.write_text(mine.read_text().replace("60.0", "61.0"))
+    rewrite("60.0", "61.0")
     os.utime(mine, ns=(was.st_atime_ns, was.st_mtime_ns))
     assert mine.stat().st_size == was.st_size
     forget()
     assert catalog(Law)["mine"]().plate == (61.0, 14.0)
 
 
-def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, mine):
+def test_a_record_whose_law_takes_other_settings_is_shown(ballplate, rewrite):
     ballplate("run", "circle", *SHORT, "--set", "controller.plate=[50,10]", "--out", "x")
-    mine.write_text(mine.read_text().replace("    plate:", "    angle:"))
-    forget()
+    rewrite("    plate:", "    angle:")
     code, _, err = ballplate("report", "x")
     assert code == 0
     assert "does not take its settings" in err
-
-
-def test_from_python_a_record_opens_without_its_law(gone):
-    with pytest.warns(UserWarning, match="controller 'mine'"):
-        found = bp.load(gone)
-    assert found.finished
-    assert found.classes["controller"]["settings"]["ball"] == [2.0, 2.4]
-
-
-def test_a_run_that_cannot_be_opened_does_not_stop_a_comparison(ballplate, gone):
-    bad = Path("runs/bad")
-    bad.mkdir()
-    (bad / "run.parquet").write_text("no Parquet")
-    code, _, err = ballplate("compare", str(gone), str(bad))
-    assert code == 0
-    assert "bad/run.parquet: not a readable Parquet file" in err
-    assert ballplate("compare", str(bad))[0] == 2
-
-
-def test_a_run_with_another_law_does_not_replace_the_folder(ballplate, mine):
-    ballplate("run", "circle", *SHORT)
-    assert "replaced the run" in ballplate("run", "circle", *SHORT)[1]
-    mine.write_text(mine.read_text().replace("60.0", "61.0"))
-    forget()
-    out = ballplate("run", "circle", *SHORT)[1]
-    assert "was another: it stays" in out
-    assert metadata(RUN.with_name(f"{RUN.name}~2"))["classes"]["controller"]["settings"][
-        "plate"
-    ] == [61.0, 14.0]
-    assert metadata(RUN)["classes"]["controller"]["settings"]["plate"] == [60.0, 14.0]
-
-
-def test_a_comparison_and_a_report_tell_what_differs_in_a_law(ballplate, mine):
-    ballplate("run", "circle", *SHORT)
-    mine.write_text(mine.read_text().replace("60.0", "61.0"))
-    forget()
-    ballplate("run", "circle", *SHORT)
-    other = RUN.with_name(f"{RUN.name}~2")
-    out = ballplate("compare", str(RUN), str(other))[1]
-    assert f"controller.plate: {RUN.name} [60.0, 14.0]" in out.replace("\n", " ")
-    ballplate("report", str(other), "--out", "page")
-    page = Path("page.html").read_text()
-    assert "controller.plate" in page
-    assert "Inner loop on the plate angle, outer loop on the ball." in page
 
 
 OWN_REFERENCE = """
@@ -177,7 +145,6 @@ class Slope(Reference):
 
 
 def test_where_a_reference_of_ones_own_led_is_in_the_record(ballplate):
-    forget()
     Path("laws").mkdir()
     Path("laws/slope.py").write_text(OWN_REFERENCE)
     ballplate(
@@ -200,6 +167,7 @@ WRONG = {
     "return np.zeros((3, 2))": "it gave shape (3, 2)",
     "return 1j * np.ones((1, 2))": "it gave complex numbers of shape (1, 2)",
     "return None": "it gave None",
+    "x[4]": "shape (1, 8)",  # a state is rows, of one rig, too
 }
 STUDY = """
 title = "both"
@@ -218,38 +186,32 @@ set = ["controller.kind=mine"]
 """
 
 
-@pytest.fixture(params=WRONG)
-def wrong(request, mine):
-    """A law that goes wrong in mid-run, and what must be said of it."""
-    text = mine.read_text()
-    first = "        position, velocity"
-    mine.write_text(text.replace(first, f"        if t > 0.05: {request.param}\n{first}", 1))
-    forget()
-    return WRONG[request.param]
-
-
+BRIEF = {"duration": 0.1, "plant": {"kind": "lagrange"}}
 BOTH = ('controller.kind=["lqr","mine"]', "--set", "duration=0.1", "--set", "plant.kind=lagrange")
+BEGIN = "        position, velocity"
+COMMANDS = {
+    "run": (("run", "circle", *SHORT), None),
+    "explain": (("explain", "circle", *SHORT), None),
+    "sweep": (("sweep", "circle", *BOTH), "sweep.csv"),
+    "compare": (("compare", "circle", "--vary", *BOTH), "compare.png"),
+    "study": (("study", "both.toml"), "rows.csv"),
+}
+"""A command, and what it writes of the law that does not go wrong."""
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        ("run", "circle", *SHORT),
-        ("sweep", "circle", *BOTH),
-        ("compare", "circle", "--vary", *BOTH),
-        ("explain", "circle", *SHORT),
-        ("study", "both.toml"),
-    ],
-    ids=lambda command: command[0],
+    ("text", "command"),
+    [*((text, "run") for text in WRONG), *((next(iter(WRONG)), each) for each in COMMANDS)][1:],
 )
-def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, wrong, command):
+def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, rewrite, text, command):
+    rewrite(BEGIN, f"        if t > 0.05: {text}\n{BEGIN}")
     Path("both.toml").write_text(STUDY)
-    code, out, err = ballplate(*command)
+    arguments, kept = COMMANDS[command]
+    code, out, err = ballplate(*arguments)
     said = " ".join((out + err).split())
-    assert said.count(wrong) == 1
+    assert said.count(WRONG[text]) == 1
     assert "mine.py" in said
     assert "Traceback" not in said
-    kept = {"sweep": "sweep.csv", "compare": "compare.png", "study": "rows.csv"}.get(command[0])
     if kept is None:
         assert code == 1
         assert not list(Path().glob("runs/*/run.parquet"))
@@ -305,14 +267,16 @@ measured.rms_error = { value = 0.01, uncertainty = 0.001 }
 """
 
 
-@pytest.mark.parametrize("text", ["raise NameError('kp')", "return np.zeros((3, 2))"])
-@pytest.mark.parametrize("always", [True, False])
-@pytest.mark.parametrize("command", ["tune", "fit"])
-def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, mine, text, always, command):
-    first = "        position, velocity"
-    bad = f"        if t >= {0 if always else 0.05}: {text}\n{first}"
-    mine.write_text(mine.read_text().replace(first, bad, 1))
-    forget()
+@pytest.mark.parametrize(
+    ("command", "always", "text"),
+    [
+        ("tune", True, "return np.zeros((3, 2))"),
+        ("tune", False, "raise NameError('kp')"),
+        ("fit", True, "raise NameError('kp')"),
+    ],
+)
+def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, rewrite, text, always, command):
+    rewrite(BEGIN, f"        if t >= {0 if always else 0.05}: {text}\n{BEGIN}")
     Path("t.toml").write_text({"tune": TUNE, "fit": FIT}[command])
     code, out, err = ballplate(command, "t.toml", "--processes", "2" if always else "1")
     said = " ".join((out + err).split())
@@ -328,28 +292,18 @@ def test_in_a_search_a_law_that_goes_wrong_is_one_line(ballplate, mine, text, al
         assert list(Path("runs/fit-t").rglob("*.parquet"))
 
 
-def test_from_python_a_law_that_goes_wrong_is_the_same_line(wrong):
-    short = {"duration": 0.1, "plant": {"kind": "lagrange"}}
+def test_from_python_a_law_that_goes_wrong_is_the_same_line(rewrite):
+    text, wrong = next(iter(WRONG.items()))
+    rewrite(BEGIN, f"        if t > 0.05: {text}\n{BEGIN}")
     with pytest.raises(LawError, match=re.escape(wrong)):
-        bp.run("circle", controller="mine", **short)
-    done = bp.sweep("circle", {"controller.kind": ["lqr", "mine"]}, **short)
+        bp.run("circle", controller="mine", **BRIEF)
+    done = bp.sweep("circle", {"controller.kind": ["lqr", "mine"]}, **BRIEF)
     assert done["outcome"] == ["finished", "failed"]
     assert wrong in done["reason"][1]
 
 
-def test_a_state_that_is_indexed_as_one_row_is_told_its_shape(ballplate, mine):
-    mine.write_text(mine.read_text().replace("r = reference(t)", "r = reference(t) + 0 * x[4]"))
-    forget()
-    code, _, err = ballplate("run", "circle", *SHORT)
-    assert (code, err.count("\n")) == (1, 1)
-    assert "mine.py, line 25: IndexError" in err
-    assert "shape (1, 8)" in err
-
-
-def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballplate, mine):
-    field = "    K: np.ndarray = None\n\n    def control"
-    mine.write_text(mine.read_text().replace("    def control", field, 1))
-    forget()
+def test_a_field_that_no_scenario_can_hold_is_told_and_breaks_nothing_else(ballplate, rewrite):
+    rewrite("    def control", "    K: np.ndarray = None\n\n    def control")
     code, out, err = ballplate("describe", "lqr")
     assert code == 0
     assert "rho" in out
@@ -366,9 +320,6 @@ def laws(mine, monkeypatch):
     for name in [each for each in sys.modules if each.partition(".")[0] == "laws"]:
         monkeypatch.delitem(sys.modules, name)
     return importlib.import_module("laws.mine")
-
-
-BRIEF = {"duration": 0.1, "plant": {"kind": "lagrange"}}
 
 
 def test_a_law_imported_from_its_folder_runs_as_an_object(laws):

@@ -1,11 +1,9 @@
 import csv
 import json
 
-import pytest
 from click.testing import CliRunner
 
-from twin.cli.sweep import sweep as command
-from twin.errors import ScenarioError
+from twin.cli.runs import sweep as command
 from twin.run.finished import run
 from twin.scenario.load import load
 from twin.scenario.variants import swept
@@ -18,14 +16,6 @@ def test_values_are_evenly_spaced_whole_where_all_are_or_listed():
     assert repr(swept("seed=1:5:3")) == "('seed', [1, 3, 5])"  # a seed of 1.0 is refused
     assert swept("seed=1:4:3") == ("seed", [1.0, 2.5, 4.0])
     assert swept('controller.kind=["afl", "lqr"]') == ("controller.kind", ["afl", "lqr"])
-
-
-@pytest.mark.parametrize(
-    "text", ["a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4"]
-)
-def test_what_is_no_sweep_is_one_line(text):
-    with pytest.raises(ScenarioError, match="FIRST:LAST:NUMBER"):
-        swept(text)
 
 
 def test_a_sweep_gives_of_each_value_what_run_gives(tmp_path, monkeypatch):

@@ -54,7 +54,7 @@ def axes(x, r, c):
     return ((*x[:4], k, c, r[:, 0]), (*x[4:], -k, c, r[:, 1]))
 
 
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(x=states, c=gains, t=times)
 def test_the_law_is_what_the_recursion_gives_for_both_axes(x, c, t):
     u = Backstepping(c=c).control(t, x, PATH, NOTHING)
@@ -63,7 +63,7 @@ def test_the_law_is_what_the_recursion_gives_for_both_axes(x, c, t):
     np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(x=states, c=gains, t=times)
 def test_the_lyapunov_function_falls_by_the_squares_of_the_errors(x, c, t):
     u = Backstepping(c=c).control(t, x, PATH, NOTHING)

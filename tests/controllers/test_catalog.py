@@ -103,17 +103,6 @@ def test_a_package_within_the_folder_is_found_and_a_broken_one_told(tmp_path):
     assert line.endswith("bad/__init__.py, line 1: ZeroDivisionError: division by zero")
 
 
-def test_an_error_in_a_law_ends_the_run_with_the_line_it_is_in(tmp_path):
-    (tmp_path / "mine.py").write_text(LAW.format(answer="np.linalg.inv(np.zeros((2, 2)))"))
-    done = python(tmp_path, MAIN, *RUN, "--set", "controller.kind=mine")
-    assert done.returncode == 1
-    number = LAW.splitlines().index("        return {answer}") + 1
-    place = f"{tmp_path / 'mine.py'}, line {number}"
-    line = done.stderr.splitlines()[-1]
-    assert line == f"ballplate: {place}: LinAlgError: Singular matrix"
-    assert "Traceback" not in done.stderr
-
-
 def test_an_error_that_no_law_has_to_do_with_keeps_its_traceback():
     with pytest.raises(ZeroDivisionError) as caught:
         1 / 0  # noqa: B018

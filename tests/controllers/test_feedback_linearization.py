@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -35,7 +34,7 @@ def fourth_derivative(x, u):
     return flat_outputs(x + 1e-30j * rate)[3].imag / 1e-30
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(x=states, t=times)
 def test_the_error_follows_the_chosen_linear_equation_on_the_flat_model(x, t):
     law = AFL(poles=(-1, -2 + 3j, -2 - 3j, -5))
@@ -46,7 +45,7 @@ def test_the_error_follows_the_chosen_linear_equation_on_the_flat_model(x, t):
     np.testing.assert_allclose(e[4] + 10 * e[3] + 42 * e[2] + 98 * e[1] + 65 * e[0], 0, atol=1e-9)
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(x=states, t=times, q=arrays(float, 2, elements=st.floats(-1, 1)))
 def test_the_integral_of_the_error_enters_the_equation_with_its_gain(x, t, q):
     p0, p1, p2, p3, p_I = 200.0, 132.0, 51.0, 12.0, 4.0
@@ -62,12 +61,6 @@ def test_the_integral_of_the_error_enters_the_equation_with_its_gain(x, t, q):
 def test_the_memory_gathers_the_error_of_the_ball(x, t):
     rate = AFLIntegral().memory_rate(t, x, PATH, np.zeros(2))
     np.testing.assert_allclose(rate, x[[0, 4]] - PATH(t)[0])
-
-
-def test_the_gains_used_on_the_rig_have_the_poles_found_for_them():
-    poles = np.roots((1, *AFL(gains=(180, 162, 66, 13)).p[::-1]))
-    found = (-4.469 + 1.112j, -4.469 - 1.112j, -2.031 + 2.089j, -2.031 - 2.089j)
-    np.testing.assert_allclose(sorted(poles, key=abs), sorted(found, key=abs), atol=6e-4)
 
 
 def test_gains_and_the_poles_they_give_make_the_same_law():
@@ -89,23 +82,3 @@ def test_the_integral_stops_at_its_limit_and_comes_back():
 def test_without_a_limit_the_integral_grows_on():
     rate = AFLIntegral().memory_rate(0.0, np.zeros(8), Hold(x=-0.05), np.array((1e6, 0.0)))
     np.testing.assert_allclose(rate, (0.05, 0))
-
-
-@pytest.mark.parametrize(
-    ("kind", "wrong", "said"),
-    [
-        (AFL, {"gains": (2000, 162, 66, 13)}, r"gains .* are unstable: they give the poles .*j"),
-        (AFL, {"gains": (0, 162, 66, 13)}, "gains .* are unstable"),
-        (AFL, {"gains": (180, 162, 66, 13j)}, "gains must be 4 finite numbers"),
-        (AFL, {"gains": (1, 4, 6, 4), "poles": (-1, -1, -2, -2)}, "gains replace poles"),
-        (AFL, {"poles": (-1, -2, -3, -4, -5)}, "poles must be 4 numbers, got 5"),
-        (AFL, {"poles": (-1, -2, -3, 1)}, "poles must have a negative real part, got 1"),
-        (AFL, {"poles": (-1, -2, -3, -2 + 1j)}, "poles must come in conjugate pairs"),
-        (AFLIntegral, {"poles": (-1, -2, -3, -4)}, "poles must be 5 numbers, got 4"),
-        (AFLIntegral, {"gains": (4, 12, 51, 132, 200)}, "gains .* are unstable"),
-    ],
-    ids=range(9),
-)
-def test_settings_that_cannot_be_are_refused_in_one_line(kind, wrong, said):
-    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
-        kind(**wrong)

@@ -1,37 +1,69 @@
+"""Observers of a rolling ball's friction, and of its map, on balls that obey what they assume."""
+
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from observing import measured, normalised, within
+from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
-from controllers.observers import FrictionKalman
-from controllers.smith import Smith
+from controllers.observers import FrictionKalman, FrictionMapKalman
 
 MODEL = BallPlate()
 T = 0.002
 PULSE, AMPLITUDE, BEGIN = 3.0, 0.1, 0.3
+COARSE = {"map_pitch": 0.1, "map_length": 0.08}
+
+
+def reader(lines, fields):
+    """Reads N fields, shape (N, n, m), at N places each in its own, shape (..., N, 2)."""
+    rigs = np.arange(len(fields), dtype=float)
+    read = RegularGridInterpolator((rigs, *lines), fields)
+    edge = np.array([line[-1] for line in lines])
+
+    def at(places):
+        places = np.clip(places, -edge, edge)
+        numbers = np.broadcast_to(rigs, places.shape[:-1])[..., None]
+        return read(np.concatenate((numbers, places), axis=-1))
+
+    return at
 
 
 class World:
     """Balls that obey the exact model, a friction, a disturbance and an error of the tilt gain.
 
     The plates begin level and then swing so that the balls go round in circles; everything random
-    is a random walk of the size that the observer takes it for.
+    is of the size that the observer takes it for, and so is, for one that learns a map, a field
+    over the screen that is added to the friction: scipy's between its points.
     """
 
     def __init__(self, observer, rigs, seed=0):
-        self.rng = np.random.default_rng(seed)
-        self.observer, self.delay = observer, observer.delay
-        variance = np.diagonal(observer._begin)
-        drawn = self.rng.normal(size=(rigs, 9)) * np.sqrt(variance)
-        self.d, self.kappa = drawn[:, 4:6], drawn[:, 6:8]
-        self.F = np.maximum(observer._F + drawn[:, 8], 0.01)
-        self.time = 0.0
-        x = np.zeros((rigs, 8))
-        x[:, 0::4] = drawn[:, 0:2]
-        self.x = x
-        self.past = [self.x]
+        self.rng, self.observer, self.time = np.random.default_rng(seed), observer, 0.0
+        d, F, kappa = observer.spread
+        self.d, self.kappa = d * self.normal(rigs, 2), kappa * self.normal(rigs, 2)
+        believed = MODEL.c1 * observer.believed_mm / 1000 / MODEL.radius * MODEL.gravity
+        self.F = np.maximum(believed + F * self.normal(rigs), 0.01)
+        self.x = np.zeros((rigs, 8))
+        self.x[:, 0::4] = np.sqrt(observer.R) * self.normal(rigs, 2)
+        self.fields = np.zeros((rigs, 0))
+        self.read = lambda places: 0.0
+        if isinstance(observer, FrictionMapKalman):
+            self.draw_fields(observer, rigs)
+        self.past = [(self.x, self.d, self.kappa, self.F)]
         observer.start(np.zeros((rigs, 8)))
+
+    def normal(self, *shape):
+        return self.rng.normal(size=shape)
+
+    def draw_fields(self, observer, rigs):
+        sides = [np.array([-side, side]) / 2 for side in observer.map_sides]
+        counts = [1 + round(side / observer.map_pitch) for side in observer.map_sides]
+        self.lines = [np.linspace(*ends, n) for ends, n in zip(sides, counts, strict=True)]
+        points = np.stack(np.meshgrid(*self.lines, indexing="ij"), axis=-1).reshape(-1, 2)
+        square = ((points[:, None] - points) ** 2).sum(axis=-1)
+        prior = observer.map_spread**2 * np.exp(-square / (2 * observer.map_length**2))
+        self.fields = self.rng.multivariate_normal(np.zeros(len(points)), prior, size=rigs)
+        self.read = reader(self.lines, self.fields.reshape(rigs, *counts))
 
     @staticmethod
     def plate(t):
@@ -42,57 +74,57 @@ class World:
         growth = 2 * t / BEGIN**2 * still
         return AMPLITUDE * (1 - still) * way, AMPLITUDE * ((1 - still) * on + growth * way)
 
+    def friction(self, x):
+        return np.maximum(self.F + self.read(x[:, 0::4]), 0.0)
+
     def slope(self, x, u):
         out = MODEL.derivative(x, u)
         v = x[:, 1::4]
         tilt = np.stack((np.sin(x[:, 2]) * np.cos(x[:, 6]), -np.sin(x[:, 6])), axis=1)
         length = np.sqrt((v**2).sum(axis=1) + self.observer.smooth**2)
-        drag = (self.F / length)[:, None] * v
+        drag = (self.friction(x) / length)[:, None] * v
         out[:, 1::4] += self.kappa * MODEL.k1 * tilt + self.d - drag
         return out
 
     def advance(self):
-        """One control period: the input that was applied, shape (N, 2)."""
+        """One control period, by the midpoint rule; the input that was applied, shape (N, 2)."""
         before, after = self.plate(self.time), self.plate(self.time + T)
         u = np.tile((after[1] - before[1]) / T, (len(self.x), 1))
-        x = self.x
-        k1 = self.slope(x, u)
-        k2 = self.slope(x + T / 2 * k1, u)
-        k3 = self.slope(x + T / 2 * k2, u)
-        k4 = self.slope(x + T * k3, u)
-        x = x + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        x = self.x + T * self.slope(self.x + T / 2 * self.slope(self.x, u), u)
         self.time += T
         x[:, 2::4], x[:, 3::4] = after
         walk = np.array(self.observer.walk) * np.sqrt(T)
-        x[:, 1::4] += walk[0] * self.rng.normal(size=(len(x), 2))
-        self.d = self.d + walk[1] * self.rng.normal(size=self.d.shape)
-        self.F = np.maximum(self.F + walk[2] * self.rng.normal(size=self.F.shape), 0.0)
-        self.kappa = self.kappa + walk[3] * self.rng.normal(size=self.kappa.shape)
+        x[:, 1::4] += walk[0] * self.normal(len(x), 2)
+        self.d = self.d + walk[1] * self.normal(*self.d.shape)
+        self.F = np.maximum(self.F + walk[2] * self.normal(len(x)), 0.0)
+        self.kappa = self.kappa + walk[3] * self.normal(*self.kappa.shape)
         self.x = x
         self.past.append((x, self.d, self.kappa, self.F))
         return u
 
-    def measure(self, noise=True):
-        late = self.then()[0]
-        y = self.x[:, 0::2].copy()
-        y[:, 0::2] = late[:, 0::4]
-        if noise:
-            y[:, 0::2] += np.sqrt(self.observer.R) * self.rng.normal(size=(len(y), 2))
-        return Measurement(self.time, y, np.zeros(len(y)), np.ones(len(y), bool))
-
     def then(self):
         """State, disturbance, tilt gain and friction at the time of the touch sample."""
-        back = round(self.delay / T)
-        found = self.past[max(len(self.past) - 1 - back, 0)]
-        return found if isinstance(found, tuple) else (found, self.d, self.kappa, self.F)
+        return self.past[max(len(self.past) - 1 - round(self.observer.delay / T), 0)]
+
+    def measure(self):
+        y = self.x[:, 0::2].copy()
+        y[:, 0::2] = self.then()[0][:, 0::4]
+        y[:, 0::2] += np.sqrt(self.observer.R) * self.normal(len(y), 2)
+        return Measurement(self.time, y, np.zeros(len(y)), np.ones(len(y), bool))
 
     def truth(self):
-        """What the observer's own state should be, shape (N, 9)."""
+        """What the observer's own state should be, shape (N, 9 + points)."""
         x, d, kappa, F = self.then()
         lever = MODEL.c2 * np.array([1.0, -1.0])
         eta = x[:, 0::4] + lever * x[:, 2::4]
         speed = x[:, 1::4] + lever * x[:, 3::4]
-        return np.concatenate((eta, speed, d, kappa, F[:, None]), axis=1)
+        return np.concatenate((eta, speed, d, kappa, F[:, None], self.fields), axis=1)
+
+
+def known(observer):
+    """What an observer knows beyond the state, by name."""
+    names = [quantity.name for quantity in observer.knows]
+    return dict(zip(names, observer.further.T, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -101,29 +133,22 @@ def consistency():
     walk = (0.003, 0.02, 0.002, 0.0005)
     observer = FrictionKalman(delay=0.042, spread=(0.01, 0.015, 0.02), walk=walk)
     world = World(observer, rigs=200)
-    nees, nis, carried = [], [], []
+    errors, nis, carried = [], [], []
     for tick in range(1000):
         x = observer.correct(world.measure())
         if tick % 100 == 99:
-            error = observer.s - world.truth()
-            nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(observer.P), error))
+            errors.append(normalised(observer.s - world.truth(), observer.P))
             nis.append(observer.innovation**2 / observer.innovation_variance)
             carried.append(x[:, 0::4] - world.x[:, 0::4])
         observer.predict(world.advance())
-    return observer, world, np.array(nees), np.array(nis), np.array(carried)
-
-
-def within(values, freedom, chance=1e-4):
-    """Whether the mean of values of a chi-square of such freedom is one of so many."""
-    low, high = chi2.ppf([chance / 2, 1 - chance / 2], freedom * values.size) / values.size
-    return low < values.mean() < high
+    return observer, world, np.array(errors), np.array(nis), np.array(carried)
 
 
 @pytest.mark.long
 def test_errors_are_as_large_as_the_filter_says_where_its_model_holds(consistency):
-    _, _, nees, _, _ = consistency
+    _, _, errors, _, _ = consistency
     # from the end of the dead time on, rigs apart: samples of one rig are not independent
-    for moment in nees[2:]:
+    for moment in errors[2:]:
         assert within(moment, 9)
 
 
@@ -136,9 +161,7 @@ def test_innovations_are_as_large_as_the_filter_says(consistency):
 
 def test_friction_and_tilt_gain_are_found_within_the_spread_stated(consistency):
     observer, world, *_ = consistency
-    names = [quantity.name for quantity in observer.knows]
-    found = dict(zip(names, observer.further.T, strict=True))
-    truth = world.truth()
+    found, truth = known(observer), world.truth()
     for name, column in (("friction", 8), ("tilt_gain_x", 6), ("tilt_gain_y", 7)):
         apart = (found[name] - truth[:, column]) / found[f"{name}_spread"]
         assert within(apart**2, 1), name
@@ -156,19 +179,16 @@ def test_the_dead_time_is_gone_without_a_predictor(consistency):
 
 @pytest.mark.parametrize("delay", [0.0, 0.042, 0.0405])
 def test_without_noise_the_estimate_is_the_state_of_now(delay):
-    observer = FrictionKalman(delay=delay, walk=(1e-4, 1e-5, 1e-5, 1e-5))
+    quiet = {"walk": (1e-4, 1e-5, 1e-5, 1e-5), "spread": (1e-9, 1e-9, 1e-9)}
+    observer = FrictionKalman(delay=delay, **quiet)
     world = World(observer, rigs=2)
-    world.x = world.past[0] = np.zeros((2, 8))
-    world.d, world.kappa = np.zeros((2, 2)), np.zeros((2, 2))
-    world.F = np.full(2, observer._F)
+    world.x = np.zeros((2, 8))
+    whole, share = int(delay / T + 1e-9), delay / T - int(delay / T + 1e-9)
     history = [world.x]
     for _ in range(400):
-        back = delay / T
-        i = len(history) - 1 - int(back + 1e-9)
-        share = back - int(back + 1e-9)
-        late = (1 - share) * history[max(i, 0)] + share * history[max(i - 1, 0)]
+        newer, older = (history[max(len(history) - 1 - n, 0)] for n in (whole, whole + 1))
         y = world.x[:, 0::2].copy()
-        y[:, 0::2] = late[:, 0::4]
+        y[:, 0::2] = ((1 - share) * newer + share * older)[:, 0::4]
         x = observer.correct(Measurement(world.time, y, np.zeros(2), np.ones(2, bool)))
         observer.predict(world.advance())
         history.append(world.x)
@@ -177,18 +197,18 @@ def test_without_noise_the_estimate_is_the_state_of_now(delay):
     assert np.abs(error[:, 1::4]).max() < 2e-3
 
 
-def test_friction_is_not_learnt_from_a_ball_that_lies_still():
-    observer = FrictionKalman()
+@pytest.mark.parametrize("observer", [FrictionKalman(), FrictionMapKalman(**COARSE)])
+def test_friction_is_not_learnt_from_a_ball_that_lies_still(observer):
     observer.start(np.zeros((1, 8)))
     rng = np.random.default_rng(2)
-    tilted = np.radians(0.4)
-    before = observer.further[0, 0]
-    for _ in range(1500):
-        y = np.array([[0.0, tilted, 0.0, 0.0]])
+    before = observer.further[0, 0], getattr(observer, "friction_map", 0)
+    for _ in range(600):
+        y = np.array([[0.0, np.radians(0.4), 0.0, 0.0]])
         y[:, 0::2] += 3e-4 * rng.normal(size=(1, 2))
-        observer.correct(Measurement(0.0, y, np.zeros(1), np.ones(1, bool)))
+        observer.correct(measured(y))
         observer.predict(np.zeros((1, 2)))
-    assert observer.further[0, 0] == before
+    assert observer.further[0, 0] == before[0]
+    assert np.array_equal(getattr(observer, "friction_map", 0), before[1])
     assert observer.further[0, 1] < -0.01  # what holds the ball is taken for a disturbance
 
 
@@ -200,7 +220,7 @@ def test_what_holds_a_ball_at_rest_is_found_sooner_and_no_motion_is_taken_for_re
             x = np.array([[0.0, speed, 0, 0, 0, 0, 0, 0]])
             observer.start(np.tile(x, (2, 1)))
             for _ in range(100):  # the plate is felt, the ball is not
-                observer.correct(Measurement(0.0, np.zeros((2, 4)), np.zeros(2), np.zeros(2, bool)))
+                observer.correct(measured(np.zeros((2, 4)), touched=False))
                 observer.predict(np.zeros((2, 2)))
             spreads[speed, observer is quick] = observer.P[:, 4, 4]
     walked = 100 * T * (0.1**2 - 0.02**2)
@@ -235,6 +255,137 @@ def test_the_equivalent_angle_moves_a_ball_without_friction_alike():
     np.testing.assert_allclose(flat, (1 + s[:, 6:8]) * tilt + s[:, 4:6] - drag, atol=3e-3)
 
 
-def test_a_predictor_around_it_is_refused():
-    with pytest.raises(ValueError, match="'friction_kalman' makes up for the dead time itself"):
-        Smith(observer=FrictionKalman(delay=0.042))
+@pytest.fixture(scope="module")
+def learnt():
+    """Sixteen rigs with a map after two turns."""
+    walk = (0.003, 0.003, 0.001, 0.0002)
+    observer = FrictionMapKalman(spread=(0.005, 0.005, 0.005), walk=walk, **COARSE)
+    world = World(observer, rigs=16)
+    nis, way = [], []
+    for tick in range(2100):
+        observer.correct(world.measure())
+        if tick % 100 == 99:
+            nis.append(observer.innovation**2 / observer.innovation_variance)
+            way.append(world.x[:, 0::4])
+        if tick < 2099:
+            observer.predict(world.advance())
+    return observer, world, np.array(nis), np.array(way)
+
+
+def test_states_and_map_are_known_as_well_as_the_filter_says(learnt):
+    observer, world, nis, _ = learnt
+    more = observer.friction_map.reshape(len(world.x), -1) - observer.s[:, 8:]
+    error = np.concatenate((observer.s, more), axis=1) - world.truth()
+    for part in (slice(0, 9), slice(9, None), slice(0, None)):
+        e = error[:, part]
+        assert within(normalised(e, observer.P[:, part, part]), e.shape[1]), part
+    assert within(nis[1:], 1)
+
+
+def test_the_map_is_found_where_the_ball_has_been(learnt):
+    observer, world, _, way = learnt
+    way = way[3:]
+    found = reader(world.lines, observer.friction_map)(way)
+    truth = world.F + world.read(way)
+    wrong = np.sqrt(((found - truth) ** 2).mean())
+    # one friction for all is wrong by what differs
+    assert wrong < 0.5 * np.sqrt(((truth - truth.mean(axis=0)) ** 2).mean())
+
+
+def test_friction_and_its_spread_are_those_of_the_place(learnt):
+    observer, world, *_ = learnt
+    found = known(observer)
+    apart = (found["friction"] - world.friction(world.x)) / found["friction_spread"]
+    assert within(apart**2, 1)
+    assert found["friction_spread"].mean() < 0.4 * observer.map_spread
+
+
+def test_without_unevenness_it_is_the_filter_with_one_friction():
+    plain, mapped = FrictionKalman(), FrictionMapKalman(map_spread=1e-9, **COARSE)
+    world = World(FrictionMapKalman(**COARSE), rigs=2)
+    for observer in (plain, mapped):
+        observer.start(np.zeros((2, 8)))
+    for _ in range(200):
+        measurement = world.measure()
+        for observer in (plain, mapped):
+            observer.correct(measurement)
+            observer.predict(np.zeros((2, 2)))
+        world.advance()
+    np.testing.assert_allclose(mapped.s, plain.s, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(mapped.further, plain.further, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(mapped.equivalent, plain.equivalent, rtol=1e-7, atol=1e-9)
+
+
+def test_rigs_together_are_as_alone():
+    def make():
+        return FrictionMapKalman(delay=0.042, **COARSE)
+
+    world = World(make(), rigs=3)
+    together, alone = make(), [make() for _ in range(3)]
+    together.start(np.zeros((3, 8)))
+    for observer in alone:
+        observer.start(np.zeros(8))
+    for tick in range(120):
+        t, y = world.measure()[:2]
+        # frames come at their own time in one of them, another is not touched for a while
+        age = np.array([0.0, (tick % 8) * T, 0.0])
+        touched = np.array([True, True, tick % 50 < 40])
+        x = together.correct(Measurement(t, y, age, touched))
+        together.predict(np.zeros((3, 2)))
+        for rig, observer in enumerate(alone):
+            single = observer.correct(Measurement(t, y[rig], age[rig], touched[rig]))
+            observer.predict(np.zeros(2))
+            np.testing.assert_allclose(single, x[rig], rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(observer.further, together.further[rig], rtol=1e-7)
+        world.advance()
+
+
+def test_the_covariance_is_that_of_the_whole_state_written_out():
+    observer = FrictionMapKalman(**COARSE)
+    world = World(FrictionMapKalman(**COARSE), rigs=2)
+    observer.start(np.zeros(8))
+    for _ in range(300):
+        t, y = world.measure()[:2]
+        observer.correct(Measurement(t, y[0], np.zeros(()), np.ones((), bool)))
+        world.advance()
+    before, s, m = observer.P, observer.s, observer._m[0]
+
+    # no touch: the covariance is only carried on
+    t, y = world.measure()[:2]
+    begin = observer._ball._then
+    observer.correct(Measurement(t, y[0], np.zeros(()), np.zeros((), bool)))
+    place = np.array(observer._ball.position(s.tolist(), begin))
+    unit = np.eye(len(m)).reshape(len(m), *(len(line) for line in world.lines))
+    share = np.array([RegularGridInterpolator(world.lines, each)(place)[0] for each in unit])
+    v = np.array(observer._ball.velocity(s.tolist(), begin))
+    assert np.hypot(*v) > 0.05
+    length = np.sqrt(v @ v + observer.smooth**2)
+    h = v / length
+    F = s[8] + share @ m
+    A = np.eye(9 + len(m))
+    A[0:2, 2:4] += T * np.eye(2)
+    A[2:4, 4:6] += T * np.eye(2)
+    A[2:4, 2:4] += T * F / length * (np.outer(h, h) - np.eye(2))
+    A[2:4, 8] = -T * h
+    A[2:4, 9:] = -T * np.outer(h, share)
+    # what the tilt gain does to the speed is the only part taken from the observer
+    then = observer._ball._then
+    A[2, 6], A[3, 7] = then.speed_x - begin.speed_x, then.speed_y - begin.speed_y
+    Q = np.zeros(9 + len(m))
+    Q[:9] = observer._Q
+    np.testing.assert_allclose(observer.P, A @ before @ A.T + np.diag(Q), rtol=1e-7, atol=1e-16)
+
+
+def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
+    together, alone = FrictionMapKalman(**COARSE), FrictionMapKalman(**COARSE)
+    together.start(np.zeros((2, 8)))
+    alone.start(np.zeros(8))
+    for tick in range(5):
+        y = np.array([[0.01, 0.0, 0.02, 0.0], [np.nan if tick > 2 else 0.01, 0.0, 0.02, 0.0]])
+        x = together.correct(measured(y))
+        single = alone.correct(measured(y[1]))
+        together.predict(np.zeros((2, 2)))
+        alone.predict(np.zeros(2))
+    assert np.isfinite(x[0]).all()
+    assert np.isnan(x[1, 0])
+    assert np.isnan(single[0])

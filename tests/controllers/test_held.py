@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from controllers.analysis.designs import loop_row
+from controllers.analysis import loop_row
 from controllers.ballplate import BallPlate
 from controllers.controller import Controller, HeldLaw, PerRigLaw, PerRigReference
 from controllers.interfaces import Law, Measurement, Observer

@@ -62,8 +62,3 @@ def test_a_sinusoid_of_the_models_frequency_leaves_no_error_and_another_does():
 def test_all_that_is_wrong_dies_out_as_fast_as_is_asked(frequencies):
     law = InternalModel(frequencies=frequencies, decay=0.4)
     assert np.linalg.eigvals(closed(law)).real.max() < -0.4
-
-
-def test_a_frequency_given_twice_is_refused():
-    with pytest.raises(ValueError, match=r"\Afrequencies must differ"):
-        InternalModel(frequencies=(1.0, 1.0))

@@ -37,16 +37,11 @@ def laps(law, path, count):
 
 
 def test_the_error_of_every_second_lap_falls_by_what_is_learnt_of_it():
-    error, _ = laps(IterativeLearning(omega=OMEGA, gain=0.7), PATH, 8)
+    error, _ = laps(IterativeLearning(omega=OMEGA, gain=0.7), PATH, 6)
     learnt = error[1::2]
     assert learnt[0] > 5e-4
     # the loop follows r + c with the transfer 1: |1 - gain| is left
     np.testing.assert_allclose(learnt[1:] / learnt[:-1], 0.3, rtol=0.1)
-
-
-def test_without_learning_the_error_stays():
-    error, _ = laps(IterativeLearning(omega=OMEGA, gain=1e-9), PATH, 5)
-    np.testing.assert_allclose(error[2:], error[1], rtol=0.02)
 
 
 def test_a_path_that_does_not_repeat_teaches_nothing():

@@ -35,22 +35,6 @@ class Swapped(Reference):
         return PATH(t)[..., ::-1]
 
 
-@every_law
-@settings(max_examples=25)
-@given(data=st.data(), t=st.floats(0, 20))
-def test_many_rigs_at_once_get_what_each_gets_alone(law, data, t):
-    x = data.draw(arrays(float, (2, 3, 8), elements=number))
-    q = data.draw(arrays(float, (2, 3, law.memory), elements=number))
-    together = law.control(t, x, PATH, q)
-    slopes = law.memory_rate(t, x, PATH, q)
-    assert together.shape == (2, 3, 2)
-    assert slopes.shape == q.shape
-    for i in np.ndindex(2, 3):
-        alone = law.control(t, x[i], PATH, q[i])
-        np.testing.assert_allclose(together[i], alone, rtol=1e-9, atol=1e-9)
-        np.testing.assert_array_equal(slopes[i], law.memory_rate(t, x[i], PATH, q[i]))
-
-
 class Each(Reference):
     """The path, and the path with x and y exchanged, for two rigs."""
 

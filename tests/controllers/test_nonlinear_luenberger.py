@@ -1,22 +1,14 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from observing import measured
 from scipy.integrate import solve_ivp
 
 from controllers.ballplate import BallPlate
-from controllers.interfaces import Measurement
 from controllers.observers import NonlinearLuenberger
-from controllers.observers.nonlinear import chain_gain
 
 MODEL = BallPlate()
 T = 0.002
 POLES = (-8, -10, -14, -16)
-
-
-def measured(y, touched=True):
-    shape = y.shape[:-1]
-    return Measurement(0.0, y, np.zeros(shape), np.full(shape, touched))
 
 
 def flat_flow(x, u, duration):
@@ -44,28 +36,6 @@ def errors(observer, wrong, ticks):
         x = flat_flow(x, u, T)
         found.append(observer.x - x)
     return np.array(found)
-
-
-@settings(max_examples=50)
-@given(
-    st.sampled_from([2, 4]).flatmap(
-        lambda n: st.lists(
-            st.floats(-80, -0.5), min_size=n, max_size=n, unique_by=lambda p: round(p, 1)
-        )
-    )
-)
-def test_gain_places_the_poles_of_a_chain(poles):
-    n = len(poles)
-    step = np.array(
-        [
-            [T ** (j - i) / np.prod(range(1, j - i + 1)) if j >= i else 0.0 for j in range(n)]
-            for i in range(n)
-        ]
-    )
-    G = chain_gain(tuple(poles), T)
-    closed = step @ (np.eye(n) - np.outer(G, np.eye(n)[0]))
-    found = np.log(np.linalg.eigvals(closed)) / T
-    np.testing.assert_allclose(np.sort(found.real), np.sort(poles), rtol=1e-3)
 
 
 @pytest.mark.parametrize("poles", [POLES, (-5 + 3j, -5 - 3j, -9, -12), (*POLES, -3, -4, -5, -6)])
@@ -116,11 +86,6 @@ def test_flat_model_is_followed_from_a_wrong_start(plate_observer):
     assert np.abs(found[-1]).max() < 1e-5 * np.abs(wrong).max()
 
 
-def test_flat_model_is_followed_without_bias_from_the_right_start():
-    found = errors(NonlinearLuenberger(), np.zeros(8), 500)
-    assert np.abs(found).max() < 1e-8
-
-
 def test_plate_angles_are_not_looked_at_without_a_plate_observer():
     observers = NonlinearLuenberger(), NonlinearLuenberger()
     for observer, plate in zip(observers, (0.1, np.nan), strict=True):
@@ -154,28 +119,3 @@ def test_start_far_from_the_ball_stays_finite_and_arrives():
         observer.predict(np.zeros(2))
     assert steepest < np.radians(60.001)
     np.testing.assert_allclose(x, [0.15, 0, 0, 0, -0.1, 0, 0, 0], atol=1e-4)
-
-
-def test_ball_that_is_not_felt_corrects_nothing():
-    observer = NonlinearLuenberger(plate_observer=True)
-    observer.start(np.zeros((2, 8)))
-    y = np.array([[np.nan, 0.1, np.nan, -0.1], [0.1, 0.1, 0.1, -0.1]])
-    x = observer.correct(Measurement(0.0, y, np.zeros(2), np.array([False, True])))
-    np.testing.assert_array_equal(x[0, [0, 1, 4, 5]], 0)
-    assert x[1, [0, 1, 4, 5]].all()
-    np.testing.assert_array_equal(x[0, [2, 3, 6, 7]], x[1, [2, 3, 6, 7]])
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"poles": (-8, -10, -14)}, "poles must be 4 or 8 numbers, got 3"),
-        ({"poles": (-8, -10, -14, 0)}, "negative real part"),
-        ({"poles": (-8, -10, -14, -16 + 1j)}, "conjugate pairs"),
-        ({"plate_poles": (-8, -10, -14)}, "poles must be 2 numbers, got 3"),
-        ({"plate_poles": (-8, 10)}, "negative real part"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        NonlinearLuenberger(**settings)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from observing import measured
 
-from controllers.interfaces import Measurement
 from controllers.observers import (
+    DisturbanceObserver,
     ExtendedKalman,
     FrictionKalman,
     FrictionMapKalman,
@@ -12,6 +13,7 @@ from controllers.observers import (
     Luenberger,
     NonlinearLuenberger,
 )
+from controllers.observers.late_ball import LateBall
 
 EVERY = pytest.mark.parametrize(
     "make",
@@ -21,6 +23,7 @@ EVERY = pytest.mark.parametrize(
         ExtendedKalman,
         NonlinearLuenberger,
         lambda: NonlinearLuenberger(plate_observer=True),
+        lambda: DisturbanceObserver(delay=0.005),
         lambda: FrictionKalman(delay=0.005),
         lambda: FrictionMapKalman(delay=0.005, map_pitch=0.1, map_length=0.08),
     ],
@@ -30,14 +33,11 @@ EVERY = pytest.mark.parametrize(
         "ekf",
         "nonlinear",
         "nonlinear with plate observer",
+        "disturbance_observer",
         "friction_kalman",
         "friction_map_kalman",
     ],
 )
-
-
-def measured(y, touched):
-    return Measurement(0.0, y, np.zeros(touched.shape), touched)
 
 
 @EVERY
@@ -58,6 +58,21 @@ def test_batch_gives_each_rig_what_it_gets_alone(make):
     assert not touched.all()
     for rig in np.ndindex(2, 3):
         np.testing.assert_allclose(together[rig], final(rig), rtol=1e-11, atol=1e-14)
+
+
+@EVERY
+def test_where_a_ball_is_that_is_not_felt_counts_for_nothing_but_the_plate_still_does(make):
+    def corrected(ball, touched):
+        observer = make()
+        observer.start(np.zeros((2, 8)))
+        y = np.array([[ball, 0.1, ball, -0.1], [0.01, 0.1, 0.01, -0.1]])
+        return observer.correct(measured(y, np.array([touched, True])))[0]
+
+    lost = corrected(0.01, False)
+    nowhere = 9.0 if isinstance(make(), LateBall) else np.nan
+    np.testing.assert_array_equal(lost, corrected(nowhere, False))
+    assert np.abs(lost - corrected(0.01, True)).max() > 1e-6
+    assert lost[[2, 6]].all() == getattr(make(), "plate_observer", True)
 
 
 @EVERY

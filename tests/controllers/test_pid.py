@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from controllers.analysis.loops import linear_law
+from controllers.analysis import linear_law
 from controllers.ballplate import BallPlate
 from controllers.linear import Pid
 from controllers.references.figures import Hold

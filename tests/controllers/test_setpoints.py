@@ -72,20 +72,3 @@ def test_many_times_are_worked_out_in_blocks(monkeypatch):
     at_once = path(TIMES)
     monkeypatch.setattr("controllers.references.setpoints.BLOCK", 100)
     assert (path(TIMES) == at_once).all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"points": ()}, "at least one goal"),
-        ({"points": ((0, 0, 0), (0, 1, 1))}, "points must rise in time, got 0 and 0 s"),
-        ({"points": ((0, 0),)}, "points must be lists of 3 finite numbers"),
-        ({"points": ((0, np.nan, 0),)}, "finite"),
-        ({"time_constant": 0}, "positive"),
-        ({"before": {"kind": "setpoints"}}, "before: no reference 'setpoints'"),
-        ({"before": {"kind": "circle", "radius": 1}}, "before: .*radius"),
-    ],
-)
-def test_what_is_wrong_is_named(settings, said):
-    with pytest.raises(ValueError, match=said):
-        Setpoints(**settings)

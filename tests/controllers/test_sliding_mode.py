@@ -32,7 +32,7 @@ def psi(s, ds, d2s, d3s, betas, epsilon):
     return sigmoid(d3s + b3 * (d2s**6 + ds**4 + abs(s) ** 3) ** (1 / 12) * psi2)
 
 
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(x=states, t=times, betas=st.tuples(*[st.floats(0.1, 5)] * 3), epsilon=st.floats(0.01, 1))
 def test_the_input_is_the_nested_sigmoid_with_opposite_signs_for_x_and_y(x, t, betas, epsilon):
     u = SlidingMode(alpha=1.5, betas=betas, epsilon=epsilon).control(t, x, PATH, NOTHING)
@@ -44,7 +44,7 @@ def test_the_input_is_the_nested_sigmoid_with_opposite_signs_for_x_and_y(x, t, b
     np.testing.assert_allclose(u, expected, rtol=1e-9, atol=1e-12)
 
 
-@settings(max_examples=100)
+@settings(max_examples=25)
 @given(x=states, t=times, alpha=st.floats(0.1, 7))
 def test_the_input_never_exceeds_alpha(x, t, alpha):
     assert (np.abs(SlidingMode(alpha=alpha).control(t, x, PATH, NOTHING)) < alpha).all()

@@ -1,5 +1,3 @@
-import copy
-
 import numpy as np
 import pytest
 
@@ -77,13 +75,6 @@ def test_perfect_model_without_noise_takes_the_dead_time_away_entirely(kind, del
     assert follow(observer, plant, delay, 150).max() < 1e-12
 
 
-def test_ball_moves_meanwhile():
-    plant = Plant(Luenberger(), start())
-    for tick in range(150):
-        plant.advance(swing(tick))
-    assert np.abs(plant.ball(0.042) - plant.x[:, 0::4]).max() > 1e-3
-
-
 def test_position_waiting_for_the_next_frame_is_taken_for_as_old_as_it_is():
     observer, plant = Smith(observer=Luenberger()), Plant(Luenberger(), start(3))
     observer.start(plant.x)
@@ -144,79 +135,6 @@ def test_error_from_a_wrong_start_runs_through_a_loop_with_the_dead_time_in_it(d
     np.testing.assert_allclose(rate, slowest, rtol=0.1, atol=0.02)
 
 
-def error_poles(observer, delay=0.0):
-    """Poles of an observer's error about the level plate when the ball is seen a dead time late.
-
-    Without a dead time the poles of A (I - L C); with one, behind a Smith predictor, those of
-
-        e[k] = (I - L_p C_p) A e[k-1] - L_b C_b e[k-n],
-
-    n periods being the dead time, rounded, and p, b the measurements of plate and ball. A and L are
-    found by giving the observer small states and measurements, so it may be any.
-
-    Poles in 1/s, the slowest first; a positive one is unstable.
-    """
-    probe, small, y = copy.copy(observer), 1e-6, np.zeros((8, 4))
-    age, touched = np.zeros(8), np.ones(8, dtype=bool)
-    probe.start(small * np.eye(8))
-    probe.predict(np.zeros((8, 2)))
-    A = probe.x.T / small
-    probe.start(np.zeros((8, 8)))
-    y[:4] = small * np.eye(4)
-    L = probe.correct(Measurement(0.0, y, age, touched))[:4].T / small
-    C = np.eye(8)[0::2]
-    now, late = np.eye(8) - L[:, 1::2] @ C[1::2], L[:, 0::2] @ C[0::2]
-    n = round(delay / observer.period)
-    step = np.eye(8 * max(n, 1), k=-8)
-    step[:8] = 0
-    step[:8, :8] = (now if n else now - late) @ A
-    if n:
-        step[:8, -8:] -= late
-    modes = np.linalg.eigvals(step)
-    poles = np.log(modes[np.abs(modes) > 1e-12].astype(complex)) / observer.period
-    return poles[np.argsort(-poles.real)]
-
-
-@pytest.mark.parametrize("delay", [0.002, 0.01, 0.042])
-def test_error_poles_are_those_of_the_loop_with_the_dead_time_in_it(delay):
-    inner = Luenberger()
-    modes = np.linalg.eigvals(delayed_error_step(inner, round(delay / T)))
-    expected = np.log(np.abs(modes).max()) / T
-    assert error_poles(inner, delay)[0].real == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("kind", [Luenberger, NonlinearLuenberger])
-def test_error_poles_without_a_dead_time_are_those_designed(kind):
-    observer = kind(poles=(-8, -10, -14, -16))
-    expected = np.repeat([-8, -10, -14, -16], 2)
-    np.testing.assert_allclose(error_poles(observer), expected, rtol=1e-5)
-
-
-def test_error_poles_of_the_extended_kalman_filter_are_the_kalman_filters():
-    np.testing.assert_allclose(
-        error_poles(ExtendedKalman()).real, error_poles(Kalman()).real, rtol=1e-4
-    )
-
-
-@pytest.mark.parametrize("kind", MODELS)
-def test_every_observer_as_it_comes_bears_the_dead_time_of_the_screen(kind):
-    assert error_poles(kind(), 0.042)[0].real < 0
-
-
-@pytest.mark.parametrize(
-    ("kind", "longest"), [(Luenberger, 0.056), (NonlinearLuenberger, 0.026)], ids=["8.1", "flat"]
-)
-def test_poles_of_8_1_bear_a_dead_time_so_long_and_no_longer(kind, longest):
-    observer = kind(poles=(-8, -10, -14, -16))
-    assert error_poles(observer, longest)[0].real < 0
-    assert error_poles(observer, longest + T)[0].real > 0
-
-
-def test_poles_of_8_1_are_left_with_a_damping_of_a_fifth_at_42_ms():
-    slowest = error_poles(Luenberger(), 0.042)[0]
-    assert -slowest.real / np.abs(slowest) == pytest.approx(0.2, abs=0.01)
-
-
 @pytest.mark.parametrize(("age", "touched"), [(0.0, False), (0.2, True)])
 def test_ball_not_felt_or_too_long_ago_corrects_nothing_but_the_plate_still_does(age, touched):
     inner = Luenberger()
@@ -243,30 +161,3 @@ def test_measurement_is_not_written_to():
     y = np.ones((2, 4))
     observer.correct(Measurement(0.0, y, np.zeros(2), np.ones(2, bool)))
     np.testing.assert_array_equal(y, 1)
-
-
-@pytest.mark.parametrize("framed", [False, True])
-def test_batch_gives_each_rig_what_it_gets_alone(framed):
-    rng = np.random.default_rng(3)
-    y, u = rng.normal(size=(50, 2, 3, 4)), rng.normal(size=(50, 2, 3, 2))
-    age = rng.uniform(0, 0.017, (50, 2, 3)) * framed
-
-    def final(rig):
-        observer = Smith(observer=Luenberger(), delay=0.013)
-        observer.start(np.zeros((*y[0][rig].shape[:-1], 8)))
-        for tick in range(50):
-            touched = np.ones(age[tick][rig].shape, bool)
-            observer.correct(Measurement(0.0, y[tick][rig], age[tick][rig], touched))
-            observer.predict(u[tick][rig])
-        return observer.x
-
-    together = final(...)
-    for rig in np.ndindex(2, 3):
-        np.testing.assert_allclose(together[rig], final(rig), rtol=1e-11, atol=1e-13)
-
-
-def test_model_and_period_are_the_observers():
-    inner = Luenberger(period=0.005)
-    observer = Smith(observer=inner)
-    assert observer.model is inner.model
-    assert observer.period == 0.005

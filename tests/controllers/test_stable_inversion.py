@@ -148,8 +148,3 @@ def test_a_ball_that_starts_beside_its_path_is_led_to_it():
     plan = InversePlan(StableInversion(), x, Hold(), T)
     np.testing.assert_allclose(plan.at(0.0).position[0], [0.1, -0.05], atol=1e-6)
     np.testing.assert_allclose(plan.at(1.5).position[0], 0.0, atol=1e-9)
-
-
-def test_the_flat_output_must_have_a_weight():
-    with pytest.raises(ValueError, match="positive weight of eta"):
-        StableInversion(Q=(0, 1, 1, 1))

@@ -3,7 +3,7 @@ import pytest
 
 from controllers.catalog import catalog
 from controllers.controller import Controller, SampledReference
-from controllers.interfaces import Law, Measurement, Observer, Reference
+from controllers.interfaces import Measurement, Observer
 from controllers.linear import LQR
 from controllers.references import Circle, Hold
 from twin.run.assemble import build_controller
@@ -16,16 +16,6 @@ PERIOD = 0.002
 def measurement(tick, y, state=None):
     rigs = y.shape[:-1]
     return Measurement(tick * PERIOD, y, np.zeros(rigs), np.ones(rigs, bool), state)
-
-
-def test_every_law_observer_and_reference_of_the_thesis_is_found_by_name():
-    assert {"pole_placement", "lqr", "feedforward", "afl", "afl_integral", "backstepping"} < set(
-        catalog(Law)
-    )
-    assert {"luenberger", "kalman", "nonlinear_luenberger", "ekf", "ideal"} <= set(
-        catalog(Observer)
-    )
-    assert {"hold", "step", "sine", "circle", "lissajous", "path"} <= set(catalog(Reference))
 
 
 def test_the_requested_rate_is_the_integral_of_the_laws_acceleration():

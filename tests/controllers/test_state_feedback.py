@@ -6,7 +6,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from controllers.ballplate import BallPlate
 from controllers.linear import LQR, PolePlacement
-from controllers.references import Hold, Sine
+from controllers.references import Sine
 
 A, B, _ = BallPlate().linear()
 NOTHING = np.zeros(0)
@@ -81,14 +81,6 @@ def test_rho_and_kappa_are_the_weights_of_the_thesis(rho, kappa):
     np.testing.assert_allclose(LQR(rho=rho, kappa=kappa).K, LQR(Q=Q).K, rtol=1e-12, atol=1e-9)
 
 
-@settings(max_examples=40)
-@given(rho=weight, kappa=st.floats(0.01, 10.0))
-def test_the_gain_on_the_position_is_the_root_of_rho(rho, kappa):
-    # The last coefficient of the return difference identity, s -> 0.
-    K = LQR(rho=rho, kappa=kappa).K
-    np.testing.assert_allclose((K[0, 0], -K[1, 4]), np.sqrt(rho), rtol=1e-6)
-
-
 @pytest.mark.parametrize("law", [PolePlacement(), LQR()], ids=["pole_placement", "lqr"])
 def test_the_axes_do_not_act_on_each_other(law):
     np.testing.assert_allclose(law.K[0, 4:], 0, atol=1e-9)
@@ -105,47 +97,3 @@ def test_the_reference_state_is_the_one_asked_for(kind):
         desired[[1, 5]] = r[1]
     x = np.random.default_rng(3).normal(size=8)
     np.testing.assert_allclose(law.control(t, x, path, NOTHING), -law.K @ (x - desired))
-
-
-def test_a_ball_at_rest_on_its_point_needs_no_input():
-    x = np.zeros(8)
-    x[[0, 4]] = 0.1, -0.05
-    assert not LQR().control(0.0, x, Hold(x=0.1, y=-0.05), NOTHING).any()
-
-
-@pytest.mark.parametrize(
-    ("poles", "said"),
-    [
-        ((-1, -2, -3), "poles must be 4 or 8 numbers, got 3"),
-        ((-1, -2, -3, -4, -5), "poles must be 4 or 8 numbers, got 5"),
-        ((-1, -2, -3, 0.5), "poles must have a negative real part, got 0.5"),
-        ((-1, -2, -3, 0), "poles must have a negative real part, got 0"),
-        ((-1, -2, -3, float("nan")), "poles must have a negative real part, got nan"),
-        ((-1, -2, -3 + 1j, -3 + 1j), "poles must come in conjugate pairs"),
-        ((-1, -2, -3, "fast"), "poles must be numbers"),
-    ],
-    ids=str,
-)
-def test_poles_that_cannot_be_are_refused(poles, said):
-    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
-        PolePlacement(poles=poles)
-
-
-def test_a_pair_must_not_be_split_between_the_axes():
-    with pytest.raises(ValueError, match="conjugate"):
-        PolePlacement(poles=(-2 + 1j, -2, -3, -4, -2 - 1j, -2, -3, -4))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"Q": (0, 1, 1, 1, 1, 1, 1, 1)}, "Q .* leaves a motion without control"),
-        ({"Q": (0,) * 8}, "Q .* leaves a motion without control"),
-        ({"Q": (1,) * 8, "rho": 100}, "Q replaces rho and kappa"),
-        ({"reference": "angle"}, 'reference must be "position" or "velocity"'),
-    ],
-    ids=str,
-)
-def test_weights_that_cannot_be_are_refused(wrong, said):
-    with pytest.raises(ValueError, match=rf"\A{said}.*\Z"):
-        LQR(**wrong)

@@ -67,7 +67,7 @@ def test_rigs_with_paths_of_their_own_get_what_each_gets_alone():
     def commands(path, x):
         plan, found = law.start(0 * x, path, T), []
         still = np.zeros((*x.shape[:-1], 2))
-        for tick in range(700):
+        for tick in range(300):
             now = Feedback(tick * T, x, x, still[..., :0], still, still, path, still[..., :0], plan)
             found.append(law.command(now))
         return np.array(found)

@@ -6,12 +6,10 @@ from dataclasses import fields
 import pytest
 
 from twin.devices.akd.conditions import RELAXED
-from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig, MonitorConfig
+from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.lumio.config import PlausibilityLimits
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.serve import EmulatedPlant
 from twin.errors import ScenarioError
-from twin.run.assemble import build_limits
 from twin.scenario.rig import check_rig
 
 TOUCH = {"touch": {"port": "x"}}
@@ -107,11 +105,8 @@ def test_the_load_of_the_bus_is_that_of_its_frames(bitrate, period, load):
 
 
 def test_every_run_is_warned_of_a_relaxed_net(scenario):
-    chosen = scenario("plant.kind=lagrange")
-    plant = EmulatedPlant(chosen)
-    limits = build_limits(chosen.rig.limits)
     words = rig(drives={"silence": 0.5}).relaxed(0.002)
-    made = LockstepRig(plant, transmission=plant.transmission, limits=limits, relaxed=words)
+    made = LockstepRig.of(scenario("plant.kind=lagrange"), relaxed=words)
     for _ in range(2):
         with made:
             made.read()
@@ -120,7 +115,3 @@ def test_every_run_is_warned_of_a_relaxed_net(scenario):
         assert [note.text for note in told] == [
             "rig file: safety net relaxed: drives.silence = 0.5 (default 0.06)"
         ]
-
-
-def test_an_axis_without_units_is_as_good_as_one_with_them():
-    assert AxisConfig(name="phi", node=1).limit_unit is None

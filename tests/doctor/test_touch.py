@@ -22,9 +22,7 @@ from twin.doctor.touch import (
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
-from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError, TwinError
-from twin.run.assemble import build_limits
 from twin.scenario.rig import check_rig
 
 SERIAL = (Protocol.MICROTOUCH, Protocol.ELO)
@@ -32,7 +30,8 @@ SERIAL = (Protocol.MICROTOUCH, Protocol.ELO)
 
 def config(emulated, **options):
     transport = "serial" if emulated.protocol in SERIAL else "hidraw"
-    return LumioConfig(port=str(emulated.path), transport=transport, **options)
+    spoken = {"protocol": str(emulated.protocol), **options}
+    return LumioConfig(port=str(emulated.path), transport=transport, **spoken)
 
 
 @pytest.mark.long
@@ -42,7 +41,6 @@ def config(emulated, **options):
     [
         (Protocol.MICROTOUCH, "elo"),
         (Protocol.ELO, "microtouch"),
-        (Protocol.HID_0006, "hid-0007"),
     ],
 )
 def test_a_protocol_set_wrongly_is_answered_with_the_one_that_the_bytes_look_like(spoken, set_to):
@@ -68,10 +66,8 @@ def test_a_screen_that_sends_nothing_is_told_apart_from_one_that_is_not_understo
 
 
 def test_a_rig_switched_on_with_a_wrong_protocol_says_which_one_is_spoken(scenario):
-    plant = EmulatedPlant(scenario())
-    limits = build_limits(scenario().rig.limits)
     wrong = LumioConfig(port="emulated", protocol="elo")
-    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits, touch=wrong)
+    rig = LockstepRig.of(scenario(), touch=wrong)
     with pytest.raises(RigError, match="the bytes are of microtouch, not of elo"):
         rig.__enter__()
 

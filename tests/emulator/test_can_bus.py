@@ -85,7 +85,6 @@ def test_the_same_seed_does_the_same_damage():
     for _ in range(2):
         faults = BusFaults(seed=3)
         faults.drop(share=0.3)
-        faults.corrupt(bits=2)
         made.append(frames(faults))
     assert made[0] == made[1]
     assert 50 < sum(bool(each) for each in made[0]) < 90

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.serve import BEGIN, EmulatedPlant, VirtualRig, follow_changes
-from twin.run.assemble import build_controller, build_limits
+from twin.emulator.serve import BEGIN, VirtualRig, follow_changes
+from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import load
@@ -15,10 +15,8 @@ AT = 0.4
 
 def measured(change):
     scenario = load("circle", ["duration=0.8", f"change={change}"])
-    plant = EmulatedPlant(scenario)
-    limits = build_limits(scenario.rig.limits)
-    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
-    follow_changes(rig, scenario, plant.transmission, plant.begin)
+    rig = LockstepRig.of(scenario)
+    follow_changes(rig, scenario, rig.plant.transmission, rig.plant.begin)
     record = Recorder(400, 1, rig.period)
     drive(rig, build_controller(scenario), scenario.duration, record)
     return record["measured"][:, 0]

@@ -2,16 +2,15 @@
 
 import ast
 import multiprocessing
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+import twin.devices
 import twin.emulator
-from twin.cli.emulate import emulate
+from twin.cli.rig import emulate
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
 from twin.emulator.process import Emulator, emulated
@@ -43,19 +42,9 @@ def test_the_emulated_drives_share_no_reading_of_the_protocol_with_the_host(file
     assert modules <= (HOST_SIDE if file.stem == "lockstep" else set())
 
 
-@pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
-def test_no_module_needs_a_posix_system_to_be_imported(file):
-    assert not POSIX & set(imported(file, everywhere=False))
-
-
-@pytest.mark.long
-def test_without_pseudo_terminals_everything_but_the_ports_can_be_imported():
-    names = [f"twin.emulator.{file.stem}" for file in FILES if file.stem != "__init__"]
-    code = "import sys; sys.modules['pty'] = sys.modules['tty'] = None; import " + ", ".join(names)
-    done = subprocess.run(
-        [sys.executable, "-c", code], check=False, capture_output=True, text=True, env=os.environ
-    )
-    assert done.returncode == 0, done.stderr
+def test_no_module_of_emulator_or_devices_needs_a_posix_system_to_be_imported():
+    files = [*FILES, *Path(twin.devices.__file__).parent.rglob("*.py")]
+    assert [each for each in files if POSIX & set(imported(each, everywhere=False))] == []
 
 
 @pytest.mark.parametrize(

@@ -7,23 +7,16 @@ import pytest
 
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import FRAME
-from twin.emulator.serve import EmulatedPlant
 from twin.hal.supervisor import State
-from twin.run.assemble import build_controller, build_limits
+from twin.run.assemble import build_controller
 from twin.run.finished import run
 from twin.run.loop import Ending, drive
 from twin.run.record import Recorder
 from twin.scenario import load
 
 
-def in_lockstep(chosen):
-    plant = EmulatedPlant(chosen)
-    limits = build_limits(chosen.rig.limits)
-    return LockstepRig(plant, transmission=plant.transmission, limits=limits, seed=chosen.seed)
-
-
 def tracked(chosen):
-    rig, controller = in_lockstep(chosen), build_controller(chosen)
+    rig, controller = LockstepRig.of(chosen), build_controller(chosen)
     record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
     (outcome,) = drive(rig, controller, chosen.duration, record)
     return rig, record, outcome
@@ -59,7 +52,7 @@ def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeyp
     def interrupt(_):
         raise KeyboardInterrupt
 
-    rig = in_lockstep(scenario("plant.kind=lagrange"))
+    rig = LockstepRig.of(scenario("plant.kind=lagrange"))
     monkeypatch.setattr(rig, "_anchor", MethodType(interrupt, rig))
     with pytest.raises(KeyboardInterrupt), rig:
         pass
@@ -85,7 +78,7 @@ def test_over_a_minute_the_wire_costs_less_than_a_point_of_tracking_error():
 
 def true_error_percent(chosen, missing=0.0):
     """e_tt of the true ball over the wire, a share of the periods overslept by up to 6 ms."""
-    rig, controller = in_lockstep(chosen), build_controller(chosen)
+    rig, controller = LockstepRig.of(chosen), build_controller(chosen)
     rng, ball = np.random.default_rng(0), []
 
     def keep(tick, measurement):
@@ -120,7 +113,9 @@ def test_a_computer_that_misses_periods_costs_the_cure_hardly_anything():
 
 
 def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
-    plant = in_lockstep(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
+    plant = LockstepRig.of(
+        scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")
+    ).plant
     found = []
     for _ in range(400):
         plant.advance(FRAME)

@@ -16,9 +16,8 @@ from contextlib import contextmanager
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.emulate import toml
-from twin.cli.export import export
-from twin.cli.report import report
+from twin.cli.look import export, report
+from twin.cli.rig import toml
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.process import emulated
 from twin.emulator.serve import TICK, VirtualRig

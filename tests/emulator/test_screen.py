@@ -1,5 +1,3 @@
-import os
-import select
 import time
 
 import pytest
@@ -19,18 +17,10 @@ SOON = {"frame": 0.004, "dead_time": 0.01}
 """A screen that looks four times as often as a real one and tells at once."""
 
 
-def listen(screen, seconds, handle=None):
-    """Bytes and arrival times read from a screen's port."""
-    port = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY) if handle is None else handle
-    parts, end = [], time.monotonic() + seconds
-    try:
-        while (left := end - time.monotonic()) > 0:
-            if select.select([port], [], [], left)[0]:
-                parts.append((time.monotonic(), os.read(port, 4096)))
-    finally:
-        if handle is None:
-            os.close(port)
-    return parts
+def said(line, begin, end):
+    """Portions of bytes and their times, looked for every millisecond of made-up time."""
+    times = [begin + 0.001 * k for k in range(round(1000 * (end - begin)))]
+    return [(now, part) for now in times for part in line.step(now)]
 
 
 def test_format_tablet_of_the_middle_of_the_screen_is_what_the_manual_says():
@@ -61,55 +51,35 @@ def test_six_contacts_take_two_reports_as_recorded():
     assert second[12:] == bytes(13)
 
 
-def test_no_ball_no_bytes():
-    with emulate(list, **SOON) as screen:
-        assert listen(screen, 0.06) == []
-
-
-def test_a_ball_beside_the_screen_is_not_felt():
-    with emulate(lambda: [(0.36, 0.0)], **SOON) as screen:
-        assert listen(screen, 0.06) == []
+@pytest.mark.parametrize("balls", [[], [(0.36, 0.0)]], ids=["none", "beside"])
+def test_what_does_not_touch_the_screen_is_not_felt(balls):
+    assert said(ScreenLine(lambda: balls, **SOON), 0.0, 0.1) == []
 
 
 def test_a_ball_that_leaves_gives_exactly_one_lift_off_at_its_last_place():
     balls = [(0.0, 0.0)]
-    with emulate(lambda: balls, protocol=Protocol.HID_0007, **SOON) as screen:
-        handle = os.open(screen.path, os.O_RDONLY | os.O_NOCTTY)
-        listen(screen, 0.08, handle)
-        balls.clear()
-        data = b"".join(part for _, part in listen(screen, 0.08, handle))
-        os.close(handle)
-    reports = [data[at : at + 8] for at in range(0, len(data), 8)]
+    line = ScreenLine(lambda: balls, protocol=Protocol.HID_0007, **SOON)
+    said(line, 0.0, 0.08)
+    balls.clear()
+    reports = [part for _, part in said(line, 0.08, 0.16)]
     assert [report[0] for report in reports].count(0x30) == 1
     assert reports[-1][0] == 0x30
     assert len({report[1:] for report in reports}) == 1
 
 
 def test_bytes_never_come_faster_than_the_line_carries_them():
-    with emulate(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800) as screen:
-        screen.inject(ScreenFault.FLOOD, 2.0)
-        parts = listen(screen, 0.4)
+    line = ScreenLine(lambda: [(0.0, 0.0)], protocol=Protocol.ELO, baud=4800)
+    line.damage.inject(ScreenFault.FLOOD, 2.0)
+    parts = said(line, 0.0, 1.0)
     total = sum(len(part) for _, part in parts[1:])
-    assert total > 100
-    # A screen that is kept waiting sends what is overdue at once: hence the tenth of a second.
-    assert parts[-1][0] - parts[0][0] >= total * 10 / 4800 - 0.1
+    assert total > 300
+    assert parts[-1][0] - parts[0][0] >= total * 10 / 4800 - 0.001
 
 
 def test_nothing_arrives_before_the_dead_time_is_over():
-    began = []
-
-    def ball():
-        began.append(time.monotonic())
-        return [(0.0, 0.0)]
-
-    with emulate(ball, dead_time=0.1) as screen:
-        parts = listen(screen, 0.2)
-    data = b"".join(part for _, part in parts)
-    assert len(data) >= 5
-    arrived = next(
-        when for n, (when, _) in enumerate(parts) if sum(len(p) for _, p in parts[: n + 1]) >= 5
-    )
-    assert arrived - began[0] >= 0.1 - 1e-3
+    parts = said(ScreenLine(lambda: [(0.0, 0.0)], dead_time=0.1), 0.0, 0.2)
+    ends = [now for n, (now, _) in enumerate(parts) if sum(len(p) for _, p in parts[: n + 1]) >= 5]
+    assert ends[0] == pytest.approx(0.1, abs=0.0015)
 
 
 def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():

@@ -1,4 +1,3 @@
-import os
 import re
 import time
 from contextlib import contextmanager
@@ -8,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.devices.akd import conditions as c
-from twin.devices.akd.bus import PromptSlcanBus, open_bus
+from twin.devices.akd.bus import open_bus
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
@@ -121,46 +120,6 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
     assert re.fullmatch(rb"(t[0-7][0-9A-F]{2}[0-8]([0-9A-F]{2})*\r)*", adapter.heard())
 
 
-def play(port, host, data):
-    """Write to the host, and wait until all of it is there: it is handed over in pieces."""
-    os.write(port.handle, data)
-    end = time.monotonic() + 10.0
-    while host.serialPortOrig.in_waiting < len(data):
-        assert time.monotonic() < end, f"of {data!r} not all arrived"
-        time.sleep(1e-4)
-
-
-@given(st.lists(st.binary(max_size=40), max_size=6))
-@settings(max_examples=40)
-def test_the_host_takes_any_bytes_of_an_adapter(chunks):
-    with SlcanPort(EmulatedBus([])) as port, open_bus(config(port)) as host:
-        for chunk in chunks:
-            play(port, host, chunk)
-            while (message := host.recv(0)) is not None:
-                assert len(message.data) <= 8
-
-                assert message.is_error_frame or 0 <= message.arbitration_id <= 0x7FF
-
-
-NO_FRAMES = b"t1811G0 t18 t18132B x t1812ABCDEF F1 t-120 t+120 t1_20 tFFF0 t8000 t123+"
-
-
-@pytest.mark.parametrize("line", [*NO_FRAMES.split(), b"t 120", b"t12 0", b"t1819" + b"00" * 9])
-def test_a_line_that_is_no_frame_is_counted_not_believed(port, line):
-    with open_bus(config(port)) as host:
-        play(port, host, line + b"\r" + b"t18222B3C\r")
-        message = host.recv(0)
-        assert (message.arbitration_id, bytes(message.data)) == (0x182, b"\x2b\x3c")
-        assert host.unreadable_lines == 1
-
-
-def test_frames_behind_acknowledgements_are_all_drained(port):
-    with open_bus(config(port)) as host:
-        play(port, host, b"z\rt1810\rz\r\rt1820\rz\r")
-        found = [host.recv(0) for _ in range(3)]
-        assert [each and each.arbitration_id for each in found] == [0x181, 0x182, None]
-
-
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
     with BusServer(bus, port) as server, servos_on(port) as servos:
@@ -199,28 +158,6 @@ def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
             cause(port, bus)
         seen = run(servos, 2.0, condition)
         assert condition in seen, [each.name for each in seen]
-
-
-@pytest.mark.real_time
-def test_after_replugging_a_new_start_goes_on(bus, port):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
-        servos.start()
-        with server.lock:
-            port.unplug()
-        assert c.ADAPTER_GONE in run(servos, 1.0, c.ADAPTER_GONE)
-        servos.stop()
-        with server.lock:
-            port.replug()
-        servos.start()
-        for _ in range(50):
-            servos.receive()
-            servos.send()
-            servos.settle(0.002)
-        servos.reset_faults()
-        run(servos, 0.1)
-        servos.enable()
-        run(servos, 5.0, until=lambda: servos.enabled)
-        assert servos.enabled
 
 
 @pytest.mark.long
@@ -266,18 +203,3 @@ def test_nothing_is_left_open_when_no_drive_answers(port):
     with pytest.raises(DriveError), BusServer(EmulatedBus([]), port):
         AkdServos(AkdConfig(bus=config(port)), opener=opener).start()
     assert not opened[0].serialPortOrig.is_open
-
-
-NEARLY = st.from_regex("[0-9A-F+_ -]{3}[0-9]([0-9A-F]{2}){0,9}", fullmatch=True)
-
-
-@pytest.mark.long
-@given(line=NEARLY | st.text(alphabet="0123456789ABCDEFabcdef+-_ xtFrzZ", max_size=12))
-@settings(max_examples=300)
-def test_only_what_an_adapter_writes_is_a_frame(line):
-    host = PromptSlcanBus.__new__(PromptSlcanBus)
-    host.unreadable_lines, host._is_shutdown = 0, True
-    message = host._decode(f"t{line}".encode())
-    written = re.fullmatch("([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)", line)
-    stamped = written and len(written[3]) in {2 * int(written[2]), 2 * int(written[2]) + 4}
-    assert (message is not None) == bool(stamped)

@@ -5,19 +5,13 @@ import pytest
 
 from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace
-from twin.emulator.serve import EmulatedPlant
-from twin.run.assemble import build_limits
 
 RPDO1 = 0x201
 
 
 @pytest.fixture
 def rig(scenario):
-    chosen = scenario()
-    plant = EmulatedPlant(chosen)
-    return LockstepRig(
-        plant, transmission=plant.transmission, limits=build_limits(chosen.rig.limits)
-    )
+    return LockstepRig.of(scenario())
 
 
 def turn(rig, seconds, rate=0.3):
@@ -86,18 +80,3 @@ def test_a_host_that_hangs_does_nothing_for_that_time_once(rig):
         rig.wait()
         assert rig.now() - begin < 0.005
         turn(rig, 0.02)
-
-
-def test_overwritten_bytes_of_a_frame_arrive_and_the_others_as_they_were(rig):
-    drive = rig.lockstep.drives[0]
-    with rig:
-        turn(rig, 0.05, 0.3)
-        rig.lockstep.bus.faults.overwrite(RPDO1, at=2, data=bytes(4))
-        turn(rig, 0.02, 0.3)
-        assert drive.enabled
-        assert drive.rate == 0
-        rig.lockstep.bus.faults.clear()
-        rig.lockstep.bus.faults.overwrite(RPDO1, at=0, data=b"\x06\x00")
-        turn(rig, 0.02, 0.3)
-        assert drive.state is Power.READY
-        assert drive.store.get(0x60FF) == rig.servos.axes[0].config.velocity.counts32(0.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.explain import explain as command
+from twin.cli.understand import explain as command
 from twin.explain.attribution import (
     ALL,
     NONE,

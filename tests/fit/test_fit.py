@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.fit import fit as command
+from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
-from twin.fit.fit import Descent, Search, bootstrap, correlation, estimates, fit, searched
+from twin.fit.fit import bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, Runs, cells, rounded
-from twin.fit.schema import UNITS, FitTable, FittedParameter, read, shipped
+from twin.fit.schema import UNITS, FitTable, FittedParameter, read
 from twin.run.batch import simulate
 from twin.run.metrics import Metrics
+from twin.shipped import shipped_in
 from twin.study.experiments import Store
 from twin.study.schema import METRICS
 
@@ -151,8 +152,6 @@ def test_the_command_writes_a_page_and_prints_json(made, folder):
         ('name = "fast"', 'name = "slow"', "two of them are called 'slow'"),
         ('unit = "mm"', 'groups = ["z"]', "no 'z'"),
         ("plant.friction.rolling_mm", "plant.friction.roling_mm", "roling_mm"),
-        ("high = 0.4", "high = -0.4", "empty range"),
-        ("title", "titel", "titel: unknown key"),
     ],
 )
 def test_a_mistake_in_a_table_is_one_line(made, folder, old, new, message):
@@ -262,21 +261,18 @@ def bowl(parameters=("p", "q")):
 
 def test_both_searches_find_the_bottom_of_a_formula():
     table = bowl()
-    search = Search(table, cells(table), 1)
-    searched([search], Bowl(table))
-    assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
-    descent = Descent(table, cells(table), (1.5, 1.5))
-    searched([descent], Bowl(table))
-    assert descent.best == pytest.approx((0.5, 0.7), abs=0.02)
+    for search in (wide(table, cells(table), 1), descent(table, cells(table), (1.5, 1.5))):
+        searched([search], Bowl(table))
+        assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
 
 
 def test_the_shipped_tables_can_be_run(folder):
-    for name in shipped():
+    for name in shipped_in("fits"):
         about = read(name)
         middle = tuple((p.low + p.high) / 2 for p in about.parameters.values())
         runs = Runs(about, Store(folder / "runs"))
         assert all(runs.scenario(middle, each) for each in about.experiments)
-    assert len(shipped()) > 0
+    assert len(shipped_in("fits")) > 0
 
 
 def test_a_sample_is_rounded_to_what_is_printed():

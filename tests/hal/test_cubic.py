@@ -4,13 +4,14 @@ from math import factorial
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
 from twin.hal.cams import cubic
 
 
+@settings(max_examples=25)
 @given(n=st.integers(4, 40), seed=st.integers(0, 2**32 - 1))
 def test_pieces_are_those_of_scipys_spline(n, seed):
     random = np.random.default_rng(seed)

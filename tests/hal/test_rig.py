@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.serve import EmulatedPlant
 from twin.hal.rig import Rig
 from twin.hal.supervisor import State
-from twin.run.assemble import assemble, build_limits
+from twin.run.assemble import assemble
 
 QUIET = (
     "sensors.touch.dead_time=0",
@@ -26,9 +25,7 @@ def build(kind, scenario):
     """Two simulated rigs, or one of the hardware's kind on emulated devices."""
     if kind != "emulated":
         return assemble([scenario(f"plant.kind={kind}", *QUIET)] * 2).rig
-    chosen = scenario("plant.kind=mujoco", *QUIET)
-    plant, limits = EmulatedPlant(chosen), build_limits(chosen.rig.limits)
-    return LockstepRig(plant, transmission=plant.transmission, limits=limits)
+    return LockstepRig.of(scenario("plant.kind=mujoco", *QUIET))
 
 
 @pytest.fixture(params=[*SIMULATED, "emulated"])

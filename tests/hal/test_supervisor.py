@@ -10,7 +10,7 @@ from twin.hal.supervisor import Event, State, Supervisor
 PERIOD = 0.002
 LIMITS = Limits()
 FELT = np.array([True])
-WISHES = arrays(float, (60, 2, 2), elements=st.floats(-50, 50))
+WISHES = arrays(float, (20, 2, 2), elements=st.floats(-50, 50))
 
 
 def running(rigs=2, limits=LIMITS):
@@ -39,13 +39,7 @@ def test_whatever_is_requested_the_commands_keep_angle_rate_and_acceleration_lim
             before = rate
 
 
-def test_a_wish_within_every_limit_passes_unchanged():
-    supervisor = running()
-    wish = np.array([[0.01, -0.005], [0.0, 0.012]])
-    assert np.array_equal(supervisor.clamp(wish), wish)
-
-
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(*[arrays(float, (3, 2), elements=st.floats(-r, r)) for r in (2.0, 0.65, 0.2)])
 def test_one_rig_is_clamped_to_the_bits_it_has_among_three(wish, rate, angle):
     clamp = Clamp(LIMITS, PERIOD)
@@ -53,18 +47,6 @@ def test_one_rig_is_clamped_to_the_bits_it_has_among_three(wish, rate, angle):
     for rig in range(3):
         mine = slice(rig, rig + 1)
         assert np.array_equal(clamp(wish[mine], rate[mine], angle[mine]), together[mine])
-
-
-def test_nothing_moves_before_the_explicit_start():
-    supervisor = Supervisor(LIMITS, PERIOD, 1)
-    wish = np.full((1, 2), 0.01)
-    assert not supervisor.clamp(wish).any()
-    supervisor.handle(Event.INITIALISE)
-    supervisor.powered(np.zeros((1, 2)))
-    assert supervisor.state[0] == State.READY
-    assert not supervisor.clamp(wish).any()
-    supervisor.handle(Event.START)
-    assert supervisor.clamp(wish).any()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -92,7 +74,7 @@ def test_a_ball_on_the_edge_of_area_and_margin_is_allowed():
     assert supervisor.state[0] == State.RUNNING
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(st.floats(-0.17, 0.17), st.floats(-0.17, 0.17))
 @example(0.17, -0.17)
 def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta):
@@ -107,14 +89,6 @@ def test_a_stopped_rig_levels_its_plate_whatever_the_controller_says(phi, theta)
     assert np.abs(supervisor.rate).max() < 1e-3
 
 
-def test_a_stopped_rig_stays_stopped_when_the_ball_returns():
-    supervisor = running(1)
-    supervisor.watch(measured((0.3, 0.0)), FELT)
-    supervisor.watch(measured((0.0, 0.0)), FELT)
-    supervisor.handle(Event.START)
-    assert supervisor.state[0] == State.HOLDING
-
-
 def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
     supervisor = running()
     for _ in range(20):
@@ -124,3 +98,5 @@ def test_a_fault_stops_the_plate_at_once_and_a_hold_does_not():
     rate = supervisor.clamp(np.full((2, 2), 0.2))
     assert rate[0].tolist() == [0.0, 0.0]
     assert (rate[1] > 0).all()
+    supervisor.handle(Event.SWITCH_OFF)
+    assert not supervisor.clamp(np.full((2, 2), 0.2)).any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +14,12 @@ from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import SERVO
 from twin.identify.plate_motion import Drives, fit_drives, servo_response
 from twin.identify.prepare import PreparedLog, Segment, paces, rests, speed
-from twin.identify.problem import Linearisation
+from twin.identify.problem import Linearisation, Problem
 from twin.identify.replay import PACE, STEP, AccelerationField, replay
 from twin.identify.report import parameters
+from twin.identify.search import _creeping, fit_starts
 from twin.identify.verdict import BOUNDED, IDENTIFIED, REJECTED, _ball, _servo, whiteness
+from twin.identify.windows import Windows
 from twin.scenario import load
 from twin.sim.drives import Hysteresis, Play, Resonance
 from twin.sim.plant.exact import ExactPlant
@@ -83,8 +86,13 @@ def test_where_angles_and_rates_give_two_lags_the_interval_holds_both_and_says_s
     assert "hold" in _servo(found).why or _servo(found).word == BOUNDED
 
 
-@pytest.mark.parametrize("correlated", [False, True])
-def test_residuals_of_noise_are_white_whatever_the_starts_took_of_them(correlated):
+@pytest.mark.parametrize(
+    ("correlated", "swing", "white"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.35, True),
+                                       (0.0, 0.7, False)],
+)  # fmt: skip
+def test_a_model_is_rejected_by_what_moves_together_in_its_residuals_unless_it_is_slight(
+    correlated, swing, white
+):
     rng, windows, bins = np.random.default_rng(4), 25, 60
     t = np.linspace(0, 1, bins)
     slope = np.zeros((bins, 2, 4))
@@ -92,8 +100,9 @@ def test_residuals_of_noise_are_white_whatever_the_starts_took_of_them(correlate
         slope[:, axis, axis], slope[:, axis, axis + 2] = 1e4, 1e4 * t
     Z = slope.reshape(-1, 4)
     r = rng.normal(size=(windows, bins, 2))
-    if correlated:
-        r = r + 0.5 * np.roll(r, 1, axis=1)
+    r = r + correlated * np.roll(r, 1, axis=1)
+    phase = rng.uniform(0, 2 * np.pi, (windows, 1, 2))
+    r = r + swing * np.sin(2 * np.pi * np.arange(bins)[:, None] / 20 + phase)
     r = r.reshape(windows, -1)
     r = r - r @ Z @ np.linalg.solve(Z.T @ Z, Z.T)
     by_start = np.broadcast_to(Z, (1, windows, *Z.shape))
@@ -101,7 +110,64 @@ def test_residuals_of_noise_are_white_whatever_the_starts_took_of_them(correlate
     seen = SimpleNamespace(weight=np.ones((windows, bins, 2)))
     problem = SimpleNamespace(windows=seen, misfit=lambda r: (r**2).mean(axis=-1))
     found = whiteness(SimpleNamespace(problem=problem, linearisation=line))
-    assert found.white != correlated
+    assert found.white == white
+    if swing:
+        assert found.outside > 3  # either is seen
+
+
+def test_windows_that_no_replay_explains_do_not_pull_the_fit_to_where_it_explains_none():
+    # misfits of the windows of a log of 40 s: of the truth, and of what the windows pulled it to
+    truth = [1.1, 1.1, 93.9, 1.1, 1, 1, 195.6, 78, 1.1, 1.2, 1.3, 1, 0.9, 1, 76.6, 1.1, 1]
+    pulled = [1.6, 2.3, 42, 1.4, 1.7, 1.3, 1.4, 14.4, 1.1, 3.9, 1.9, 11, 0.9, 1.9, 53, 1.3, 1.3]
+    seen = SimpleNamespace(size=np.full(17, 300))
+    problem = Problem(BallPlate(), seen, ())
+    each = [problem.cost(np.sqrt(300 * np.array(m))[None, :, None])[0] for m in (truth, pulled)]
+    assert each[0] < each[1]
+    # the weight is the slope of the cost, as steps of least squares take it
+    r = np.sqrt(300 * np.linspace(0.5, 9, 17))[None, :, None]
+    rise = (problem.cost(r * (1 + 1e-6)) - problem.cost(r))[0] / 2e-6
+    assert rise == pytest.approx((problem.weights(r) * r[..., 0] ** 2).sum(), rel=1e-4)
+
+
+def test_a_window_in_which_the_ball_creeps_at_first_is_told_from_one_in_which_it_rests():
+    model, names = BallPlate(), ("rolling", "breakaway", "delay", "level_phi", "level_theta")
+    rng, bins = np.random.default_rng(3), 60
+    holds = 2e-4 / model.radius  # the tilt at which a ball that rolls goes on
+    tilt = np.zeros((2, round(1.2 / STEP), 2))
+    tilt[..., 1] = -1.02 * holds
+    seen = np.tile(0.15 + 0.016 * np.arange(bins), (2, 1))
+    windows = Windows(
+        np.array([0.0, 2.0]), np.array([True, True]), np.zeros((2, 200)),
+        AccelerationField.of(model, tilt, np.zeros_like(tilt)),
+        seen, np.zeros((2, bins, 2)), np.full((2, bins, 2), 1 / 2e-4),
+    )  # fmt: skip
+    problem = Problem(model, windows, names)
+    theta, starts = np.array([[2e-4, 1.1, 0.04, 0.0, 0.0]]), np.zeros((4, 1, 2))
+    starts[3, 0, 1] = 0.008 * np.sign(windows.field.push[0, 1, 0, 1])
+    ball = windows.at_samples(*problem.replayed(theta, starts), np.full((1, 1), 0.04))[0][0]
+    assert np.ptp(ball, axis=1)[:, 1] == pytest.approx([0.0, 0.008], abs=0.002)
+    ball = ball + 2e-4 * rng.standard_normal(ball.shape)
+    problem = replace(problem, windows=replace(windows, ball=ball))
+    rested = fit_starts(problem, theta, problem.initial_starts(), 8)
+    assert _creeping(problem, theta, rested).tolist() == [False, True]
+
+
+def test_windows_that_agree_by_chance_give_no_interval_narrower_than_noise_does():
+    information = np.full((10, 1, 1), 4.0)
+    score = 1e-3 * np.random.default_rng(1).standard_normal((10, 1))
+    known = estimate(np.array([1.0]), information, score, np.array([[40.0]]))
+    assert known.half_width[0] == pytest.approx(1.96 / np.sqrt(40), rel=1e-3)
+    assert estimate(np.array([1.0]), information, score).half_width[0] < 1e-3
+
+
+def test_an_interval_that_two_of_many_windows_decide_knows_of_two():
+    score = np.random.default_rng(1).standard_normal((12, 1))
+    equal, few = (
+        estimate(np.array([1.0]), part[:, None, None], score).degrees_of_freedom[0]
+        for part in (np.ones(12), np.array([100.0, 100.0, *np.ones(10)]))
+    )
+    assert equal == pytest.approx(11)
+    assert few == pytest.approx(2.2, abs=0.05)
 
 
 def test_of_a_model_that_the_log_rejects_there_is_no_interval():

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.identify import identify as command
+from twin.cli.understand import identify as command
 from twin.identify.identify import identify
 from twin.identify.log import COLUMNS, read
 from twin.identify.parameters import DEFAULT

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.play import play
+from twin.cli.rig import play
 from twin.errors import ViewError
 from twin.play import serve
 from twin.play.page import PLANT, gains, moved, multiplied, shown_by

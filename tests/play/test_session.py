@@ -42,15 +42,6 @@ def played(driven, tmp_path_factory):
     return session, folder
 
 
-def test_untouched_it_is_the_run_to_the_bit(driven):
-    session = driven(load("hold"), {}, 200)
-    alone = run(load("hold", ["duration=0.4"])).record
-    assert session.record.length == alone.length == 200
-    for name, _, values in alone.columns():
-        ours = {column: each for column, _, each in session.record.columns()}[name]
-        assert np.array_equal(ours, values), name
-
-
 def test_goals_and_changes_of_the_rig_are_a_scenario_that_runs_to_the_same_bits(driven, tmp_path):
     script = {
         50: [Goal(0.1, 0.05)],
@@ -68,19 +59,18 @@ def test_goals_and_changes_of_the_rig_are_a_scenario_that_runs_to_the_same_bits(
     assert session.driven.scenario.change
 
 
-def test_a_goal_acts_in_the_period_in_which_it_comes(driven):
-    without = driven(load("hold"), {}, 60)
-    given = driven(load("hold"), {50: [Goal(0.1, 0.0)]}, 60)
-    differ = (without.record["applied"] != given.record["applied"]).any(axis=(1, 2))
-    # the path leaves the old goal smoothly: its fourth derivative rises from 0
-    assert np.flatnonzero(differ)[0] == 51
-
-
-def test_a_slider_acts_in_the_period_in_which_it_comes(driven):
-    scenario = load("circle", ["plant.kind=lagrange", f"{FRICTION}=0"])
-    without = driven(scenario, {}, 60)
-    given = driven(scenario, {50: [Settings({"plant.level_deg": [0.5, 0.0]})]}, 60)
-    differ = (without.record["state"] != given.record["state"]).any(axis=(1, 2))
+@pytest.mark.parametrize(
+    ("event", "channel"),
+    [
+        # the path leaves the old goal smoothly: its fourth derivative rises from 0
+        (Goal(0.1, 0.0), "applied"),
+        (Settings({"plant.level_deg": [0.5, 0.0]}), "state"),
+    ],
+)
+def test_an_event_acts_in_the_period_in_which_it_comes(driven, event, channel):
+    scenario = load("hold", ["plant.kind=lagrange", f"{FRICTION}=0"])
+    without, given = (driven(scenario, script, 60) for script in ({}, {50: [event]}))
+    differ = (without.record[channel] != given.record[channel]).any(axis=(1, 2))
     assert np.flatnonzero(differ)[0] == 51
 
 
@@ -97,14 +87,6 @@ def test_going_back_undoes_and_goes_on_to_the_same_bits(driven):
     common = min(session.record.length, calm.record.length)
     assert common > 850
     assert np.array_equal(rows(session)[:common], rows(calm)[:common])
-
-
-def test_back_to_the_start_is_the_start(driven):
-    session = driven(load("hold"), {50: [Push(0.1, 0)], 100: [Back(np.inf)]}, 150)
-    assert session.driven.pushes == ()
-    assert session.record.length == pytest.approx(50, abs=2)
-    calm = driven(load("hold"), {}, 150)
-    assert np.array_equal(rows(session), rows(calm)[: session.record.length])
 
 
 def test_a_push_changes_the_ball_and_nothing_else(driven):
@@ -187,6 +169,7 @@ def test_whatif_goes_on_from_any_moment_of_it_exactly(played, at, law, not_repea
 def test_what_cannot_be_is_said_in_a_line_and_changes_nothing(driven):
     told = []
     script = {
+        0: [Save(Path("nowhere"))],
         20: [Settings({FRICTION: -1.0})],
         30: [Settings({"rig.period": 0.001})],
         40: [Settings({"controller.kind": "stable_inversion"})],
@@ -194,10 +177,12 @@ def test_what_cannot_be_is_said_in_a_line_and_changes_nothing(driven):
     }
     session = driven(load("hold"), script, 60, tell=told.append)
     wrong = [each.message for each in told if each.wrong]
-    assert FRICTION in wrong[0]
-    assert wrong[1] == "rig.period: cannot be changed while a rig runs"
-    assert "plans on a path known ahead" in wrong[2]
-    assert "no_such" in wrong[3]
+    assert wrong[0] == "nothing was driven yet"
+    assert FRICTION in wrong[1]
+    assert wrong[2] == "rig.period: cannot be changed while a rig runs"
+    assert "plans on a path known ahead" in wrong[3]
+    assert "no_such" in wrong[4]
+    assert not Path("nowhere").exists()
     assert not any("\n" in each for each in wrong)
     calm = driven(load("hold"), {}, 60)
     assert np.array_equal(rows(session), rows(calm))
@@ -279,10 +264,3 @@ def test_what_is_not_saved_when_it_ends_is_saved_then(driven, script, last, save
     script = {**script, last: [End(Path("end"))]}
     driven(load("hold"), script, last + 99, write=lambda _, folder: written.append(folder.name))
     assert written == saved
-
-
-def test_nothing_is_saved_of_nothing(driven):
-    told = []
-    driven(load("hold"), {0: [Save(Path("nowhere"))]}, 10, tell=told.append)
-    assert "nothing was driven yet" in [each.message for each in told]
-    assert not Path("nowhere").exists()

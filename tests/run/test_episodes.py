@@ -5,6 +5,7 @@ import pytest
 
 from twin.errors import ModelError, ScenarioError
 from twin.run.batch import Episodes
+from twin.sim.sensors import Noise
 from twin.study.family import drawn, read
 from twin.study.work import Builder
 
@@ -17,6 +18,12 @@ EVERYTHING = (
 """What the shipped family leaves out of what has a past."""
 BEGUN = np.array([0, 2])
 """The rigs that begin again."""
+
+
+@pytest.fixture(autouse=True)
+def drawn_often(monkeypatch):
+    """Let random streams be drawn from every few periods, so that their state counts."""
+    monkeypatch.setattr(Noise, "BLOCK", 16)
 
 
 def family(count, draw, *fixed):
@@ -58,7 +65,7 @@ def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(
 ):
     first, later = make(count, 1, *fixed), others(len(BEGUN), 2, *fixed)
     joined, undisturbed = Episodes(first), Episodes(first)
-    for step in range(12):  # 240 ms, a multiple of all that rigs look at together
+    for step in range(4):  # 80 ms, a multiple of all that rigs look at together
         joined.advance(rates(step, count), 10)
         undisturbed.advance(rates(step, count), 10)
     joined.begin(BEGUN, later)
@@ -68,7 +75,7 @@ def test_a_rig_that_begins_among_others_runs_as_one_that_began_with_them(
     alone = Episodes(together)
     going = np.setdiff1d(np.arange(count), BEGUN)
     assert joined.ticks[BEGUN].tolist() == [0, 0]
-    for step in range(100, 130):
+    for step in range(100, 110):
         for who, same in ((BEGUN, alone), (going, undisturbed)):
             for seen, wanted in zip(joined.measurement[1:4], same.measurement[1:4], strict=True):
                 np.testing.assert_array_equal(seen[who], wanted[who])

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 from scipy.io import loadmat
 
 from twin.cli import main
-from twin.cli.export import export as command
+from twin.cli.look import export as command
 from twin.identify.log import read
 from twin.run.finished import run, save
 from twin.run.record import read_run

@@ -10,7 +10,13 @@ from twin.run.finished import run
 from twin.run.logs import apart, distances, fitting, log_run, read_log
 from twin.scenario.load import load
 
-CHANGES = ("plant.kind=lagrange", "duration=6", "metrics.start=2", "controller.kind=lqr")
+CHANGES = (
+    "plant.kind=lagrange",
+    "duration=6",
+    "metrics.start=2",
+    "plant.step=0.002",
+    "controller.kind=lqr",
+)
 COLUMNS = ("time", "measured_x", "measured_y", "measured_phi", "measured_theta")
 
 

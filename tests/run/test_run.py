@@ -38,17 +38,6 @@ def test_a_rig_among_three_does_exactly_what_it_does_alone(scenario, kind):
     assert not np.array_equal(together["measured"][:, 0], together["measured"][:, 1])
 
 
-def test_the_number_of_threads_changes_nothing(scenario):
-    chosen = scenario("plant.kind=mujoco")
-    records = []
-    for threads in (1, 2):
-        rig, controller = assemble([chosen] * 4, threads=threads)
-        records.append(Recorder(200, 4, chosen.rig.period))
-        drive(rig, controller, chosen.duration, records[-1])
-    for name in records[0].data:
-        assert np.array_equal(records[0][name], records[1][name]), name
-
-
 def test_with_ideal_sensors_the_sampled_loop_follows_the_continuous_one(scenario):
     # The linear closed loop of the design, by the matrix exponential: an independent truth.
     from scipy.linalg import expm
@@ -136,21 +125,9 @@ def test_ctrl_c_ends_a_run_as_aborted_with_its_record(scenario, monkeypatch, tmp
     assert json.loads((tmp_path / "metrics.json").read_text())["outcome"] == "aborted"
 
 
-def test_a_saved_run_has_its_three_files(scenario, tmp_path):
-    done = run(scenario())
-    save(done, tmp_path / "new" / "folder", {"run": done.motion})
-    names = sorted(path.name for path in (tmp_path / "new" / "folder").iterdir())
-    assert names == ["metrics.json", "picture.png", "run.parquet"]
-
-
 def test_a_reference_outside_the_operating_area_is_refused(scenario):
     with pytest.raises(ScenarioError, match=r"rig\.limits\.area"):
         run(scenario("reference.x=0.3"))
-
-
-def test_a_controller_that_refuses_its_settings_is_one_line(scenario):
-    with pytest.raises(ScenarioError, match=r"controller\.rho"):
-        run(scenario("controller.rho=-1"))
 
 
 def test_one_ball_off_its_plate_is_told_of_all_rigs(scenario):

@@ -136,18 +136,6 @@ def test_what_was_made_bytes_is_the_same_snapshot(plant):
     assert np.array_equal(whole["measured"][TICK:], rest["measured"])
 
 
-def test_n_futures_go_on_from_one_moment():
-    quiet = scenario("plant.kind=lagrange")
-    _, (snapshot,) = recorded([quiet], TICK)
-    levels = (0.0, 2.0, 4.0)
-    ends = []
-    for level in levels:
-        change = f'change=[{{at={AT}, set={{"plant.level_deg"=[{level}, 0.0]}}}}]'
-        future, _ = recorded([scenario("plant.kind=lagrange", change)], snapshot=snapshot)
-        ends.append(future["state"][-1, 0, 1])
-    assert ends[0] < ends[1] < ends[2]
-
-
 def test_a_snapshot_of_another_rig_is_refused():
     _, (snapshot,) = recorded([scenario("plant.kind=lagrange")], TICK)
     rig, controller = assemble([scenario("plant.kind=mujoco")])

@@ -8,10 +8,9 @@ from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import DriveSettings, Motor
 from twin.hal.interface import Clamp, Limits
 from twin.safety import limits
-from twin.safety.case import FaultCase
+from twin.safety.case import LEVEL, STILL, FaultCase, Stopper
 from twin.safety.cases import CASES
 from twin.safety.limits import AtFault
-from twin.safety.reaction import LEVEL, STILL, Stopper
 
 CASE = {case.name: case for case in CASES}
 AT = AtFault(0.03, 0.06, np.array([0.06, 0.01]), np.array([0.1, 0.15]))

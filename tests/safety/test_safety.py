@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import twin.devices
 import twin.hal
-from twin.cli.safety import safety
+from twin.cli.rig import safety
 from twin.hal.interface import Condition, Severity
 from twin.safety.cases import CASES
 from twin.safety.doc import document, write_doc
@@ -134,7 +134,7 @@ class Row:
 def commanded(monkeypatch, *arguments, good=True):
     """Output and exit code of the command whose rows are given."""
     monkeypatch.setattr("twin.safety.trial.run_all", lambda processes, progress: [Row(good=good)])
-    monkeypatch.setattr("twin.cli.safety._table", lambda rows: "")
+    monkeypatch.setattr("twin.cli.rig._table", lambda rows: "")
     done = CliRunner(catch_exceptions=False).invoke(safety, arguments, standalone_mode=False)
     return done.stdout, done.return_value
 

@@ -28,10 +28,6 @@ def test_every_shipped_scenario_is_valid(name):
     assert load(name).title
 
 
-def test_the_four_first_scenarios_are_shipped():
-    assert {"hold", "step", "sine", "circle"} <= set(shipped())
-
-
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
@@ -95,11 +91,6 @@ def test_naming_another_controller_drops_the_settings_of_the_old():
     tables = override(MINIMAL, ["controller.poles=[-1,-2,-3,-4]", "controller.kind=pole_placement"])
     assert tables["controller"] == {"kind": "pole_placement", "poles": [-1, -2, -3, -4]}
     check(tables, "file.toml")
-
-
-def test_an_override_leaves_the_original_alone():
-    override(MINIMAL, ["controller.rho=1"])
-    assert MINIMAL["controller"]["rho"] == 300.0
 
 
 @given(

@@ -18,7 +18,7 @@ PERIOD = 0.002
 
 @pytest.fixture(scope="module")
 def recorded():
-    common = ("plant.kind=lagrange", "duration=10", "seed=5")
+    common = ("plant.kind=lagrange", "plant.step=0.002", "duration=10", "seed=5")
     belief = load("excite", common)
     ill = load("excite", (*common, "plant.level_deg=[0.5, 0.0]"))
     return logs([(belief, belief), (belief, ill)])
@@ -37,8 +37,9 @@ def missing_from(log, since, every, rows):
     return log.rows((count < 0) | (count % every >= rows))
 
 
-def test_gaps_are_where_rows_are_missing_or_were_taken_late(recorded):
-    log = recorded[0].rows(np.r_[0:100, 103:200])
+def test_gaps_are_where_rows_are_missing_or_were_taken_late():
+    chosen = load("hold", ("plant.kind=lagrange", "duration=0.5"))
+    log = logs([(chosen, chosen)])[0].rows(np.r_[0:100, 103:200])
     assert gaps(log, PERIOD) == pytest.approx(np.array([[0.198, 0.206]]))
     late = np.zeros(len(log.time))
     late[[10, 150]] = 0.0004, 0.0012
@@ -79,6 +80,7 @@ def test_a_log_full_of_gaps_is_neither_healthy_nor_ill(recorded, broken):
         assert said.time.max(initial=0.0) < 3.3
 
 
+@pytest.mark.long
 def test_a_few_missing_rows_leave_the_rest_of_a_log_its_say(recorded):
     healthy, ill = recorded
     for log, verdict in ((healthy, "healthy"), (ill, "alarm")):

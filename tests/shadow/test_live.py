@@ -13,24 +13,24 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.scenarios import run as run_command
-from twin.cli.shadow import shadow as shadow_command
+from twin.cli.runs import run as run_command
+from twin.cli.understand import shadow as shadow_command
 from twin.errors import TwinError
 from twin.identify.log import read
 from twin.identify.prepare import prepare
 from twin.run.finished import open_run, run, save
 from twin.scenario import load
-from twin.shadow import follow, report
+from twin.shadow import follow
 from twin.shadow.causes import Cause
 from twin.shadow.diagnosis import Alarm
 from twin.shadow.evidence import Evidence
-from twin.shadow.examine import examine
+from twin.shadow.examine import Examined, examine
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
 from twin.shadow.live import Commentary, beside
 from twin.shadow.report import scores
 from twin.view.recording import encoded
-from twin.view.twin_stream import TwinStream, saved_twin
+from twin.view.streams import TwinStream, saved_twin
 
 SETTINGS = (
     "plant.kind=lagrange",
@@ -105,7 +105,8 @@ def test_the_band_that_is_drawn_is_the_band_of_the_verdict():
 
 
 def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
-    chosen = load("circle", ("plant.kind=lagrange", "duration=4"))
+    quick = ("plant.kind=lagrange", "plant.step=0.002", "duration=4")
+    chosen = load("circle", quick)
     path = tmp_path / "watched"
     done = run(chosen)
     save(done, path, {"run": done.motion})
@@ -113,7 +114,7 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     assert saved_twin(opened) is None
     examined = examine(path, path, proposing=False)
     alarm = Alarm(2.0, 1.5, 20.0, (Cause("level", 1.0, "phi +0.100 deg"),))
-    report.write(replace(examined.found, alarms=[alarm]), None, None, path)
+    Examined(replace(examined.found, alarms=[alarm]), None, None).write(path)
     said = saved_twin(opened)
     assert said.events == [(2.0, f"alarm at {alarm.words}")]
     for drawn_live, read_back in zip(scores(examined.found.replays), said.scores, strict=True):
@@ -121,7 +122,7 @@ def test_what_is_saved_of_a_twin_is_drawn_with_the_run_as_it_was_live(tmp_path):
     entities = b"twin_score/score", b"plate_mm/twin", b"twin_error_mm/band", b"phi +0.100 deg"
     assert all(name in encoded([opened]) for name in entities)
     # another record in the same folder is not what was judged
-    other = run(load("circle", ("plant.kind=lagrange", "duration=4", "seed=3")))
+    other = run(load("circle", (*quick, "seed=3")))
     save(other, path, {"run": other.motion})
     (opened,) = open_run(path)
     assert saved_twin(opened) is None

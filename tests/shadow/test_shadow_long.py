@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.shadow import shadow as command
+from twin.cli.understand import shadow as command
 from twin.identify.log import read
 from twin.run.finished import run, save
 from twin.scenario import load

@@ -23,7 +23,10 @@ def log():
     """A short run on an uneven screen."""
     chosen = load(
         "excite",
-        ("plant.kind=lagrange", "duration=6", "seed=5", "plant.surface.spread_percent=10"),
+        (
+            *("plant.kind=lagrange", "plant.step=0.002", "duration=6", "seed=5"),
+            "plant.surface.spread_percent=10",
+        ),
     )
     return logs([(chosen, chosen)])[0]
 

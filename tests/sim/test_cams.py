@@ -120,19 +120,11 @@ angle = st.floats(-math.radians(12), math.radians(12))
 
 
 @given(angle, angle)
-def test_any_plate_angle_gives_the_motor_angle_of_its_clamped_self(phi, theta):
-    table = CamTable.from_file(model_path("cams.json"))
+def test_any_plate_angle_gives_the_motor_angle_of_its_clamped_self(table, phi, theta):
     edge = table.grid[-1]
     plate = np.array([phi, theta])
     inside = np.clip(plate, -edge, edge)
     assert np.array_equal(table.motor(plate), table.motor(inside))
-
-
-def test_the_table_takes_any_leading_axes(table):
-    plate = np.random.default_rng(2).uniform(-0.17, 0.17, (3, 4, 2))
-    motor = table.motor(plate)
-    assert motor.shape == plate.shape
-    assert motor[1, 2] == pytest.approx(table.motor(plate[1, 2]))
 
 
 def test_the_table_is_scipys_cubic_spline_for_one_rig_and_for_many(table):
@@ -144,11 +136,6 @@ def test_the_table_is_scipys_cubic_spline_for_one_rig_and_for_many(table):
         assert found[:, motor] == pytest.approx(spline(*plate.T, grid=False), abs=1e-12)
     alone = [table.motor(one[None])[0] for one in plate]
     assert np.array_equal(alone, found)
-
-
-def test_the_table_returns_its_own_numbers_on_its_grid(table):
-    plate = np.stack(np.meshgrid(table.grid, table.grid, indexing="ij"), axis=-1)
-    assert table.motor(plate) == pytest.approx(table.angles, abs=1e-9)
 
 
 def test_a_saved_table_is_read_back(table, tmp_path):

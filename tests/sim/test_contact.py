@@ -7,8 +7,6 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
-from scipy.interpolate import CubicSpline
 
 from controllers.ballplate import BallPlate
 from twin.paths import model_path
@@ -88,26 +86,6 @@ def test_a_ball_below_its_breakaway_slope_creeps_less_than_a_micrometre(phi, the
     assert np.abs(rows[:, [0, 2]] - rows[0, [0, 2]]).max() < 1e-6
 
 
-@pytest.mark.parametrize("slope", [0.8, -0.8])
-def test_a_ball_above_its_breakaway_slope_rolls_as_coulomb_says(slope):
-    model = mechanism()
-    rows = drive(model, tilted(model, math.radians(slope)), rest, 2.0)
-    t = model.opt.timestep * np.arange(len(rows))
-    phi = np.abs(rows[:, 4])
-    theory = BALL.c1 * BALL.gravity * (np.sin(phi) - LEVER / BALL.radius * np.cos(phi))
-    path = CubicSpline(t, theory).antiderivative(2)(t[-1])
-    assert abs(rows[-1, 0] - rows[0, 0]) == pytest.approx(path, rel=2e-3)
-
-
-@pytest.mark.parametrize("slope", [0.5, 2.0])
-def test_a_frictionless_ball_accelerates_with_its_share_of_gravity(slope):
-    model = mechanism(rolling=None)
-    rows = drive(model, tilted(model, math.radians(slope), x=-0.2), rest, 1.5)
-    theory = BALL.c1 * BALL.gravity * np.sin(rows[:, 4])
-    gain = trapezoid(theory, dx=model.opt.timestep)
-    assert rows[-1, 1] - rows[0, 1] == pytest.approx(gain, rel=1e-3)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("lever", [0.05e-3, 0.18e-3, 0.4e-3])
 def test_the_ball_breaks_away_at_its_friction_lever_over_its_radius(lever):
@@ -142,12 +120,11 @@ def exact_path(rows, step):
     return np.array(path)
 
 
-@pytest.mark.parametrize("faster", [1.0, 1.3])
-def test_a_ball_on_the_moving_plate_follows_the_exact_model(faster):
+def test_a_ball_on_the_moving_plate_follows_the_exact_model():
     model = mechanism(rolling=None)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("level").id)
-    omega = math.pi * np.array([1.0, faster])
+    omega = math.pi * np.array([1.0, 1.3])
 
     def motor_speed(t):
         # plate angles 2 deg sin^3, 0.5 Hz and faster: smooth from rest

@@ -1,3 +1,7 @@
+"""What lies between commanded and made motor rates, against closed forms."""
+
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -89,3 +93,27 @@ def test_a_random_vibration_has_the_size_of_the_steady_one_about_its_frequency()
     # its lines are Lorentzian of half-width 1 / (2 pi wander): 80 % lie within 3.1 of them
     close = np.abs(frequencies - f) < 1 / (2 * np.pi * wander)
     assert spectrum[close].sum() == pytest.approx(0.5 * spectrum.sum(), rel=0.2)
+
+
+PERIOD, RATIO = 0.002, 5.0
+
+
+def shafts(model, rates):
+    """Shaft angles after each period for motor rates (K,) on both axes, rad, shape (K, 2)."""
+    drives = SimulatedDrives(model, PERIOD, RATIO, streams(1))
+    return PERIOD * np.cumsum([drives.follow(np.full((1, 2), rate))[0] for rate in rates], axis=0)
+
+
+def test_without_imperfections_the_shaft_follows_at_once():
+    rates = np.random.default_rng(1).uniform(-1, 1, 50)
+    expected = PERIOD * np.cumsum(rates)
+    assert shafts(DriveModel(), rates) == pytest.approx(np.stack((expected, expected), axis=-1))
+
+
+def test_a_lagging_drive_makes_the_mean_rates_of_a_first_order_lag():
+    corner = 2 * math.pi * 10.0
+    t = PERIOD * np.arange(1, 101)
+    # the integral of 1 - exp(-corner t)
+    expected = t - (1 - np.exp(-corner * t)) / corner
+    found = shafts(DriveModel(bandwidth=10.0), [1.0] * 100)
+    assert found == pytest.approx(np.stack((expected, expected), axis=-1))

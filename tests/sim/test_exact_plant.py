@@ -12,13 +12,6 @@ from twin.sim.plant.kinematics import tilted_gravity
 MODEL = BallPlate()
 
 
-def tilted(plant, angle):
-    """The plant with its plates tilted about y and the ball at rest on the centre."""
-    plant.start(np.zeros((plant.rigs, 4)))
-    plant._x[:, 2] = angle
-    return plant
-
-
 def test_a_driven_plate_matches_an_adaptive_integration_of_the_same_equations():
     plant = ExactPlant(step=0.001)
     plant.start(np.array([[0.1, 0.05, -0.08, 0.1]]))
@@ -33,32 +26,6 @@ def test_a_driven_plate_matches_an_adaptive_integration_of_the_same_equations():
         plant.advance(command, 2)
     state = plant.state[0]
     assert state == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize("slope_deg", [0.3, 0.5])
-def test_a_ball_below_its_breakaway_slope_does_not_creep(slope_deg):
-    plant = tilted(ExactPlant(friction=Friction(rolling=2e-4)), np.radians(slope_deg))
-    plant.advance(np.zeros((1, 2)), 2000)
-    assert plant.state[0, 0] == 0.0
-
-
-@pytest.mark.parametrize("slope_deg", [0.8, 2.0])
-def test_a_ball_above_it_rolls_as_coulomb_says(slope_deg):
-    slope, arm = np.radians(slope_deg), 2e-4
-    plant = tilted(ExactPlant(friction=Friction(rolling=arm)), slope)
-    plant.advance(np.zeros((1, 2)), 2000)
-    pull = MODEL.c1 * 9.81 * (np.sin(slope) - arm / MODEL.radius * np.cos(slope))
-    assert plant.state[0, 0] == pytest.approx(pull * 2.0**2 / 2, rel=1e-6)
-
-
-def test_a_rolling_ball_stops_after_the_distance_coulomb_says_and_stays():
-    arm, speed = 2e-4, 0.1
-    plant = ExactPlant(friction=Friction(rolling=arm))
-    plant.start(np.array([[0.0, speed * 0.6, 0.0, speed * 0.8]]))
-    plant.advance(np.zeros((1, 2)), 5000)
-    pull = MODEL.c1 * 9.81 * arm / MODEL.radius
-    assert np.hypot(*plant.state[0, 0::4]) == pytest.approx(speed**2 / (2 * pull), rel=1e-3)
-    assert plant.state[0, 1::4].tolist() == [0.0, 0.0]
 
 
 def test_a_ball_that_left_the_screen_has_fallen_for_good():
@@ -157,16 +124,6 @@ def test_one_rig_of_constant_friction_moves_to_the_bit_as_among_others_that_stic
     together = periods(states, commands, friction=mixed)
     alone = periods(states[4:5], commands, friction=Friction(rolling=2e-4))
     assert alone[0].tolist() == together[4].tolist()
-
-
-@pytest.mark.parametrize("friction", [None, Friction(rolling=2e-4)])
-def test_a_base_that_stands_tilted_is_a_plate_that_does(friction):
-    tilted_base = ExactPlant(friction=friction, level=(0.02, 0.0))
-    plate = tilted(ExactPlant(friction=friction), 0.02)
-    for plant in (tilted_base, plate):
-        plant.advance(np.zeros((1, 2)), 500)
-    assert tilted_base.state[0, :2] == pytest.approx(plate.state[0, :2], abs=1e-12)
-    assert plate.state[0, 0] > 1e-3
 
 
 @pytest.mark.long

@@ -44,5 +44,6 @@ def test_a_ball_that_rolls_over_the_edge_is_off_the_plate_for_one_rig_and_for_ma
     for rigs in (1, 20):
         plant = Mechanism(rigs=rigs)
         plant.start(np.tile([0.34, 0.5, 0.0, 0.0], (rigs, 1)))
+        assert plant.on_plate.all()
         plant.advance(np.zeros((rigs, 2)), 40)
         assert not plant.on_plate.any()

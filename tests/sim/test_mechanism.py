@@ -97,23 +97,13 @@ def test_the_motor_ratio_is_the_slope_of_the_mechanism_at_level():
     assert slope == pytest.approx([plant.ratio] * 2, rel=0.03)
 
 
-def test_the_ball_is_on_the_plate_until_it_has_rolled_over_the_edge():
-    plant = Mechanism(rigs=2)
-    plant.start(np.array([[0.34, 0.2, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
-    assert plant.on_plate.tolist() == [True, True]
-    plant.advance(np.zeros((2, 2)), 1500)
-    assert plant.on_plate.tolist() == [False, True]
-    assert np.isfinite(plant.state).all()
-
-
-@pytest.mark.parametrize("threads", [2, 3])
-def test_any_number_of_threads_gives_the_same_bits(threads):
+def test_any_number_of_threads_gives_the_same_bits():
     rng = np.random.default_rng(7)
     rates = rng.uniform(-2, 2, (50, 5, 2))
     start = np.zeros((5, 4))
     start[:, 0] = np.linspace(-0.2, 0.2, 5)
     friction = Friction(rolling=np.linspace(0, 4e-4, 5))
-    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, threads)]
+    plants = [Mechanism(rigs=5, threads=n, friction=friction) for n in (1, 3)]
     for plant in plants:
         plant.start(start)
         for rate in rates:
@@ -286,12 +276,6 @@ def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, says
 def test_impossible_numbers_are_refused(wrong):
     with pytest.raises(ModelError):
         Mechanism(**wrong)
-
-
-@pytest.mark.parametrize("rolling", [-1e-4, math.inf])
-def test_impossible_friction_is_refused(rolling):
-    with pytest.raises(ModelError, match="rolling must be at least 0 and at most"):
-        Mechanism(friction=Friction(rolling=rolling))
 
 
 def test_a_rolling_friction_too_small_to_simulate_is_refused():

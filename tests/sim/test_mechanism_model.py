@@ -14,8 +14,7 @@ import pytest
 from twin.errors import ModelError
 from twin.paths import model_path
 from twin.sim.calibration import tap_test
-from twin.sim.plant.equilibrium import settle
-from twin.sim.plant.model import differing, fields_of, fitted, load_model, shaped
+from twin.sim.plant.model import differing, fields_of, fitted, load_model, settle, shaped
 from twin.sim.plant.parts import Parts
 
 KINDS = {
@@ -115,13 +114,6 @@ def test_a_cam_contact_has_the_stiffness_the_file_states(model, level, axis):
     contact = next(c for c in level.contact if wheel in c.geom)
     force = level.sensor(f"wheel_{axis}_force").data[0]
     assert force / -contact.dist == pytest.approx(80e3, rel=5e-3)
-
-
-def test_the_spring_pulls_ninety_newtons_at_level(model, level):
-    spring = model.tendon("spring").id
-    stretch = level.ten_length[spring] - model.tendon_lengthspring[spring, 1]
-    pull = np.ravel(model.tendon_stiffness)[spring] * stretch
-    assert pull == pytest.approx(90)
 
 
 def test_wheel_forces_carry_spring_and_weight_about_the_cardan_joint(model, level):

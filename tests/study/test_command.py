@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.cli import main
-from twin.study.schema import read, shipped
+from twin.shipped import shipped_in
+from twin.study.schema import read
 from twin.study.work import Work
 
 STUDY = """
@@ -54,7 +55,7 @@ def study(capsys, tmp_path: Path, monkeypatch):
 def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
     code, out, _ = study()
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(shipped())
+    assert [line.split()[0] for line in out.splitlines()] == list(shipped_in("studies"))
 
 
 @pytest.mark.parametrize("name", ["friction", "tournament", "what_matters", "gains", "cure_hold"])
@@ -68,16 +69,11 @@ def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
     assert code == 0
     assert "4 runs, 0 of them finished" in out
     assert " kB on disk" in out
-    assert not (tmp_path / "runs").exists()
-
-
-def test_a_plan_is_one_json_value_if_asked(study) -> None:
-    code, out, _ = study("short.toml", "--plan", "--processes", "1", "--json")
-    assert code == 0
-    plan = json.loads(out)
+    plan = json.loads(study("short.toml", "--plan", "--processes", "1", "--json")[1])
     assert (plan["runs"], plan["finished"], plan["left"], plan["processes"]) == (4, 0, 4, 1)
     assert plan["duration"] > 0
     assert plan["units"] == {"duration": "s", "size": "byte"}
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_plan_for_a_cluster_counts_the_workers_it_has(study, monkeypatch) -> None:
@@ -116,14 +112,6 @@ def test_report_pictures_and_data_are_written(study, tmp_path) -> None:
     ]
 
 
-def test_json_is_one_object_with_the_chance_to_fail_and_no_made_up_number(study) -> None:
-    code, out, _ = study("short.toml", "--processes", "1", "--json")
-    assert code == 0
-    flung = json.loads(out)["variants"]["flung"]
-    assert (flung["failed"], flung["median"]) == (2, None)
-    assert flung["chance_to_fail"][1] == pytest.approx(1.0)
-
-
 @pytest.mark.long
 def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     study, tmp_path, monkeypatch
@@ -137,9 +125,12 @@ def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     assert (tmp_path / "pages" / "short-curves.svg").is_file()
 
 
-def test_a_finished_study_answers_at_once_and_with_the_same_words(study) -> None:
+def test_a_finished_study_answers_at_once_with_the_same_words_and_as_one_json_object(study) -> None:
     first = study("short.toml", "--processes", "1")[1]
     code, again, _ = study("short.toml", "--processes", "1", "--plan")
     assert "all of them finished" in again
     assert study("short.toml", "--processes", "1")[1] == first
     assert code == 0
+    flung = json.loads(study("short.toml", "--processes", "1", "--json")[1])["variants"]["flung"]
+    assert (flung["failed"], flung["median"]) == (2, None)
+    assert flung["chance_to_fail"][1] == pytest.approx(1.0)

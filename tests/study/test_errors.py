@@ -70,6 +70,11 @@ def study(capsys, tmp_path: Path, monkeypatch):
             "variants: two of them are called 'a'",
         ),
         ('title = "short"', "title = ", "not a TOML file"),
+        (
+            f'"{KEY}"]',
+            '"plant.spring.preload"]\nrelative = true',
+            "plant.spring.preload: no number to take a part of",
+        ),
     ],
 )
 def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
@@ -90,12 +95,6 @@ def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(capsys
     err = capsys.readouterr().err
     assert "did you mean 'friction'?" in err
     assert "`ballplate study` lists all" in err
-
-
-def test_a_relative_parameter_without_a_number_to_scale_is_refused(study) -> None:
-    code, _, err = study(f'"{KEY}"]', '"plant.spring.preload"]\nrelative = true')
-    assert code == 2
-    assert "plant.spring.preload: no number to take a part of" in err
 
 
 def test_a_folder_that_cannot_be_written_is_found_out_before_the_first_run(study, tmp_path) -> None:

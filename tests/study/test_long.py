@@ -111,13 +111,6 @@ def test_a_study_killed_at_random_moments_has_no_wrong_or_doubled_row(folder, pr
     assert kills >= 3
 
 
-def test_two_processes_give_the_bits_of_one(folder) -> None:
-    child = start(folder, "--processes", "2")
-    assert child.wait(120) == 0
-    child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
-
-
 @pytest.fixture
 def cluster():
     """A scheduler with two worker processes."""
@@ -127,14 +120,6 @@ def cluster():
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as running:
         yield running
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_a_cluster_of_two_processes_gives_the_bits_of_one_process(folder, cluster) -> None:
-    child = start(folder, "--scheduler", cluster.scheduler_address)
-    assert child.wait(240) == 0
-    child.communicate()
-    assert {row["key"]: row for row in kept(folder)} == undisturbed(folder)
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -178,9 +178,3 @@ def test_a_lost_chunk_is_tried_again_and_loses_nothing(tmp_path) -> None:
 def test_a_chunk_that_is_lost_again_and_again_ends_the_study_with_one_line(tmp_path) -> None:
     with pytest.raises(TwinError, match="1 chunks of runs were lost 3 times"):
         carried(study(), tmp_path, executor=Flaky(99))
-
-
-def test_progress_counts_what_is_finished_and_what_failed(tmp_path) -> None:
-    told: list[tuple[int, int]] = []
-    carried(study(), tmp_path, progress=lambda done, bad: told.append((done, bad)))
-    assert told == [(0, 0), (8, 0)]

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from controllers.ballplate import BallPlate
-from twin.thesis.claims import size, terms
+from twin.thesis.neglected import size, terms
 
 MODEL = BallPlate()
 STATES = arrays(float, (3, 8), elements=st.floats(-1, 1))
@@ -12,34 +12,22 @@ INPUTS = arrays(float, (3, 2), elements=st.floats(-7, 7))
 
 
 @given(STATES, INPUTS)
-def test_the_neglected_terms_are_the_left_of_6_42(x, u):
-    x1, x2, x3, x4, x5, x6, _, x8 = x.T
-    m, s = MODEL, np.sin(x3)
-    a = -m.d / 2 * x8**2 * np.sin(2 * x3) + x1 * x8**2 * s**2 + 2 * x6 * x8 * s + x1 * x4**2
-    b = -m.c3 * x4 * x8 * s - 2 * x1 * x4 * x8 * np.cos(x3) - 2 * x2 * x8 * s + x5 * x8**2
-    assert np.allclose(terms(m, x, u).neglected, np.transpose([a, b]), atol=1e-12)
-
-
-@given(STATES, INPUTS)
-def test_the_main_terms_are_the_right_of_6_42(x, u):
-    expected = MODEL.gravity * np.transpose([np.sin(x[:, 2]), -np.sin(x[:, 6])])
-    assert np.allclose(terms(MODEL, x, u).main, expected, atol=1e-12)
-
-
-@given(STATES, INPUTS)
-def test_all_terms_together_are_the_exact_acceleration(x, u):
-    total = sum(terms(MODEL, x, u))
-    exact = MODEL.derivative(x, u)[:, [1, 5]] / MODEL.c1
-    assert np.allclose(total, exact, atol=1e-12)
-
-
-@given(STATES, INPUTS)
-def test_the_unlisted_terms_are_plate_accelerations_and_the_cosine_of_theta(x, u):
-    m, s, c = MODEL, np.sin(x[:, 2]), np.cos(x[:, 2])
-    slope = m.gravity * s * (np.cos(x[:, 6]) - 1)
-    a = slope - m.c4 * u[:, 0] + x[:, 4] * s * u[:, 1]
-    b = (-x[:, 0] * s + m.c4 * c) * u[:, 1]
-    assert np.allclose(terms(m, x, u).unlisted, np.transpose([a, b]), atol=1e-12)
+def test_main_and_neglected_terms_are_those_of_6_42_and_all_are_the_exact_acceleration(x, u):
+    x1, x2, x3, x4, x5, x6, x7, x8 = x.T
+    m, s, c, (u1, u2) = MODEL, np.sin(x3), np.cos(x3), u.T
+    main = m.gravity * s, -m.gravity * np.sin(x7)
+    neglected = (
+        -m.d / 2 * x8**2 * np.sin(2 * x3) + x1 * x8**2 * s**2 + 2 * x6 * x8 * s + x1 * x4**2,
+        -m.c3 * x4 * x8 * s - 2 * x1 * x4 * x8 * c - 2 * x2 * x8 * s + x5 * x8**2,
+    )
+    unlisted = (
+        m.gravity * s * (np.cos(x7) - 1) - m.c4 * u1 + x5 * s * u2,
+        (-x1 * s + m.c4 * c) * u2,
+    )
+    found = terms(m, x, u)
+    for part, expected in zip(found, (main, neglected, unlisted), strict=True):
+        assert np.allclose(part, np.transpose(expected), atol=1e-12)
+    assert np.allclose(sum(found), m.derivative(x, u)[:, [1, 5]] / m.c1, atol=1e-12)
 
 
 def test_sizes_of_sines_are_their_amplitudes_and_root_mean_squares():

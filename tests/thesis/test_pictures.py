@@ -2,6 +2,7 @@ from pathlib import Path
 from runpy import run_path
 
 import numpy as np
+import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -10,7 +11,9 @@ from twin.run.picture import COLOURS
 CHAPTER_8 = Path(__file__).parents[2] / "docs" / "chapter8.py"
 
 
-def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path):
+@pytest.mark.long
+def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(CHAPTER_8.parent)
     time = np.linspace(0, 25, 2000)
     page = run_path(str(CHAPTER_8))
     with page["_style"]():

@@ -4,9 +4,8 @@ import numpy as np
 import optuna
 import pytest
 
-from twin.tune.candidate import Candidate, score, tail_mean
 from twin.tune.schema import Tune
-from twin.tune.search import best_of, searched
+from twin.tune.search import Candidate, best_of, score, searched, tail_mean
 from twin.tune.trials import Indicators, NominalLoop
 from twin.tune.tune import importance, neighbours
 
@@ -69,25 +68,6 @@ def test_a_known_optimum_is_found(free):
     worst = np.sort(formula.rigs[:16])[-2:]  # a tenth of 16 rigs: 1.6 of them
     cost = (best.last.cost - 0.1) / (worst @ (0.6, 1.0) / 1.6)
     assert cost < 0.5
-
-
-def test_the_search_is_better_than_as_many_random_candidates(free):
-    _, candidates = free
-    rng = np.random.default_rng(1)
-
-    def random_best():
-        count = sum(bool(each.scores) for each in candidates)
-        a, b = 10 ** rng.uniform(-1, 2, count), rng.uniform(-5, 5, count)
-        off = rng.random(count) < 0.5
-        return (np.log(a / 3) ** 2 + (b - 1) ** 2 + 2 * off).min()
-
-    (best,) = best_of(candidates, 1)
-    found = (
-        np.log(best.fields["a"] / 3) ** 2
-        + (best.fields["b"] - 1) ** 2
-        + 2 * (best.fields["c"] == "off")
-    )
-    assert found < np.median([random_best() for _ in range(200)])
 
 
 def test_the_same_search_again_tries_the_same_candidates(free):

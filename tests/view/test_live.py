@@ -10,10 +10,10 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.cli.scenarios import run as run_command
-from twin.errors import ScenarioError, TwinError, ViewError
+from twin.cli.runs import run as run_command
+from twin.errors import ViewError
 from twin.run.finished import run
-from twin.view import live, viewer
+from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
 from twin.view.terminal import work
 
@@ -37,33 +37,23 @@ def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, si
     ring = SharedRingBuffer(size, 2)
     try:
         ring.name(("n", "twice"))
-        read, written = [], 0
+        read, written, behind = [], 0, 0
         for burst in bursts:
             for _ in range(burst):
                 ring.slot()[:] = written, 2 * written
                 ring.put()
                 written += 1
+            behind = max(behind, written - ring.taken)
             rows = ring.take(most)
             assert most is None or len(rows) <= most
             assert np.array_equal(rows[:, 1], 2 * rows[:, 0])
             read += rows[:, 0].tolist()
+        behind = max(behind, written - ring.taken)
         read += ring.take()[:, 0].tolist()
         assert ring.taken == written
         assert read == sorted(set(read))
         assert len(read) + ring.dropped == written
-    finally:
-        ring.close()
-
-
-def test_a_ring_that_is_not_overrun_drops_nothing():
-    ring = SharedRingBuffer(8, 1)
-    try:
-        ring.name(("n",))
-        for value in range(7):
-            ring.slot()[0] = value
-            ring.put()
-        assert ring.take()[:, 0].tolist() == list(range(7))
-        assert ring.dropped == 0
+        assert (ring.dropped > 0) == (behind >= size)  # one row may be half written
     finally:
         ring.close()
 
@@ -128,9 +118,9 @@ def test_an_observer_that_is_behind_is_waited_for_as_long_as_it_goes_on(scenario
 def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
-        url = live.reach(live.address(f"127.0.0.1:{port}"))
+        url = recording.reach(recording.address(f"127.0.0.1:{port}"))
         chosen = scenario("duration=1")
-        shown = live.show(chosen, "run", url)
+        shown = recording.show(chosen, "run", url)
         try:
             watched = run(chosen, watch=shown.watch)
             shown.finish(wait=0.5)
@@ -139,24 +129,9 @@ def test_a_viewer_that_never_answers_changes_nothing_in_the_record(scenario):
     assert same(watched, run(chosen))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "viewer", "host:", ":9876", "host:99999", "http://a:1/b", "a b:1"]
-)
-def test_an_address_that_is_none_is_one_line(text):
-    with pytest.raises(ScenarioError, match="write HOST:PORT"):
-        live.address(text)
-
-
 def test_an_address_becomes_the_one_a_viewer_wants():
     for text in ("rig-3.lab:9876", "rerun+http://rig-3.lab:9876/proxy"):
-        assert live.address(text) == "rerun+http://rig-3.lab:9876/proxy"
-
-
-def test_nobody_at_an_address_is_one_line():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    with pytest.raises(ViewError, match="no viewer there"):
-        live.reach(f"rerun+http://127.0.0.1:{port}/proxy")
+        assert recording.address(text) == "rerun+http://rig-3.lab:9876/proxy"
 
 
 def test_a_taken_port_is_one_line():
@@ -167,30 +142,17 @@ def test_a_taken_port_is_one_line():
 
 
 @pytest.mark.long
-def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+@pytest.mark.parametrize("how", ["--view", "--serve"])
+def test_a_run_is_done_and_kept_though_nobody_can_watch(quick, tmp_path, monkeypatch, how):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
-    done = CliRunner().invoke(run_command, [*quick, "--view"])
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = [str(server.getsockname()[1])] if how == "--serve" else []
+        done = CliRunner().invoke(run_command, [*quick, how, *port])
     assert done.exit_code == 0, done.output
     assert done.stderr.count("the run goes on without a view") == 1
     assert (tmp_path / "out" / "run.parquet").is_file()
-
-
-@pytest.mark.long
-def test_a_run_is_done_and_kept_though_the_port_is_taken(quick, tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        done = CliRunner().invoke(run_command, [*quick, "--serve", str(server.getsockname()[1])])
-    assert done.exit_code == 0, done.output
-    assert "the run goes on without a view" in done.stderr
-    assert (tmp_path / "out" / "run.parquet").is_file()
-
-
-def test_a_recording_without_a_place_is_refused_before_the_run(quick, tmp_path):
-    done = CliRunner().invoke(run_command, [*quick, "--rrd", str(tmp_path / "no" / "a.rrd")])
-    assert isinstance(done.exception, TwinError)
-    assert "there is no such folder" in str(done.exception)
-    assert not (tmp_path / "out" / "run.parquet").exists()
 
 
 @pytest.mark.long
@@ -198,11 +160,6 @@ def test_a_recording_is_kept_beside_the_run(quick, tmp_path):
     done = CliRunner().invoke(run_command, [*quick, "--rrd", str(tmp_path / "a.rrd")])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "a.rrd").stat().st_size > 10_000
-
-
-def test_two_ways_to_watch_are_refused(quick):
-    done = CliRunner().invoke(run_command, [*quick, "--view", "--serve"])
-    assert "choose one" in str(done.exception)
 
 
 @pytest.mark.long
@@ -219,7 +176,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     try:
         with viewer.headless(tmp_path / "other.rrd") as client:
             url = client.url
-            shown = live.show(chosen, "live", url)
+            shown = recording.show(chosen, "live", url)
             try:
                 run(chosen, watch=shown.watch)
                 assert shown.finish(wait=20)

@@ -1,14 +1,10 @@
 import os
 import subprocess
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
-from twin.run.record import write_run
 from twin.view import viewer
 from twin.view.recording import write
 from twin.view.viewer import program
@@ -80,10 +76,6 @@ def test_a_recording_holds_everything_promised_on_one_time_line(folder, tmp_path
     assert missing == []
     assert "log_time" not in text
     assert "log_tick" not in text
-
-
-def test_a_recording_is_sound(folder, tmp_path):
-    write(tmp_path / "view.rrd", open_run(folder))
     command = [str(program()), "rrd", "verify", str(tmp_path / "view.rrd")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -96,42 +88,6 @@ def test_several_runs_stand_side_by_side_under_names_of_their_own(folder, tmp_pa
     text = printed(tmp_path / "view.rrd")
     assert "/circle/position_x_mm/ball" in text
     assert "2/position_x_mm/ball" in text
-
-
-def test_a_reopened_run_moves_exactly_as_the_run_itself(scenario, tmp_path):
-    done = run(scenario())
-    save(done, tmp_path / "one", {"one": done.motion})
-    (again,) = open_run(tmp_path / "one")
-    assert np.array_equal(again.motion.ball, done.motion.ball)
-    assert np.array_equal(again.motion.reference, done.motion.reference)
-    assert np.array_equal(again.motion.u, done.motion.u)
-
-
-def test_a_missing_record_is_one_line(tmp_path):
-    with pytest.raises(RecordError, match="no such record"):
-        open_run(tmp_path)
-
-
-def test_a_file_that_is_no_parquet_is_one_line(tmp_path):
-    (tmp_path / "run.parquet").write_bytes(b"nonsense")
-    with pytest.raises(RecordError, match="not a readable Parquet file") as error:
-        open_run(tmp_path)
-    assert "\n" not in str(error.value)
-
-
-def test_a_foreign_parquet_file_is_one_line(tmp_path):
-    pq.write_table(pa.table({"a": [1.0]}), tmp_path / "run.parquet")
-    with pytest.raises(RecordError, match="not a record of ballplate"):
-        open_run(tmp_path)
-
-
-def test_a_record_of_another_version_is_one_line(tmp_path, scenario):
-    done = run(scenario())
-    tables = done.scenario.model_dump(mode="json")
-    tables["plant"]["of_the_future"] = 1
-    write_run(tmp_path, done.record, {"scenario": tables})
-    with pytest.raises(RecordError, match="another version"):
-        open_run(tmp_path)
 
 
 def test_a_recording_that_cannot_be_written_leaves_nothing(folder, tmp_path):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from twin.sim.plant.friction import Friction
 from twin.sim.plant.model import load_model
-from twin.view.scene import Scene, about, plate_to_rig, rolled
+from twin.view.scene import Scene, plate_to_rig, rolled
 
 ANGLE = st.floats(-0.17, 0.17)
 MODEL = load_model()
@@ -90,20 +90,6 @@ def test_a_wheel_is_pushed_away_from_the_middle_of_its_cam():
         assert found[axis][1][0] == pytest.approx(way / np.linalg.norm(way), abs=1e-9)
 
 
-def test_a_ball_that_rolled_once_around_lies_as_before():
-    way = np.linspace(0, 2 * np.pi * 0.02, 50)
-    path = np.column_stack((way, np.zeros(50)))
-    turns = rolled(np.array([0, 0, 0, 1.0]), path, 0.02)
-    assert np.abs(turns[-1]) == pytest.approx([0, 0, 0, 1], abs=1e-9)
-    top = Rotation.from_quat(turns[25]).apply([0, 0, 1.0])
-    assert top[0] == pytest.approx(np.sin(way[25] / 0.02), abs=1e-9)
-
-
-def test_a_ball_rolling_to_plus_x_turns_its_top_to_plus_x():
-    turns = rolled(np.array([0, 0, 0, 1.0]), np.array([[0, 0], [0.005, 0]]), 0.02)
-    assert Rotation.from_quat(turns[1]).apply([0, 0, 1.0])[0] > 0.2
-
-
 def test_the_drawn_ball_rolls_as_the_simulated_one(scenario):
     from twin.sim.plant.mechanism import Mechanism
 
@@ -117,11 +103,3 @@ def test_the_drawn_ball_rolls_as_the_simulated_one(scenario):
     w, x, y, z = plant._qpos[0, adr + 3 : adr + 7]
     turn = rolled(np.array([*before[1:], before[0]]), np.array(path), 0.02)[-1]
     assert abs(turn @ [x, y, z, w]) == pytest.approx(1, abs=1e-3)
-
-
-def test_a_turn_about_an_axis_is_that_of_the_engine():
-    quaternion = np.empty(4)
-    mujoco.mju_axisAngle2Quat(quaternion, np.array([0.0, 1.0, 0.0]), 0.3)
-    w, x, y, z = quaternion
-    found = about(np.array([0.0, 1.0, 0.0]), np.array([0.3])).as_quat()[0]
-    assert found == pytest.approx([x, y, z, w])

@@ -47,7 +47,7 @@ def test_titles_say_in_words_which_line_is_which():
     assert explained([two, two], ["afl", "lqr"]) == "afl blue, lqr orange, theta lighter"
 
 
-def test_no_legend_covers_a_plot():
+def test_no_legend_covers_a_plot_and_everything_drawn_brings_its_own_ground():
     plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
     plots = [each for each in views(plan) if type(each).__name__ == "TimeSeriesView"]
     assert plots
@@ -55,10 +55,6 @@ def test_no_legend_covers_a_plot():
         legend = plot.properties["PlotLegend"]
         assert legend.visible.as_arrow_array().to_pylist() == [False]
         assert "blue" in plot.name
-
-
-def test_every_plot_and_scene_brings_its_own_ground():
-    plan = blueprint(["/run"], {"angle_deg": "phi blue", "position_x_mm": "ball blue"}, "time")
     brought = {"TimeSeriesView": "PlotBackground"}
     drawn = [each for each in views(plan) if type(each).__name__ not in NO_LINES]
     assert len({type(each).__name__ for each in drawn}) == 3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from twin.cli.scenarios import run as run_command
+from twin.cli.runs import run as run_command
 from twin.run.finished import run
 from twin.view.terminal import Summary
 

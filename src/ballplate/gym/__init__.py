@@ -31,8 +31,7 @@ except ImportError as error:
     raise TwinError("ballplate.gym: needs the extra gym: pip install 'ballplate[gym]'") from error
 
 if TYPE_CHECKING:
-    from ballplate.gym.single import RigEnv
-    from ballplate.gym.vector import RigVectorEnv
+    from ballplate.gym.environments import RigEnv, RigVectorEnv
 
 __all__ = ["ENVIRONMENTS", "RigEnv", "RigVectorEnv"]
 
@@ -47,15 +46,13 @@ for _name, _arguments in ENVIRONMENTS.items():
     if _name not in registry:
         register(
             _name,
-            entry_point="ballplate.gym.single:RigEnv",
-            vector_entry_point="ballplate.gym.vector:RigVectorEnv",
+            entry_point="ballplate.gym.environments:RigEnv",
+            vector_entry_point="ballplate.gym.environments:RigVectorEnv",
             kwargs=_arguments,
         )
 
-_CLASSES = {"RigEnv": "single", "RigVectorEnv": "vector"}
-
 
 def __getattr__(name: str) -> Any:
-    if name in _CLASSES:
-        return getattr(import_module(f"ballplate.gym.{_CLASSES[name]}"), name)
+    if name in {"RigEnv", "RigVectorEnv"}:
+        return getattr(import_module("ballplate.gym.environments"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

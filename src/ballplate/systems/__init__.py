@@ -18,8 +18,311 @@ says in what. A controller feeds back with its own sign: the loop gain that marg
 ``-law * plant``. The ``dt`` of a sampled system is the control period in s.
 """
 
-from ballplate.systems.controllers import controller, law
-from ballplate.systems.plants import equations, exact, linear, mechanism, sampled
-from ballplate.systems.signals import UNITS
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from ballplate.changes import Changes, Settings, changes_of, model, scenario_of
+from controllers.analysis import (
+    MEASUREMENTS,
+    System,
+    linear_controller,
+    measured_late,
+    tracking_law,
+    whole_periods,
+)
+from controllers.arrays import Array
+from controllers.ballplate import MEASURED, STATES
+from controllers.design import sample
+from controllers.observers.linear import Ideal
+from twin.errors import ScenarioError
+
+if TYPE_CHECKING:
+    import control
+
+    from twin.scenario.schema import Scenario
+
 
 __all__ = ["UNITS", "controller", "equations", "exact", "law", "linear", "mechanism", "sampled"]
+
+
+INPUTS = ("phi_acc", "theta_acc")
+"""Plate accelerations u of (5.8)."""
+DESIRED = ("reference_x", "reference_y")
+"""Where the ball shall be, in plate axes."""
+AGE = "contact_age"
+
+UNITS = {
+    "x": "m",
+    "x_rate": "m/s",
+    "phi": "rad",
+    "phi_rate": "rad/s",
+    "y": "m",
+    "y_rate": "m/s",
+    "theta": "rad",
+    "theta_rate": "rad/s",
+    "phi_acc": "rad/s^2",
+    "theta_acc": "rad/s^2",
+    "reference_x": "m",
+    "reference_y": "m",
+    AGE: "1",
+}
+"""Unit of each input and output, and of the states of ball and plate."""
+
+
+def state_space(
+    system: System,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    name: str,
+    states: Sequence[str] | None = None,
+) -> control.StateSpace:
+    """A linear system with named signals; ``states`` are numbered where they have no names."""
+    import control
+
+    A, B, C, D, period = system
+    named = {} if states is None else {"states": list(states)}
+    # a gain alone goes with systems of any period
+    time = {} if len(A) == 0 else {"dt": period}
+    return control.ss(
+        A, B, C, D, inputs=list(inputs), outputs=list(outputs), name=name, **time, **named
+    )
+
+
+RATES = [3, 7]
+"""Where the plate's rates stand in the state."""
+EXACT = {"plant.kind": "lagrange"}
+LEAST_SHARE = 1e-6
+"""Share of a period below which a dead time is a whole number of periods."""
+
+
+def linear(
+    scenario: str | Path | None = None, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.StateSpace:
+    """Ball and plate about the level plate with the ball on the centre, (5.35), continuous.
+
+    Inputs ``phi_acc``, ``theta_acc`` in rad/s^2; outputs are the eight states ``x``, ``x_rate``,
+    ``phi``, ``phi_rate``, ``y``, ... in SI units.
+
+    In: the ball's mass, radius and inertia. Out: everything else of a scenario.
+
+    Args:
+        scenario: Whose ball it has; the nominal one by default.
+        settings: What is changed of that scenario, by dotted keys or as texts ``KEY=VALUE``.
+        changes: What is changed of that scenario, by tables.
+
+    Raises:
+        TwinError: If there is no such scenario, or anything in it is unknown or out of range.
+    """
+    A, B, _ = model(scenario, settings, **changes).linear()
+    system = System(A, B, np.eye(8), np.zeros((8, 2)))
+    return state_space(system, INPUTS, STATES, "linear", STATES)
+
+
+def sampled(
+    scenario: str | Path, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.StateSpace:
+    """The linear plant as a controller meets it: inputs held for a control period, ball seen late.
+
+    Inputs ``phi_acc``, ``theta_acc``; outputs what is measured, ``x``, ``phi``, ``y``, ``theta``.
+    The dead time of the touch screen is delay states, ``x`` and ``y`` of one period ago, two, and
+    so on (``x_1``, ``y_1``, ``x_2``, ...); what it is more than whole periods, a straight line
+    between the last two. ``dt`` is ``rig.period``.
+
+    In: the ball, ``rig.period``, ``sensors.touch.dead_time``. Out: everything else of the scenario.
+
+    Args and errors are those of ``linear``, but a scenario must be named.
+    """
+    chosen = scenario_of(scenario, changes_of(settings, changes))
+    A, B, C = model(scenario, settings, **changes).linear()
+    period = chosen.rig.period
+    step = System(*sample(A, B, period), C, np.zeros((4, 2)), period)
+    return _measured(step, STATES, chosen, "sampled")
+
+
+def mechanism(
+    scenario: str | Path, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.StateSpace:
+    """The mechanism about the level plate, from the engine's finite differences: it vibrates.
+
+    Inputs, outputs and delay states are those of ``sampled``, so that one can take the place of the
+    other. A period of plate acceleration changes the commanded plate rate (states
+    ``commanded_phi_rate``, ``commanded_theta_rate``); through the cams' ratio at level that is the
+    motor rate, which servos, cams, wheels and plate follow with their own states:
+    ``motor_phi``, ``motor_phi_rate``, ``motor_theta``, ``motor_theta_rate``, the servos' set points
+    ``servo_phi``, ``servo_theta`` in rad, and the ball's own turning ``ball_turn_x``,
+    ``ball_turn_y`` in rad/s.
+
+    In: what ``plant`` says of ball, wheels, spring, servos' limits and plate; ``plant.step``,
+    ``rig.period``, ``sensors.touch.dead_time``. Out: friction of ball and joints, a tilted base,
+    what drives and sensors do besides, limits, and that the rig compares its plate angle with the
+    encoders every 20 ms.
+
+    Args and errors are those of ``linear``, but a scenario must be named, and a ball that is oval
+    or out of balance is refused: its attitude would have to be states, too.
+    """
+    from twin.settings import changed
+    from twin.sim.plant.linear import STATES as MOVING
+    from twin.sim.plant.linear import linear_mechanism
+    from twin.sim.plant.parts import Parts
+
+    chosen = scenario_of(scenario, changes_of(settings, changes))
+    parts, period = changed(Parts, chosen), chosen.rig.period
+    A, B, step, ratio = linear_mechanism(parts, chosen.plant.step)
+    A, B = _over(round(period / step), A, ratio * B)
+    n = len(A)
+    # the rate that is commanded in a period is the one before and a period of acceleration
+    A = np.block([[A, B], [np.zeros((2, n)), np.eye(2)]])
+    B = period * np.concatenate((B, np.eye(2)))
+    C = np.eye(n + 2)[list(MEASURED)]
+    states = (*MOVING, "commanded_phi_rate", "commanded_theta_rate")
+    system = System(A, B, C, np.zeros((4, 2)), period)
+    return _measured(system, states, chosen, "mechanism")
+
+
+def equations(
+    scenario: str | Path | None = None, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.NonlinearIOSystem:
+    """The exact equations (5.9) in continuous time, x' = f(x) + g(x) u.
+
+    Inputs ``phi_acc``, ``theta_acc`` in rad/s^2; states and outputs ``x``, ``x_rate``, ``phi``,
+    ``phi_rate``, ``y``, ... in SI units.
+
+    In: the ball's mass, radius and inertia. Out: everything else of a scenario. Friction is out
+    because at rest it is no differential equation: what it holds back there depends on what pushes,
+    and a solver that chooses its own steps does not get past that point. ``exact`` has it.
+
+    Args and errors are those of ``linear``.
+    """
+    import control
+
+    ball = model(scenario, settings, **changes)
+
+    def update(t: float, x: Array, u: Array, params: Any) -> Array:
+        return ball.derivative(x, u)
+
+    return control.nlsys(
+        update, None, inputs=list(INPUTS), outputs=list(STATES), states=list(STATES),
+        name="equations",
+    )  # fmt: skip
+
+
+def exact(
+    scenario: str | Path, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.NonlinearIOSystem:
+    """The plant ``lagrange`` of runs, from one control period to the next.
+
+    Inputs ``phi_acc``, ``theta_acc`` in rad/s^2, held for a period; states and outputs ``x``,
+    ``x_rate``, ``phi``, ``phi_rate``, ``y``, ... in SI units, at its beginning. ``dt`` is
+    ``rig.period``; within, the plant goes by its own physics steps. Where friction builds up at
+    rest (``plant.friction.dwell_time``), its age is a ninth state, ``contact_age``: 1 of a ball
+    that has rested long.
+
+    In: the ball, all of ``plant.friction``, the surface, a tilted base, ``plant.step``,
+    ``rig.period``. Out: drives, limits, sensors, where the ball starts, and the edge of the screen.
+
+    Args and errors are those of ``linear``, but a scenario must be named.
+    """
+    import control
+
+    from twin.run.plants import build_plant
+    from twin.sim.plant.exact import ExactPlant
+
+    chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT, {})])
+    plant, _ = build_plant([chosen])
+    assert isinstance(plant, ExactPlant)
+    period, steps = chosen.rig.period, round(chosen.rig.period / plant.step)
+    states = STATES if plant.age is None else (*STATES, AGE)
+
+    def update(t: float, x: Array, u: Array, params: Any) -> Array:
+        plant.resume(x[np.newaxis, :8], x[8:] if len(x) > 8 else None)
+        plant.advance(x[np.newaxis, RATES] + period * u, steps)
+        return plant.state[0] if plant.age is None else np.append(plant.state[0], plant.age)
+
+    return control.nlsys(
+        update, None, inputs=list(INPUTS), outputs=list(states), states=list(states), dt=period,
+        name="exact",
+    )  # fmt: skip
+
+
+def _over(steps: int, A: Array, B: Array) -> tuple[Array, Array]:
+    """A system over a number of its steps, its input held."""
+    n, m = B.shape
+    one = np.block([[A, B], [np.zeros((m, n)), np.eye(m)]])
+    whole = np.linalg.matrix_power(one, steps)
+    return whole[:n, :n], whole[:n, n:]
+
+
+def _measured(
+    plant: System, states: tuple[str, ...], scenario: Scenario, name: str
+) -> control.StateSpace:
+    """A sampled plant whose ball is measured a scenario's dead time late."""
+    dead_time = float(np.max(scenario.sensors.touch.dead_time))
+    late = measured_late(plant, dead_time)
+    _, share = whole_periods(dead_time, scenario.rig.period)
+    if share < LEAST_SHARE:
+        # nothing looks at the register's last place
+        late = System(late.A[:-2, :-2], late.B[:-2], late.C[:, :-2], late.D, late.period)
+    kept = (len(late.A) - len(plant.A)) // 2
+    delays = [f"{axis}_{back + 1}" for back in range(kept) for axis in ("x", "y")]
+    return state_space(late, INPUTS, MEASUREMENTS, name, (*states, *delays))
+
+
+def law(
+    scenario: str | Path, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.StateSpace:
+    """The law of a scenario with the true state, continuous: what margins are designed with.
+
+    Inputs are the eight states of ``linear`` and the desired position ``reference_x``,
+    ``reference_y`` in m, of which the law believes that it stands still; outputs ``phi_acc``,
+    ``theta_acc`` in rad/s^2. LQR and pole placement are u = K (x* - x) as they are, without states,
+    other laws their linearisation; integrators are states.
+
+    Args:
+        scenario: A shipped scenario or a TOML file.
+        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        changes: What is changed of it, by tables: ``controller={"kind": "lqr", "rho": 100}``.
+
+    Raises:
+        TwinError: If there is no such scenario, anything in it is unknown or out of range, or its
+            law has no linearisation, as a sliding mode has none.
+    """
+    from twin.run.assemble import build_law
+
+    chosen = build_law(scenario_of(scenario, changes_of(settings, changes)))
+    try:
+        system = tracking_law(chosen)
+    except ValueError as error:
+        raise ScenarioError(f"controller: {error}") from error
+    return state_space(system, (*STATES, *DESIRED), INPUTS, "law")
+
+
+def controller(
+    scenario: str | Path, settings: Settings = (), **changes: Unpack[Changes]
+) -> control.StateSpace:
+    """Law, observer and predictor of a scenario as they run, once a control period.
+
+    Inputs are what is measured, ``x``, ``phi``, ``y``, ``theta`` in m and rad; outputs ``phi_acc``,
+    ``theta_acc`` in rad/s^2. The reference is rest on the centre. ``dt`` is ``rig.period``. An
+    observer whose gain varies has the one it starts with.
+
+    Args and errors are those of ``law``; an observer that cannot be linearised or is given the true
+    state is refused as well.
+    """
+    from twin.run.assemble import build_controller
+
+    built = build_controller(scenario_of(scenario, changes_of(settings, changes)))
+    if isinstance(built.observer, Ideal):
+        raise ScenarioError(
+            "observer: 'ideal' is given the true state and is no system of the measurement: "
+            "systems.law is the law with the true state"
+        )
+    try:
+        system = linear_controller(built.law, built.observer)
+    except ValueError as error:
+        raise ScenarioError(f"controller: {error}") from error
+    return state_space(system, MEASUREMENTS, INPUTS, "controller")

@@ -1,20 +1,25 @@
-"""The command analyse: poles and margins of the thesis's designs and of a scenario's own loop."""
+"""The commands analyse and reproduce: the thesis's designs and tables computed again."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.cli import completion as tab
-from twin.cli.options import JSON, LAW, SETTING
-from twin.cli.output import console, print_json, print_table, progress
+from twin.cli import options as tab
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING
+from twin.cli.output import Shown, bold, dim, progress, show
+from twin.errors import ScenarioError
+from twin.page import Table
 from twin.shipped import find
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
     from twin.scenario import Scenario
+    from twin.thesis.chapter8 import Cell, Results, SimulatedTable
+    from twin.thesis.chapter9 import Row
 
 
 Numbers = dict[str, Any]
@@ -40,8 +45,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     analyse.
     """
     find(scenario)  # a wrong name is told before anything heavy is imported
-    from controllers.analysis import linear_designs
-    from controllers.analysis.designs import design_rows
+    from controllers.analysis import design_rows, linear_designs
     from controllers.ballplate import BallPlate
     from twin.scenario import load
     from twin.scenario.load import titled
@@ -52,22 +56,17 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
         rows = design_rows(model, advance)
         neglected = _neglected(chosen, model)
         loop = _loop(chosen)
-    if as_json:
-        content = {"designs": rows, "neglected": neglected, "loop": loop}
-        print_json({"scenario": chosen.title, **content})
-        return
-    _print_poles(rows)
-    for cut, title in CUTS.items():
-        _print_margins(rows, cut, title)
-    _print_neglected(neglected, chosen.title)
-    _print_loop(loop)
+    numbers = {"scenario": chosen.title, "designs": rows, "neglected": neglected, "loop": loop}
+    margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
+    shown = (*_pole_table(rows), *margins, _neglected_terms(neglected, chosen.title), *_told(loop))
+    show(numbers, as_json, shown)
 
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
     """Terms of (6.42) along the scenario's motion on the clean exact model."""
     from twin.run.finished import run as run_scenario
     from twin.scenario.load import clean
-    from twin.thesis.claims import neglected_rows
+    from twin.thesis.neglected import neglected_rows
 
     record = run_scenario(clean(scenario)).record
     assert record is not None
@@ -82,7 +81,7 @@ def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
 
 def _loop(scenario: Scenario) -> Numbers:
     """The scenario's own controller, observer and predictor as a sampled loop."""
-    from controllers.analysis.designs import loop_row
+    from controllers.analysis import loop_row
     from twin.run.assemble import build_controller
 
     controller = build_controller(scenario)
@@ -96,8 +95,8 @@ def _loop(scenario: Scenario) -> Numbers:
     }
 
 
-def _print_poles(rows: Sequence[Numbers]) -> None:
-    from controllers.analysis.designs import DEAD_TIME
+def _pole_table(rows: Sequence[Numbers]) -> tuple[Shown, ...]:
+    from controllers.analysis import DEAD_TIME
 
     late = f"slowest, observer, {1000 * DEAD_TIME:g} ms late"
     lines = []
@@ -110,24 +109,22 @@ def _print_poles(rows: Sequence[Numbers]) -> None:
             [[slowest[0], abs(slowest[1])]],
         )
         lines.append((row["table"], _name(row), *map(_poles, four)))
-    print_table(
-        ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late),
-        lines,
-        title="Closed-loop poles in 1/s about the level plate, full state",
-    )
-    console.print("The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44).")
+    title = "Closed-loop poles in 1/s about the level plate, full state"
+    heads = ("table", "", "thesis", "flat (6.44)", "linear (5.35)", late)
+    where = "The thesis places those of 8.1 on (5.35), those of 8.4 and 8.6 on (6.44)."
+    return Table(title, heads, lines, words=range(6)), where
 
 
-def _print_margins(rows: Sequence[Numbers], cut: str, title: str) -> None:
-    lines = ((row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows)
-    print_table(("table", "", *MARGINS), lines, title=f"Margins: {title}")
+def _margins_of(rows: Sequence[Numbers], cut: str, title: str) -> Table:
+    lines = [(row["table"], _name(row), *_margins(row["margins"][cut])) for row in rows]
+    return Table(f"Margins: {title}", ("table", "", *MARGINS), lines, words=(0, 1))
 
 
-def _print_neglected(found: Numbers, title: str) -> None:
+def _neglected_terms(found: Numbers, title: str) -> Table:
     columns = ("eq.", "terms", "when", "main, max m/s²", "max m/s²", "peak ratio %", "RMS ratio %")
     title = f"Terms the flat model leaves out, Figure 8.6: {title}, clean model"
     whens = {"whole": "whole run", "steady": f"from {found['from']:g} s on"}
-    lines = (
+    lines = [
         (
             f"({row['equation']})",
             TERMS[row["terms"]],
@@ -137,26 +134,27 @@ def _print_neglected(found: Numbers, title: str) -> None:
         )
         for when, label in whens.items()
         for row in found[when]
-    )
-    print_table(columns, lines, title=title)
+    ]
+    return Table(title, columns, lines, words=range(3))
 
 
-def _print_loop(found: Numbers) -> None:
+def _told(found: Numbers) -> Iterator[Shown]:
+    """The scenario's own loop in words and a table."""
     parts = [found["controller"], found["observer"]]
     if found["predictor"] is not None:
         parts.append(f"predictor {1000 * found['predictor']:g} ms")
     parts.append(f"dead time {1000 * found['dead_time']:g} ms")
     title = f"The scenario's sampled loop: {', '.join(parts)}"
     if found["reason"]:
-        console.print(f"{title}: {found['reason']}")
+        yield f"{title}: {found['reason']}"
         return
-    lines = ((cut, *_margins(row)) for cut, row in found["margins"].items())
-    print_table(("cut at", *MARGINS), lines, title=title)
-    console.print(f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}")
+    lines = [(cut, *_margins(row)) for cut, row in found["margins"].items()]
+    yield Table(title, ("cut at", *MARGINS), lines)
+    yield f"poles in 1/s, slowest first: {_poles(found['poles'], 10)}"
     if not found["stable"]:
-        console.print("[bold red]this loop is unstable[/bold red]")
+        yield bold("this loop is unstable")
     if found["hold_left_out"]:
-        console.print("controller.period: the law's hold between its periods is not in this loop")
+        yield "controller.period: the law's hold between its periods is not in this loop"
 
 
 MARGINS = ("gain", "phase deg", "disk", "delay ms", "crossover rad/s")
@@ -183,3 +181,100 @@ def _poles(pairs: Sequence[Sequence[float]], most: int = 5) -> str:
 
 def _shown(value: float | None, scale: float = 1.0) -> str:
     return "∞" if value is None else f"{scale * value:.3g}"
+
+
+@click.command()
+@click.argument("tables", nargs=-1, metavar="[TABLE]...")
+@PROCESSES
+@JSON
+def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) -> int:
+    """Recompute the thesis's tables and compare.
+
+    TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
+    8.1 to 8.21 were simulated. 9.1 to 9.9 were measured on the rig: the twin predicts them from one
+    number, friction, and explains them by four, each table also by numbers fitted without it.
+    """
+    from twin.jobs import cores
+    from twin.thesis import chapter8, chapter9
+
+    of_8, of_9 = _chapters(tables)
+    wanted = [chapter8.tables()[name] for name in of_8]
+    jobs = chapter8.plan(wanted)
+    with progress("reproducing", sum(job.cost for job in jobs)) as advance:
+        each = chapter8.row_results(jobs, processes, advance)
+        found: Results = {(one.place, one.way): one for one in each}
+    cells = chapter8.compare(wanted, found)
+    measured: list[Row] = []
+    if of_9:
+        with progress("predicting and explaining", 1.0) as advance:
+            measured = chapter9.rows(of_9, advance, processes=processes or cores())
+    shown = chain(
+        _simulated(wanted, cells) if wanted else (),
+        _measured(measured, whole=len(of_9) == len(chapter9.tables())) if measured else (),
+    )
+    show([cell.as_dict() for cell in cells] + measured, as_json, shown)
+    return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
+
+
+def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """The tables asked for, by chapter; a chapter's number stands for all of its tables.
+
+    Raises:
+        ScenarioError: If there is no such table.
+    """
+    from twin.thesis import chapter8, chapter9
+
+    known = {"8": list(chapter8.tables()), "9": list(chapter9.tables())}
+    wanted = {name for item in given or ("8",) for name in known.get(item, [item])}
+    for name in sorted(wanted):
+        if not any(name in tables for tables in known.values()):
+            raise ScenarioError(
+                f"no table '{name}'; there are "
+                + " and ".join(f"{tables[0]} to {tables[-1]}" for tables in known.values())
+            )
+    of_8, of_9 = ([name for name in tables if name in wanted] for tables in known.values())
+    return of_8, of_9
+
+
+def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
+    """The cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
+    from twin.page import digits
+    from twin.thesis import chapter9
+
+    keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
+    lines = [
+        (
+            *(row["table"], row["row"]),
+            f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]",
+            *(digits(row[key], "") for key in keys),
+            "fitted" if row["calibration"] else "",
+        )
+        for row in rows
+    ]
+    heads = ("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
+    yield Table("", heads, lines, words=range(len(heads)))
+    if not whole:
+        return
+    for goal in chapter9.goals(rows):
+        verdict = "reached" if goal.reached else "not reached"
+        yield f"predicted: {verdict}: {goal.sentence}: {goal.found}"
+    scatter = chapter9.scatter()
+    for each in chapter9.held_out_goals(rows):
+        verdict = each.verdict(scatter[each.sentence])
+        yield f"held out: {verdict}: {each.sentence}: {each.value:.3f}"
+
+
+def _simulated(wanted: list[SimulatedTable], cells: list[Cell]) -> Iterator[Shown]:
+    from twin.thesis.chapter8 import HEADINGS, lines, sentence
+
+    for table in wanted:
+        rows, notes = lines([cell for cell in cells if cell.table == table.id])
+        yield Table(f"Table {table.id}: {table.title}", HEADINGS, rows, words=(0, 1, -1))
+        yield from map(dim, notes)
+        yield ""
+    yield dim(
+        "exact: continuous control, as kept; sampled: at 2 ms through the seam; MuJoCo: the "
+        "mechanism without rolling friction; in brackets the 5 to 95 % range of the seeds or the "
+        "range of the reading; (!) an exception, !! unexplained."
+    )
+    yield sentence(cells)

@@ -3,23 +3,40 @@
 from __future__ import annotations
 
 import math
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.doctor import rig_file
 from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING
-from twin.cli.output import console, print_json, print_table, progress, say
+from twin.cli.output import Shown, progress, show
+from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
+from twin.page import Table
 from twin.paths import model_path
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
+    from ballplate.reporter import Advance
+    from twin.devices.akd.servos import AkdServos
     from twin.doctor.touch import MeasuredTouch
     from twin.identify.verdict import ParameterVerdict
-    from twin.sim.calibration import StaticError
+    from twin.scenario import Scenario
+    from twin.scenario.rig import RigFile
+
+
+@contextmanager
+def _turned(
+    rig: str, scenario: Scenario, what: str, total: float
+) -> Iterator[tuple[RigFile, AkdServos, Advance]]:
+    """A rig whose plate is turned in real time: its file, its servos, and progress."""
+    from twin.devices.akd.servos import AkdServos
+    from twin.devices.scheduling import real_time
+
+    with rig_file(rig, scenario) as (file, _), real_time(), progress(what, total) as advance:
+        yield file, AkdServos(file.servos(0.002)), advance
 
 
 @click.command("lost-motion")
@@ -47,20 +64,18 @@ def lost_motion(
 
     Settings are those of the virtual rig.
     """
-    from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
     from twin.doctor.lost_motion import measure
     from twin.hal.cams import CamTable
     from twin.identify.lost_motion import KEYS
     from twin.scenario import load
 
-    with (
-        rig_file(rig, load("circle", overrides)) as (file, _),
-        real_time(),
-        progress("turning the plate", 1.0) as advance,
+    with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (
+        file,
+        servos,
+        advance,
     ):
         found = measure(
-            AkdServos(file.servos(0.002)),
+            servos,
             CamTable.from_file(Path(file.cams) if file.cams else model_path("cams.json")),
             amplitude=math.radians(amplitude),
             rate=math.radians(rate),
@@ -68,13 +83,12 @@ def lost_motion(
             progress=advance,
         )
         advance(1.0)
-    if as_json:
-        print_json([each.as_dict() for each in found])
-        return
+    told = []
     for each in found:
-        console.print(f"{each.axis}: {each.words}", markup=False, soft_wrap=True)
+        told.append(f"{each.axis}: {each.words}")
         if each.shape in KEYS:
-            console.print(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}", markup=False)
+            told.append(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}")
+    show([each.as_dict() for each in found], as_json, told)
 
 
 @click.command()
@@ -107,15 +121,8 @@ def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> Non
         with shown or nullcontext(lambda _: None) as advance:
             found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
-    if as_json:
-        print_json({"file": str(out), **found.as_dict()})
-        return
-    _print(found)
-    console.print(
-        f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"',
-        markup=False,
-        soft_wrap=True,
-    )
+    then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
+    show({"file": str(out), **found.as_dict()}, as_json, (*_residuals(found), then))
 
 
 def _point(text: str) -> tuple[float, float]:
@@ -136,22 +143,22 @@ def _point(text: str) -> tuple[float, float]:
     return x, y
 
 
-def _print(found: MeasuredTouch) -> None:
+def _residuals(found: MeasuredTouch) -> tuple[Shown, ...]:
     import numpy as np
 
     from twin.doctor.touch import place
 
-    rows = (
+    rows = [
         (place(point), *(f"{1e3 * each:+.2f}" for each in off))
         for point, off in zip(found.points, found.fit.left, strict=True)
-    )
-    print_table(("point", "off x / mm", "off y / mm"), rows)
+    ]
     worst = int(np.argmax(found.fit.distances))
-    console.print(
+    return (
+        Table("", ("point", "off x / mm", "off y / mm"), rows),
         f"residuals: {1e3 * found.fit.rms:.2f} mm RMS, largest "
-        f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}"
+        f"{1e3 * found.fit.distances[worst]:.2f} mm at {place(found.points[worst])}",
+        *found.mounting.lines,
     )
-    say(*found.mounting.lines)
 
 
 FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
@@ -218,27 +225,28 @@ def cams(
         advance(2)
         resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
         advance(3)
-    if as_json:
-        left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
-        ringing = {
-            axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
-            for axis, r in resonances.items()
-        }
-        named = str(path) if check or out is not None else None
-        print_json({"table": named, "residual": left, "resonance": ringing})
-        return
-    _show(found)
-    for axis, resonance in resonances.items():
-        console.print(
-            f"plate resonance in {axis}: {resonance.frequency_hz:.2f} Hz, "
-            f"damping {100 * resonance.damping:.1f} %"
-        )
-    if check:
-        console.print(f"checked {path}")
-    elif out is not None:
-        console.print(f"written to {out}")
-    else:
-        console.print("not written: --out FILE")
+    left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
+    ringing = {
+        axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
+        for axis, r in resonances.items()
+    }
+    named = str(path) if check or out is not None else None
+    rows = [
+        (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))
+        for name, each in found.items()
+    ]
+    shown = (
+        Table("", ("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows),
+        *(
+            f"plate resonance in {axis}: {each.frequency_hz:.2f} Hz, "
+            f"damping {100 * each.damping:.1f} %"
+            for axis, each in resonances.items()
+        ),
+        "not written: --out FILE"
+        if named is None
+        else f"{'checked' if check else 'written to'} {path}",
+    )
+    show({"table": named, "residual": left, "resonance": ringing}, as_json, shown)
 
 
 @calibrate.command()
@@ -259,11 +267,8 @@ def level(log: Path, *, as_json: bool) -> int:
     recorded = read(log)
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
         levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
-    if as_json:
-        print_json([each.as_dict() for each in levels])
-    else:
-        for each, foot in zip(levels, FEET, strict=True):
-            console.print(f"{each.name}: {advice(each, foot)}", markup=False)
+    told = (f"{each.name}: {advice(each, foot)}" for each, foot in zip(levels, FEET, strict=True))
+    show([each.as_dict() for each in levels], as_json, told)
     return int(any(each.word != IDENTIFIED for each in levels))
 
 
@@ -292,39 +297,23 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
 
 def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
     """Measure the cams of a rig."""
-    from twin.devices.akd.servos import AkdServos
-    from twin.devices.scheduling import real_time
     from twin.doctor.cams import measure
     from twin.hal.cams import CamTable
     from twin.scenario import load
 
-    with (
-        rig_file(rig, load("circle")) as (file, _),
-        real_time(),
-        progress("measuring the cams", lines**2 + 1) as advance,
-    ):
+    with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
         found = measure(
-            AkdServos(file.servos(0.002)),
+            servos,
             CamTable.from_file(model_path("cams.json")),
             reach=math.radians(reach),
             lines=lines,
             progress=advance,
         )
     write_whole(path, found.table.save)
-    if as_json:
-        numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
-        print_json({"table": str(path), "points": found.points, **numbers})
-        return
-    console.print(
+    numbers = {"before_deg": found.before_deg, "rms_deg": found.rms_deg}
+    told = (
         f"{found.points} points: the table of the model is off by up to {found.before_deg:.3f} "
-        f"deg, the measured one by {found.rms_deg:.3f} deg RMS"
+        f"deg, the measured one by {found.rms_deg:.3f} deg RMS",
+        f'written to {path}; name it in the rig file: cams = "{path}"',
     )
-    console.print(f'written to {path}; name it in the rig file: cams = "{path}"')
-
-
-def _show(found: dict[str, StaticError]) -> None:
-    rows = (
-        (name, f"{left.max_deg:.4f}", f"{left.rms_deg:.4f}", str(left.poses))
-        for name, left in found.items()
-    )
-    print_table(("static plate-angle error", "max [deg]", "RMS [deg]", "poses"), rows)
+    show({"table": str(path), "points": found.points, **numbers}, as_json, told)

@@ -1,18 +1,25 @@
-"""The command describe: what may be set, with type, unit, range, default and meaning."""
+"""The commands describe and new: what may be set, and a working start of one's own."""
 
 from __future__ import annotations
 
+import keyword
+import re
 import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from twin.cli import completion as tab
+from twin.cli import options as tab
 from twin.cli.options import JSON, LAW
-from twin.cli.output import console, print_json
+from twin.cli.output import Shown, bold, console, show
+from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
     from twin.scenario.describe import Key
+
 
 WORDS = {"laws": "controller", "observers": "observer", "references": "reference"}
 """What lists all of a kind, and the table of a scenario that names one."""
@@ -35,17 +42,12 @@ def describe(name: str, *, as_json: bool) -> int:
     if name in WORDS:
         return _kinds(WORDS[name], as_json=as_json)
     found = described(name)
-    if as_json:
-        print_json([key.as_dict() for key in found])
-        return 0
-    if sentence := about(name):
-        console.print(sentence, style="bold", markup=False)
-    if not found:
-        console.print("It has no settings.")
-    for key in found:
-        _print(key)
+    sentence = about(name)
+    shown: list[Shown] = [bold(sentence)] if sentence else []
+    shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
     if not name:
-        console.print("Settings of a law, observer or reference: ballplate describe NAME")
+        shown.append("Settings of a law, observer or reference: ballplate describe NAME")
+    show([key.as_dict() for key in found], as_json, shown)
     return 0
 
 
@@ -55,22 +57,105 @@ def _kinds(table: str, *, as_json: bool) -> int:
     from twin.scenario.schema import choices
 
     sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
-    if as_json:
-        print_json(sentences)
-        return 0
-    for kind, sentence in sentences.items():
-        console.print(f"{kind}: {sentence}", markup=False, soft_wrap=True)
-    console.print(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
+    told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
+    told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
+    show(sentences, as_json, told)
     return 0
 
 
-def _print(key: Key) -> None:
+def _lines(key: Key) -> Iterator[Shown]:
     unit = f" {key.unit}" if key.unit and not key.required and key.default is not None else ""
     of = f" ({key.unit})" if key.unit and not unit else ""
     only = "; plant.kind=mujoco only" if key.plants else ""
-    console.print(f"{key.key} = {key.value}{unit}", style="bold", markup=False, soft_wrap=True)
+    yield bold(f"{key.key} = {key.value}{unit}")
     whose = f"{key.kind}: " if key.kind else ""
     facts = f"{whose}{key.type}{of}{f', {key.allowed}' if key.allowed else ''}{only}"
     for text in (key.meaning, f"[{facts}]"):
-        for line in textwrap.wrap(text, max(console.width - 4, 40)):
-            console.print(f"    {line}", markup=False, soft_wrap=True)
+        yield from (f"    {line}" for line in textwrap.wrap(text, max(console.width - 4, 40)))
+
+
+class Start(NamedTuple):
+    """A start.
+
+    Attributes:
+        source: Its file among the templates.
+        called: What the class in it is called, and its name; empty for tables.
+        then: What to do with it.
+    """
+
+    source: str
+    called: tuple[str, str]
+    then: str
+
+
+LIKE = {
+    "cascade": ("law.py", ("Cascade", "cascade")),
+    "pid": ("law_pid.py", ("OwnPid", "own_pid")),
+    "lqr": ("law_lqr.py", ("OwnLqr", "own_lqr")),
+    "blank": ("law_blank.py", ("Blank", "blank")),
+}
+"""What a law may begin as: its file, and what the class in it is called, and its name."""
+STARTS = {
+    "law": Start("law.py", ("Cascade", "cascade"), "run circle --set controller.kind={name}"),
+    "observer": Start(
+        "observer.py", ("AlphaBeta", "alpha_beta"), "run hold --set observer.kind={name}"
+    ),
+    "reference": Start("reference.py", ("Drift", "drift"), "run hold --set reference.kind={name}"),
+    "scenario": Start("scenario.toml", ("", ""), "run {file}"),
+    "study": Start("study.toml", ("", ""), "study {file}"),
+}
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(list(STARTS)))
+@click.argument("name")
+@click.option(
+    "--like",
+    type=click.Choice(list(LIKE)),
+    help="What a law begins as: pid has a memory, lqr designs on the model  [cascade]",
+)
+def new(kind: str, name: str, like: str | None) -> int:
+    """Write a commented start: a law, observer or reference into laws/, or a scenario or study."""
+    if not NAME.fullmatch(name) or keyword.iskeyword(name):
+        allowed = "small letters, digits and _, no word of Python, as in my_law"
+        raise ScenarioError(f"NAME '{name[:60]}': must be {allowed}")
+    start = STARTS[kind]
+    if like is not None:
+        if kind != "law":
+            raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
+        start = start._replace(source=LIKE[like][0], called=LIKE[like][1])
+    file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
+    if file.exists():
+        raise ScenarioError(f"{file}: exists; nothing was written")
+    if start.called[0]:
+        _require_free(kind, name)
+    text = (files("twin.cli.templates") / start.source).read_text(encoding="utf-8")
+    words = name.replace("_", " ").capitalize()
+    class_name = "".join(part.capitalize() for part in name.split("_"))
+    if start.called[0]:
+        text = re.sub(rf"\b{start.called[0]}\b", class_name, text)
+        text = text.replace(f'"{start.called[1]}"', f'"{name}"')
+    else:
+        text = text.replace('"TITLE"', f'"{words}"').replace("FILE", str(file), 1)
+    try:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{file}: cannot be written: {error.strerror}") from error
+    console.print(f"written to {file}; try: ballplate {start.then.format(name=name, file=file)}")
+    return 0
+
+
+def _require_free(kind: str, name: str) -> None:
+    """Make sure that no other class has the name.
+
+    Raises:
+        ScenarioError: If one has.
+    """
+    from twin.scenario.schema import KINDS, choices
+
+    for table in KINDS:
+        taken = choices(table).get(name)
+        if taken is not None:
+            raise ScenarioError(f"{kind} '{name}': the name is taken by {taken.__module__}")

@@ -1,20 +1,108 @@
-"""Options that several commands have, among them which rig: real, emulated or simulated."""
+"""Options that several commands have, what the Tab key offers, and how a run is watched."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import click
+from click.shell_completion import CompletionItem, get_completion_class
 
-from ballplate.hardware import EMULATED
-from twin.cli import completion as tab
-from twin.errors import ScenarioError
-from twin.shipped import find
+from ballplate.changes import changes_of, scenario_of
+from ballplate.running import EMULATED, one_run
+from twin.cli.output import Terminal, warn
+from twin.errors import RecordError, ScenarioError, TwinError, ViewError
+from twin.run.files import check_no_scenario
+from twin.shipped import find, folder, shipped
 
 if TYPE_CHECKING:
+    from ballplate.running import Attach
+    from twin.run.finished import Run
+    from twin.run.record import Recorder
     from twin.scenario import Scenario
+    from twin.view.live_process import LiveProcess
+    from twin.view.viewer import Opened
+
+
+VARIABLE = "_BALLPLATE_COMPLETE"
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.pass_context
+def completion(context: click.Context, shell: str) -> int:
+    """Print the script that completes commands, scenarios, runs and keys in a shell.
+
+    In ~/.bashrc: eval "$(ballplate completion bash)". In ~/.zshrc, after compinit: eval
+    "$(ballplate completion zsh)". In ~/.config/fish/config.fish: ballplate completion fish | source
+    """
+    kind = get_completion_class(shell)
+    assert kind is not None
+    click.echo(kind(context.find_root().command, {}, "ballplate", VARIABLE).source())
+    return 0
+
+
+def scenarios(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Shipped scenarios, and TOML files."""
+    return _offered(incomplete, shipped())
+
+
+def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Shipped studies, and TOML files."""
+    return _offered(incomplete, (path.stem for path in (folder() / "studies").glob("*.toml")))
+
+
+def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Folders of runs/, the newest run, and other files."""
+    from twin.run.files import LAST, ROOT, run_folders
+
+    made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
+    return _offered(incomplete, (LAST, *(path.as_posix() for path in sorted(made))))
+
+
+def sources(
+    context: click.Context, parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """Scenarios and runs."""
+    both = scenarios(context, parameter, incomplete) + runs(context, parameter, incomplete)
+    return [each for each in both if each.type == "plain"] or both[-1:]
+
+
+def settings(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Keys of a scenario; after the sign of equality the kinds of a law, observer or reference."""
+    from twin.scenario.load import every_key
+    from twin.scenario.schema import KINDS, choices
+
+    key, equals, _start = incomplete.partition("=")
+    table = key.removesuffix(".kind")
+    if equals:
+        known = choices(table) if table in KINDS and key != table else {}
+        return _offered(incomplete, (f"{key}={kind}" for kind in known), files=False)
+    return _offered(incomplete, (f"{each}=" for each in every_key()), files=False)
+
+
+def names(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """What can be described: keys, tables and kinds."""
+    from twin.scenario.load import every_key
+    from twin.scenario.schema import KINDS, choices
+
+    known = dict.fromkeys(every_key())
+    tables = {".".join(key.split(".")[:n]) for key in known for n in range(1, key.count(".") + 1)}
+    kinds = [kind for table in KINDS for kind in choices(table)]
+    return _offered(incomplete, (*sorted(tables), *kinds, *known), files=False)
+
+
+def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> list[CompletionItem]:
+    """Known names that begin so; files where there are none."""
+    found = [CompletionItem(name) for name in known if name.startswith(incomplete)]
+    if found or not files:
+        return found
+    return [CompletionItem(Path(incomplete).as_posix() if incomplete else "", type="file")]
 
 
 def _each_once(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
@@ -32,7 +120,7 @@ SETTING = click.option(
     callback=_each_once,
     metavar="KEY=VALUE",
     help="Change a key of the scenario.",
-    shell_complete=tab.settings,
+    shell_complete=settings,
 )
 PLANT = click.option(
     "--plant",
@@ -48,7 +136,7 @@ VARY = click.option(
     "--vary",
     multiple=True,
     metavar="KEY=[A,B,...]",
-    shell_complete=tab.settings,
+    shell_complete=settings,
     help="Run once for each value of a key; repeat the option for all combinations.",
 )
 SCHEDULER = click.option(
@@ -115,3 +203,206 @@ EMPTY_RIG = click.option(
 RESET = click.option(
     "--reset", is_flag=True, help="With --rig: reset faults found in the drives when switching on."
 )
+
+
+AGAINST = click.option(
+    "--against",
+    metavar="SCENARIO",
+    shell_complete=scenarios,
+    help="Of CSV logs: the scenario they were recorded with, which the twin runs beside them.",
+)
+
+
+def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str]) -> list[Run]:
+    """The runs that paths lead to; of logs the prediction of the twin as well.
+
+    Args:
+        paths: Run folders, records, CSV logs; the newest run if there is none.
+        against: The scenario of the logs.
+        overrides: ``KEY=VALUE`` each, what is changed of it.
+
+    Raises:
+        TwinError: If one cannot be opened, or a log has no scenario.
+    """
+    from ballplate.comparing import measured
+    from twin.run.files import LAST
+    from twin.run.finished import open_runs
+
+    paths = paths or [Path(LAST)]
+    logs = [path for path in paths if path.suffix == ".csv"]
+    others = tuple(path for path in paths if path.suffix != ".csv")
+    for path in others:
+        check_no_scenario(path)
+    if logs and against is None:
+        raise RecordError(
+            f"{logs[0]}: a log has no reference; name the scenario it was recorded with: "
+            "--against circle"
+        )
+    if not logs and (against or overrides):
+        raise RecordError("--against and --set: for CSV logs; a finished run has its scenario")
+    runs: list[Run] = []
+    if logs and against is not None:
+        find(against)
+        base = changes_of(overrides, {})
+        runs, fitted = measured(logs, (against,), (), base)
+        scenario = scenario_of(against, [*fitted, *base], titled=False)
+        label = f"{Path(against).stem} predicted"
+        runs.append(replace(one_run(scenario, label, Terminal()), name=label))
+    return runs + (open_runs(others, warn) if others else [])
+
+
+WEB_PORT = 9090
+SUMMARY = 30.0
+"""Most seconds that the live summary is given for its last lines: it has the lowest priority."""
+TWIN = 60.0
+"""The same for what the twin says last, which takes it longer."""
+
+SERVE = click.option(
+    "--serve",
+    type=click.IntRange(1, 65535),
+    is_flag=False,
+    flag_value=WEB_PORT,
+    metavar="[PORT]",
+    help=f"Watch in a browser of this machine [{WEB_PORT}].",
+)
+WATCHING = (
+    click.option("--watch", is_flag=True, help="Print a live summary."),
+    click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
+    click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
+    SERVE,
+    click.option("--rrd", type=click.Path(path_type=Path), help="Keep a recording for the viewer."),
+)
+
+
+@dataclass
+class Viewing:
+    """How a run is watched; whatever goes wrong with that, the run itself is done and kept.
+
+    Args:
+        watch: On the terminal.
+        window: In a viewer window.
+        connect: In the viewer at HOST:PORT.
+        serve: In a browser, at this port.
+        rrd: File for a recording.
+
+    Raises:
+        ScenarioError: If these exclude each other, or the recording's folder does not exist.
+    """
+
+    watch: bool
+    window: bool
+    connect: str | None
+    serve: int | None
+    rrd: Path | None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        if sum((self.window, self.connect is not None, self.serve is not None)) > 1:
+            raise ScenarioError("--view, --connect and --serve: choose one")
+        if self.rrd is not None and not self.rrd.resolve().parent.is_dir():
+            raise ScenarioError(f"--rrd {self.rrd}: there is no such folder")
+        self._opened: Opened | None = None
+        self._url, self._recording = "", str(uuid4())
+
+    @contextmanager
+    def of(self, scenario: Scenario, folder: Path, *, twin: bool = False) -> Iterator[Attach]:
+        """Watch the run made within; the view names it after its folder.
+
+        Args:
+            scenario: What is run.
+            folder: Its folder.
+            twin: Whether its twin runs beside it.
+        """
+        with ExitStack() as running:
+            observers: list[LiveProcess] = []
+            if self.watch:
+                from twin.view import live_process, terminal
+
+                observers.append(live_process.LiveProcess(terminal.work, (scenario,)))
+                running.callback(observers[-1].close)
+            shown = self._open(scenario, folder.name, twin=twin)
+            if shown is not None:
+                running.callback(shown.close)
+                observers.append(shown)
+            shadow = self._twin(scenario, folder.name) if twin else None
+            if shadow is not None:
+                running.callback(shadow.close)
+                observers.append(shadow)
+
+            def watch(recorder: Recorder) -> None:
+                for each in observers:
+                    each.watch(recorder)
+
+            yield watch
+            if self.watch:
+                observers[0].finish(SUMMARY)
+            if shadow is not None and not shadow.finish(TWIN):
+                warn("the twin stopped before the end; the run and its record are complete")
+            if shown is not None:
+                self._end(shown)
+
+    def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
+        """Start the twin beside the run, drawn in the view if there is one."""
+        from twin.shadow.live import beside
+        from twin.shadow.report import Shown
+
+        return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
+
+    def _end(self, shown: LiveProcess) -> None:
+        """Let the view catch up and report what it missed."""
+        if not shown.finish():
+            warn("the view stopped before the end; the run and its record are complete")
+        elif shown.dropped:
+            warn(f"the view missed {shown.dropped} rows; the record has them all")
+
+    def keep(self, folder: Path) -> None:
+        """Write the recording of the saved run; keep a page until Ctrl-C."""
+        if self.rrd is not None:
+            from twin.run.finished import open_run
+            from twin.view.recording import write
+
+            try:
+                write(self.rrd, open_run(folder))
+                click.echo(f"written to {self.rrd}", err=True)
+            except TwinError as error:
+                warn(f"{error}; the run itself is in {folder}/")
+        if self._opened is not None and self._opened.page:
+            click.echo("the page stays until Ctrl-C", err=True)
+            try:
+                self._opened.process.wait()
+            except KeyboardInterrupt:
+                self._opened.close()
+
+    def _open(self, scenario: Scenario, name: str, *, twin: bool) -> LiveProcess | None:
+        """Start the view that was asked for; None if none was, or it cannot start."""
+        if not (self.window or self.connect or self.serve):
+            return None
+        from twin.view import recording, viewer
+
+        url = recording.address(self.connect) if self.connect is not None else ""
+        try:
+            if url:
+                recording.reach(url)
+            else:
+                self._opened = viewer.page(self.serve) if self.serve else viewer.window()
+                url = self._opened.url
+        except ViewError as error:
+            warn(f"{error}; the run goes on without a view")
+            return None
+        if self._opened is not None and self._opened.page:
+            click.echo(f"open {self._opened.page} in a browser", err=True)
+        self._url = url
+        return recording.show(scenario, name, url, recording=self._recording, twin=twin)
+
+
+def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON
+    """Give a command the options above, as one argument ``viewing``."""
+
+    @functools.wraps(command)
+    def wrapped(**given: Any) -> Any:
+        viewing = Viewing(**{each.name: given.pop(each.name) for each in fields(Viewing)})
+        return command(viewing=viewing, **given)
+
+    for option in reversed(WATCHING):
+        wrapped = option(wrapped)
+    return wrapped

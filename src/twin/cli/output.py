@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from ballplate.reporter import Advance, Reporter
+from twin.page import Table, terminal
 from twin.report.numbers import IndicatorRow, all_rows, first_rows
+from twin.report.numbers import indicators as table_of
 
 if TYPE_CHECKING:
     from ballplate.running import Attach
-    from twin.cli.viewing import Viewing
+    from twin.cli.options import Viewing
     from twin.scenario import Scenario
 
 
@@ -30,9 +32,61 @@ console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
 errors = Console(stderr=True, highlight=False)
 
 
-def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
-    """One JSON value on standard output, nothing else."""
-    click.echo(json.dumps(content, indent=2, allow_nan=False))
+Shown = str | Text | Table
+"""A sentence, one in a style, or a table."""
+
+
+def bold(sentence: str) -> Text:
+    """A sentence that is asked for first."""
+    return Text(sentence, style="bold")
+
+
+def dim(sentence: str) -> Text:
+    """A sentence for whom the others were not enough."""
+    return Text(sentence, style="dim")
+
+
+def show(
+    found: Mapping[str, Any] | Sequence[Any],
+    as_json: bool,
+    shown: Iterable[object],
+    folder: str | Path | None = None,
+    files: str = "",
+    replaced: str = "",
+) -> None:
+    """Print what a command found: for programs one JSON value, for people tables and sentences.
+
+    Args:
+        found: What ``--json`` prints.
+        as_json: Whether it was asked for.
+        shown: What people read, in this order; taken only where it is printed.
+        folder: Where it was written; None for nowhere.
+        files: Its files there, in words.
+        replaced: What it replaced there, in words.
+    """
+    if as_json:
+        click.echo(json.dumps(found, indent=2, allow_nan=False))
+        return
+    for each in shown:
+        if isinstance(each, Table):
+            say(*([each.title] if each.title else []))
+            console.print(terminal(each))
+        else:
+            console.print(each, markup=False)
+    if folder is not None:
+        say(f"written to {folder}/{replaced}: {files}")
+
+
+def titled(titles: Mapping[str, str]) -> list[Text]:
+    """What there is to run, name to title, one line each."""
+    width = max(map(len, titles), default=0)
+    return [Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles]
+
+
+def say(*lines: str) -> None:
+    """Lines as they are, not wrapped."""
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
 
 
 def warn(message: str) -> None:
@@ -40,45 +94,38 @@ def warn(message: str) -> None:
     click.echo(f"ballplate: warning: {message}", err=True)
 
 
-def print_titles(titles: Mapping[str, str], *, as_json: bool) -> None:
-    """What there is to run, name to title, one line each."""
-    if as_json:
-        print_json(titles)
-        return
-    width = max(map(len, titles), default=0)
-    for name, title in titles.items():
-        console.print(f"[bold]{name:<{width}}[/bold]  {title}")
-
-
-def print_metrics(runs: Mapping[str, Mapping[str, Any]], *, everything: bool = False) -> None:
-    """A table of indicators, one column per run; indicators that apply to none are left out.
+def indicators(
+    runs: Mapping[str, Mapping[str, Any]], *, everything: bool = False
+) -> Iterator[Table]:
+    """Indicators of runs, one column per run; those that apply to none are left out.
 
     Where the columns do not fit side by side, each run has a line, or, of every indicator, the
     columns stand in several tables.
 
     Args:
         runs: Heading to summary.
-        everything: Whether to print every indicator, or those that are asked for first.
+        everything: Whether every indicator is asked for, or those that come first.
     """
     headings, summaries = list(runs), list(runs.values())
-    if everything:
-        most = _fitting(headings, all_rows(summaries))
-        for some in range(0, len(headings), most):
-            part = slice(some, some + most)
-            _print_columns(headings[part], all_rows(summaries[part]))
-    else:
-        rows = first_rows(summaries)
-        if _fitting(headings, rows) < len(headings):
-            _print_lines(headings, rows)
-        else:
-            _print_columns(headings, rows)
+    rows = (all_rows if everything else first_rows)(summaries)
+    most = _fitting(headings, rows)
+    if not everything and most < len(headings):
+        heads = ("", *(f"{row.label} [{row.unit}]" for row in rows))
+        yield Table("", heads, list(zip(headings, *(row.values for row in rows), strict=True)))
+        return
+    for some in range(0, len(headings), most):
+        part = slice(some, some + most)
+        its = (all_rows if everything else first_rows)(summaries[part])
+        yield table_of("", its, headings[part])
 
 
-def print_reasons(runs: Mapping[str, Mapping[str, Any]]) -> None:
+def reasons(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Why runs ended early, one line each; heading to summary."""
-    for heading, its in runs.items():
-        if its.get("reason"):
-            say(f"{heading}: {its['outcome']} at {its['outcome_time']:.3f} s: {its['reason']}")
+    return [
+        f"{heading}: {its['outcome']} at {its['outcome_time']:.3f} s: {its['reason']}"
+        for heading, its in runs.items()
+        if its.get("reason")
+    ]
 
 
 def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
@@ -89,49 +136,6 @@ def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
         default=0,
     )
     return max(1, (console.width - names - 7) // (widest + 3))
-
-
-def _print_columns(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
-    lines = ((row.label, *row.values, row.unit) for row in rows)
-    print_table(("", *headings, "unit"), lines, right=slice(1, -1))
-
-
-def _print_lines(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> None:
-    columns = zip(headings, *(row.values for row in rows), strict=True)
-    print_table(("", *(f"{row.label} [{row.unit}]" for row in rows)), columns, right=slice(1, None))
-
-
-def print_table(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    right: slice = slice(0),
-    title: str | None = None,
-) -> None:
-    """A table of texts.
-
-    Args:
-        headings: Of the columns.
-        rows: A text a column.
-        right: Columns whose texts are aligned right.
-        title: Above the table.
-    """
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for heading in headings:
-        table.add_column(escape(heading), overflow="fold")
-    for column in table.columns[right]:
-        column.justify = "right"
-    for row in rows:
-        table.add_row(*map(escape, row))
-    console.print(table)
-
-
-def say(*lines: str, style: str | None = None, whole: bool = False) -> None:
-    """Lines as they are; ``whole`` ones are not wrapped."""
-    for line in lines:
-        console.print(line, style=style, markup=False, soft_wrap=whole)
 
 
 @contextmanager

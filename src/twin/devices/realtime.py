@@ -92,6 +92,7 @@ class TimingLog:
         """Periods that began late by more than ``LATE`` of a period."""
         self.lateness = LatencyHistogram()
         self.trips = LatencyHistogram()
+        """Times from a command on the bus to the last answer."""
         self.stages: dict[str, LatencyHistogram] = {}
         self._now = now
         self._mark = 0.0
@@ -120,10 +121,6 @@ class TimingLog:
             self.stages[stage] = LatencyHistogram()
         self.stages[stage].add(now - self._mark)
         self._mark = now
-
-    def round_trip(self, seconds: float) -> None:
-        """Count the time in s from a command on the bus to the last answer."""
-        self.trips.add(seconds)
 
     def as_dict(self) -> dict[str, Any]:
         """All statistics, for the record of a run."""

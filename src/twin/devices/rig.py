@@ -167,7 +167,7 @@ class HardwareRig(Rig):
         self.servos.settle(self.clock.left - self.MARGIN)
         self._trip = self.servos.round_trip
         if self._trip is not None:
-            self.clock.timing.round_trip(self._trip)
+            self.clock.timing.trips.add(self._trip)
         self.clock.wait()
         self.clock.timing.begin()
         self.servos.receive()

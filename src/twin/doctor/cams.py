@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.steps import enable, exchange, stopped_by, turn
+from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError
 from twin.hal.cams import CamTable
 
@@ -100,10 +100,7 @@ def _readings(
     progress: Callable[[float], None],
 ) -> tuple[Array, Array]:
     """Motor and plate angles at every point, shape (points, 2) each."""
-    enable(servos)
-    level: Array = np.zeros((1, 2))
-    servos.home(level, known.motor(level))
-    here = level
+    here = level = hold_level(servos, known)
     motor: list[Array] = []
     plate: list[Array] = []
     for goal in (*_path(reach, lines), level):

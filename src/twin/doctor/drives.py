@@ -14,7 +14,7 @@ from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.frames import fault_words
 from twin.devices.akd.servos import AkdServos
 from twin.doctor.check import CheckResult, failed, passed, warned
-from twin.doctor.steps import enable, exchange, stopped_by, turn, until
+from twin.doctor.steps import enable, exchange, hold_level, stopped_by, turn, until
 from twin.errors import TwinError
 from twin.hal.interface import Transmission
 
@@ -100,12 +100,10 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
 def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
     try:
-        enable(servos)
+        level = hold_level(servos, cams)
     except TwinError as error:
         yield failed("motion", str(error), "reset the faults (--reset)")
         return
-    level = np.zeros((1, 2))
-    servos.home(level, cams.motor(level))
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
         tilted[0, index] = TILT

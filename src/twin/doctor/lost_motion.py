@@ -8,7 +8,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.steps import enable, exchange, stopped_by, turn
+from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError
 from twin.hal.cams import CamTable
 from twin.identify.lost_motion import LostMotion, as_plate, lost_motion, triangle
@@ -49,8 +49,7 @@ def measure(
     read = []
     servos.start()
     try:
-        enable(servos)
-        servos.home(np.zeros((1, 2)), level)
+        hold_level(servos, known)
         for axis, goal in enumerate(goals):
             read.append(_followed(servos, goal, axis, progress))
             if not turn(servos, servos.motor(), level):

@@ -7,13 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
+from twin.hal.interface import Transmission
 
 LOOK = 0.005
 """Seconds between two looks at a screen, which reports every 17 ms."""
 
 
-def turn(servos: AkdServos, start: np.ndarray, end: np.ndarray, seconds: float = 1.0) -> bool:
+def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
     """Turn the shafts from one angle to another, smoothly; whether the drives kept going."""
     begin = servos.now()
     while servos.enabled and (gone := servos.now() - begin) < seconds + 0.3:
@@ -30,6 +32,14 @@ def enable(servos: AkdServos) -> None:
     """Ask for torque, and exchange until both drives have it, at most for a second."""
     servos.enable()
     until(servos, lambda: servos.enabled, 1.0)
+
+
+def hold_level(servos: AkdServos, cams: Transmission) -> Array:
+    """Ask for torque, and take the plate as level; level plate angles in rad, shape (1, 2)."""
+    enable(servos)
+    level = np.zeros((1, 2))
+    servos.home(level, cams.motor(level))
+    return level
 
 
 def stopped_by(servos: AkdServos) -> str:

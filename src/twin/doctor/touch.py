@@ -32,7 +32,7 @@ from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.stream import Sample, TouchState
 from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
 from twin.doctor.check import Ask, CheckResult, failed, passed, warned
-from twin.doctor.steps import enable, exchange, stopped_by, turn, wait_until
+from twin.doctor.steps import exchange, hold_level, stopped_by, turn, wait_until
 from twin.errors import RigError, TwinError
 from twin.hal.interface import SCREEN, Transmission
 from twin.hal.supervisor import LOST_AFTER
@@ -132,12 +132,10 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
     """
     _answer(servos, ask, "watch")
     try:
-        enable(servos)
+        level = hold_level(servos, cams)
     except TwinError as error:
         yield failed("which drive is phi", str(error), "reset the faults (--reset)")
         return
-    level: Array = np.zeros((1, 2))
-    servos.home(level, cams.motor(level))
     there: Array = np.array([[ROCK, 0.0]])
     for start, end in pairwise([level, *(there, -there) * TIMES, level]):
         if not turn(servos, cams.motor(start), cams.motor(end)):

@@ -129,17 +129,6 @@ class BusFaults:
         """Cut frames to some bytes."""
         self._add(lambda data, _: data[:to], (0.0,), cob_id, **when)
 
-    def corrupt(self, cob_id: Ids = None, *, bits: int = 1, **when: Unpack[When]) -> None:
-        """Flip random bits."""
-
-        def flip(data: bytes, chance: random.Random) -> bytes:
-            number = int.from_bytes(data, "little")
-            for at in chance.sample(range(8 * len(data)), min(bits, 8 * len(data))):
-                number ^= 1 << at
-            return number.to_bytes(len(data), "little")
-
-        self._add(flip, (0.0,), cob_id, **when)
-
     def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)

@@ -21,6 +21,25 @@ from twin.emulator.drive_objects import ObjectStore
 from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30
+VELOCITY_UNIT = 0.001 * RPM
+"""One count of 60FFh and 606Ch in rad/s."""
+PLATE_PER_MOTOR = 0.2
+"""How the second encoder turns with the motor where no plant says."""
+COASTING = 0.2
+"""Time constant in s with which the motor runs out without power."""
+STOP_RAMP = 1000.0
+"""Deceleration of quick stop and fault reaction in rad/s^2; assumed."""
+EMERGENCY_CODES = {
+    129: 0x8130,
+    234: 0x4210,
+    235: 0x4310,
+    247: 0x3120,
+    501: 0x3210,
+    502: 0x3220,
+    503: 0x3130,
+}
+"""Emergency code for a fault number; others give 1081h. That of F129 is CiA 301's for a heartbeat;
+AKD's own was not found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,49 +48,20 @@ class DriveSettings:
 
     Attributes:
         node: CANopen node, 1 to 127.
-        serial: Serial number.
         motor_counts: Counts per motor revolution, a power of 2.
-        plate_counts: Counts per revolution of the second encoder.
-        plate_per_motor: How the second encoder turns with the motor where no plant says.
         start_counts: Motor position at power-up; near 2^31 it soon wraps.
-        plate_start_counts: Second position at power-up.
-        coasting: Time constant in s with which the motor runs out without power.
-        velocity_unit: One count of 60FFh and 606Ch in rad/s.
         parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
         coarse: Counts to a multiple of which velocity limits and ramps are kept, as those are
             floating-point numbers inside.
         shows_bit_30: Whether COB-IDs are shown with bit 30 set.
-        stop_ramp: Deceleration of quick stop and fault reaction in rad/s^2; assumed.
-        emergency_codes: Emergency code for a fault number; others give 1081h. That of F129 is
-            CiA 301's for a heartbeat; AKD's own was not found.
     """
 
     node: int
-    serial: int = 0
     motor_counts: int = 1 << 20
-    plate_counts: int = COUNTS
-    plate_per_motor: float = 0.2
     start_counts: int = 0
-    plate_start_counts: int = 0
-    coasting: float = 0.2
-    velocity_unit: float = 0.001 * RPM
     parameter_count: float = 0.001
     coarse: int = 1
     shows_bit_30: bool = False
-    stop_ramp: float = 1000.0
-    emergency_codes: tuple[tuple[int, int], ...] = (
-        (129, 0x8130),
-        (234, 0x4210),
-        (235, 0x4310),
-        (247, 0x3120),
-        (501, 0x3210),
-        (502, 0x3220),
-        (503, 0x3130),
-    )
-
-    def emergency_code(self, number: int) -> int:
-        """The code in the emergency message of a fault."""
-        return dict(self.emergency_codes).get(number, 0x1081)
 
 
 TURN = 2 * math.pi
@@ -100,7 +90,7 @@ class Motor:
         self._angle = self._plate = 0.0
         self._sensed = False
         self._offset = settings.start_counts
-        self._plate_offset = settings.plate_start_counts
+        self._plate_offset = 0
         self._shown = self._plate_shown = 0
         self._look()
 
@@ -141,13 +131,13 @@ class Motor:
     def coast(self, dt: float) -> None:
         """Run out without torque."""
         self.limited = False
-        rate = self.rate * math.exp(-dt / self._settings.coasting)
+        rate = self.rate * math.exp(-dt / COASTING)
         self._go(rate if abs(rate) > 1e-4 else 0.0, dt)
 
     def _go(self, rate: float, dt: float) -> None:
         if not self._sensed:
             self._angle += (self.rate + rate) / 2 * dt
-            self._plate = self._settings.plate_per_motor * self._angle
+            self._plate = PLATE_PER_MOTOR * self._angle
         self.rate = rate
         self._look()
 
@@ -156,7 +146,7 @@ class Motor:
         if not self.frozen:
             self._shown = math.floor(self._angle / TURN * settings.motor_counts)
         if not self.frozen_plate:
-            self._plate_shown = math.floor(self._plate / TURN * settings.plate_counts)
+            self._plate_shown = math.floor(self._plate / TURN * COUNTS)
 
 
 MotionLimits = tuple[float, float]
@@ -348,7 +338,6 @@ class EmulatedDrive:
         self._out: list[Frame] = [self._own(0x700, b"\0")]
         self._target = 0.0
         store = self.store
-        store.set(0x1018, 4, settings.serial)
         store.set(0x608F, 1, settings.motor_counts)
         store.live(0x1001, 0, lambda: int(bool(self.power.faults)))
         for place in range(10):
@@ -356,7 +345,7 @@ class EmulatedDrive:
         store.live(0x6041, 0, lambda: self.status)
         store.live(0x6061, 0, lambda: self.mode)
         store.live(0x6064, 0, lambda: self.motor.position)
-        store.live(0x606C, 0, lambda: round(self.motor.rate / settings.velocity_unit))
+        store.live(0x606C, 0, lambda: round(self.motor.rate / VELOCITY_UNIT))
         for index, sub in ((0x2050, 0), (0x60E4, 2)):
             store.live(index, sub, lambda: self.motor.plate)
         store.live(0x60E4, 1, lambda: self.motor.position)
@@ -412,7 +401,7 @@ class EmulatedDrive:
         self.power.sto_closed = True
 
     def fail(self, number: int, *, lasting: bool = False) -> None:
-        """Have a fault; lasting: its cause stays until ``clear_causes``."""
+        """Have a fault; lasting: its cause stays until ``restore``."""
         if lasting:
             self.power.causes.add(number)
         self._failed(self.power.fail(number, braked=True))
@@ -420,7 +409,7 @@ class EmulatedDrive:
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
         self.close_sto()
-        self.clear_causes()
+        self.power.causes.clear()
         self.power.dc_link = self.remote = True
         self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
         self.motor.frozen = self.motor.frozen_plate = self.warning = False
@@ -429,10 +418,6 @@ class EmulatedDrive:
         self.mute.clear()
         self.store.stuck.clear()
         self.sdo_aborts.clear()
-
-    def clear_causes(self) -> None:
-        """Remove the causes of faults, not the faults."""
-        self.power.causes.clear()
 
     def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
         """Send an emergency message."""
@@ -504,20 +489,19 @@ class EmulatedDrive:
         if not self.remote:
             return
         if index == 0x60FF:
-            self._target = self.store.get(0x60FF) * self.settings.velocity_unit
+            self._target = self.store.get(0x60FF) * VELOCITY_UNIT
         elif index == 0x6040:
             self.power.option = self.store.get(0x605A)
             self._failed(self.power.control(self.store.get(0x6040)))
 
     def _failed(self, numbers: list[int]) -> None:
         for number in numbers:
-            self.emergency(self.settings.emergency_code(number), 0x01, f"F{number}".encode())
+            self.emergency(EMERGENCY_CODES.get(number, 0x1081), 0x01, f"F{number}".encode())
 
     def _move(self, dt: float) -> None:
         settings, store, motor = self.settings, self.store, self.motor
         unit = settings.parameter_count * _ROTARY[store.get(0x365F)]
         ramp_unit = settings.parameter_count * _ROTARY[store.get(0x3659)]
-        stop = settings.stop_ramp
         if self.power.state is Power.OPERATION_ENABLED:
             moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
             target = self._target if moving else 0.0
@@ -529,6 +513,6 @@ class EmulatedDrive:
             low = max(store.get(0x3623), -most) * unit
             motor.follow(target, ramps, (low, min(store.get(0x3622), most) * unit), dt)
         elif self.power.live:
-            motor.follow(0.0, (stop, stop), (0.0, 0.0), dt)
+            motor.follow(0.0, (STOP_RAMP, STOP_RAMP), (0.0, 0.0), dt)
         else:
             motor.coast(dt)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.interface import Fault, Limits, Touch, Transmission
 from twin.hal.supervisor import State
+from twin.run.assemble import build_limits
+from twin.scenario.schema import Scenario
 
 _ANGLES, _RATES, _BALL, _VELOCITY = [2, 6], [3, 7], [0, 4], [1, 5]
 
@@ -150,18 +152,6 @@ Rates = Callable[[float], tuple[float, float]]
 """Motor rates of phi and theta in rad/s by bus time in s."""
 
 
-class TimedFault(NamedTuple):
-    """A fault, and the bus time in s at which it was reported."""
-
-    time: float
-    fault: Fault
-
-    @property
-    def name(self) -> str:
-        """Name of the condition."""
-        return self.fault.condition.name
-
-
 def still(_: float) -> tuple[float, float]:
     """No motion."""
     return 0.0, 0.0
@@ -191,7 +181,7 @@ class LockstepDrives:
         )
         self.missing: Exception | None = None
         """With what opening the adapter fails; None where it is there."""
-        self.seen: list[TimedFault] = []
+        self.seen: list[Fault] = []
         """All faults so far."""
 
     def _open(self, _: BusConfig) -> DirectBus:
@@ -228,15 +218,14 @@ class LockstepDrives:
             self.run(self.config.period)
         return self
 
-    def run(self, seconds: float, rates: Rates = still) -> list[TimedFault]:
+    def run(self, seconds: float, rates: Rates = still) -> list[Fault]:
         """Run the loop; rates: motor rates in rad/s by bus time. The faults that came up."""
         before = len(self.seen)
         for _ in range(round(seconds / self.config.period)):
             self.servos.receive()
             self.servos.command(np.array([rates(self.bus.time)]))
             self.servos.send()
-            time = self.bus.time
-            self.seen.extend(TimedFault(time, fault) for fault in self.servos.faults())
+            self.seen.extend(self.servos.faults())
             self.adapter.sleep(self.config.period)
         return self.seen[before:]
 
@@ -350,6 +339,13 @@ class LockstepRig(HardwareRig):
         """Extra time in s that each period takes from now on."""
         self.hang = 0.0
         """Time in s for which the host does nothing at all, once."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, **more: Any) -> Self:
+        """The rig of a scenario; more: what differs from the defaults."""
+        plant, limits = EmulatedPlant(scenario), build_limits(scenario.rig.limits)
+        transmission, seed = plant.transmission, scenario.seed
+        return cls(plant, transmission=transmission, limits=limits, seed=seed, **more)
 
     def now(self) -> float:
         """Bus time in s."""

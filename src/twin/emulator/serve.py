@@ -17,14 +17,14 @@ from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Touch, Transmission
 from twin.hal.rig import Rig
 from twin.run.assemble import build_devices, start_plant
-from twin.run.changes import (
+from twin.run.plants import (
     Changes,
+    build_plant,
     change_devices,
     change_transmission,
     changing_devices,
     without_error,
 )
-from twin.run.plants import build_plant
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedDevices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -49,20 +50,16 @@ def _errors(panel: Axes, explanation: Explanation) -> None:
     percent = explanation.whole.percent is not None
     whole, none = (_size(case, percent) for case in (explanation.whole, explanation.none))
     for y, part in enumerate(explanation.contributions):
-        less, alone = _size(part.without, percent), _size(part.alone, percent)
-        panel.plot(
-            [whole, less], [y - 0.13] * 2, color=LEFT, lw=5, alpha=0.35, solid_capstyle="butt"
-        )
-        panel.plot(
-            [none, alone], [y + 0.13] * 2, color=ALONE, lw=5, alpha=0.35, solid_capstyle="butt"
-        )
-        panel.plot(less, y - 0.13, "o", color=LEFT, ms=6, label="" if y else "all but this one")
-        panel.plot(alone, y + 0.13, "s", color=ALONE, ms=6, label="" if y else "this one alone")
-        for case, shift, colour in ((part.without, -0.13, LEFT), (part.alone, 0.13, ALONE)):
+        for case, beside, at, colour, mark, label in (
+            (part.without, whole, y - 0.13, LEFT, "o", "all but this one"),
+            (part.alone, none, y + 0.13, ALONE, "s", "this one alone"),
+        ):
+            size = _size(case, percent)
+            bar: dict[str, Any] = {"lw": 5, "alpha": 0.35, "solid_capstyle": "butt"}
+            panel.plot([beside, size], [at] * 2, color=colour, **bar)
+            panel.plot(size, at, mark, color=colour, ms=6, label="" if y else label)
             if case.rms is None:
-                panel.text(
-                    whole, y + shift, f" {case.outcome}", color=colour, fontsize=7, va="center"
-                )
+                panel.text(whole, at, f" {case.outcome}", color=colour, fontsize=7, va="center")
     panel.axvline(whole, color=LEFT, lw=1, ls="--")
     panel.axvline(none, color=ALONE, lw=1, ls="--")
     top = -0.75

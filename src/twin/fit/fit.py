@@ -6,7 +6,7 @@ same run is never made twice. A search knows the cells it was given and nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,7 +14,17 @@ import numpy as np
 from cmaes import CMA
 
 from controllers.arrays import Array
-from twin.fit.runs import Cell, Runs, Sample, cells, computed, residuals, rounded, shares
+from twin.fit.runs import (
+    Cell,
+    Indicators,
+    Runs,
+    Sample,
+    cells,
+    computed,
+    residuals,
+    rounded,
+    shares,
+)
 from twin.fit.schema import FitTable
 
 SIGMA = 0.25
@@ -23,166 +33,138 @@ NEAR_SIGMA, NEAR_GENERATIONS = 0.12, 4
 """The same of a search that begins near a sample, and its generations at most."""
 CLOSE = 0.3
 """Spread of chi-squared within a generation at which a search is at its end."""
+FIRST = 0.08
+"""Step of the first samples of a descent, as a share of the ranges."""
+LENGTHS = (0.5, 1.0)
+"""Shares of the way to the linear model's minimum that it tries."""
+ROUNDS = 10
+"""Most times it goes on."""
+LITTLE = 0.02
+"""Fall of chi-squared in a round at which it is at its end."""
+
+Asking = Generator[list[Sample], list[Array], None]
+"""A way to search: gives the samples it wants next, is sent the residuals of each."""
 
 
 class Search:
+    """A search under way.
+
+    Args:
+        numbers: The cells whose misfit is made small.
+        asking: How it looks for that.
+        rounds: Most times it asks.
+
+    Attributes:
+        cells: The cells.
+        rounds: As it was given.
+        asked: The samples it wants next; none when it has ended.
+        first: Those it wanted first, before any cell was looked at.
+        best: The best sample so far.
+        chi2: Its sum of squared residuals.
+    """
+
+    def __init__(self, numbers: Sequence[Cell], asking: Asking, rounds: int) -> None:
+        self.cells, self.rounds = tuple(numbers), rounds
+        self._asking = asking
+        self.first = self.asked = next(asking)
+        self.best: Sample = ()
+        self.chi2 = np.inf
+
+    @property
+    def wanted(self) -> list[tuple[Sample, int]]:
+        """The runs it needs next."""
+        places = dict.fromkeys(cell.experiment for cell in self.cells)
+        return [(sample, place) for sample in self.asked for place in places]
+
+    def tell(self, found: Indicators) -> None:
+        """Take in what the runs gave that it wanted."""
+        told = [residuals(self.cells, computed(self.cells, x, found)) for x in self.asked]
+        for sample, r in zip(self.asked, told, strict=True):
+            if float(r @ r) < self.chi2:
+                self.chi2, self.best = float(r @ r), sample
+        try:
+            self.asked = self._asking.send(told)
+        except StopIteration:
+            self.asked = []
+
+
+def wide(table: FitTable, numbers: Sequence[Cell], seed: int, near: Sample | None = None) -> Search:
     """A global search by CMA-ES.
 
     Args:
         table: The parameters.
         numbers: The cells whose misfit is made small.
         seed: Of its random numbers.
-        name: What it is for.
         near: Sample about which it begins; the whole ranges without one.
-
-    Attributes:
-        name: What it is for.
-        best: The best sample so far.
-        chi2: Its sum of squared residuals.
-        rounds: Most times it is asked.
-        first: Its first generation, which was drawn before any cell was looked at.
-        over: Whether it has ended.
     """
-
-    def __init__(
-        self,
-        table: FitTable,
-        numbers: Sequence[Cell],
-        seed: int,
-        name: str = "",
-        near: Sample | None = None,
-    ) -> None:
-        self.name = name
-        self.cells = tuple(numbers)
-        self.best: Sample = near or ()
-        self.chi2 = np.inf
-        whole = table.generations
-        self.rounds = whole if near is None else min(whole, NEAR_GENERATIONS)
-        self.first: list[Sample] = []
-        self.over = False
-        self._table = table
-        self._size = len(table.parameters)
-        # the library needs two dimensions; a second one to a single parameter changes nothing
-        space = max(2, self._size)
-        mean = np.full(space, 0.5)
-        if near is not None:
-            mean[: self._size] = shares(near, table)
-        self._cma = CMA(
-            mean=mean,
-            sigma=SIGMA if near is None else NEAR_SIGMA,
-            bounds=np.array([[0.0, 1.0]] * space),
-            seed=seed,
-            population_size=table.population or None,
-        )
-        self._asked: list[tuple[Array, Sample]] = []
-        self._generation = 0
-
-    @property
-    def experiments(self) -> tuple[int, ...]:
-        """The experiments it needs, by their places in the table."""
-        return tuple(dict.fromkeys(cell.experiment for cell in self.cells))
-
-    def ask(self) -> list[Sample]:
-        """The samples of the next generation."""
-        points = [self._cma.ask() for _ in range(self._cma.population_size)]
-        self._asked = [(p, rounded(p[: self._size], self._table)) for p in points]
-        found = [sample for _, sample in self._asked]
-        self.first = self.first or found
-        return found
-
-    def tell(self, values: Sequence[Array]) -> None:
-        """Take in the computed values of its cells for the samples it asked for."""
-        chi2 = []
-        for (_, sample), value in zip(self._asked, values, strict=True):
-            r = residuals(self.cells, value)
-            chi2.append(float(r @ r))
-            if chi2[-1] < self.chi2:
-                self.chi2, self.best = chi2[-1], sample
-        self._cma.tell([(p, c) for (p, _), c in zip(self._asked, chi2, strict=True)])
-        self._generation += 1
-        self.over = self._generation >= self.rounds or max(chi2) - min(chi2) < CLOSE
+    rounds = table.generations if near is None else min(table.generations, NEAR_GENERATIONS)
+    return Search(numbers, _generations(table, seed, near, rounds), rounds)
 
 
-class Descent:
+def _generations(table: FitTable, seed: int, near: Sample | None, rounds: int) -> Asking:
+    size = len(table.parameters)
+    # the library needs two dimensions; a second one to a single parameter changes nothing
+    space = max(2, size)
+    mean = np.full(space, 0.5)
+    if near is not None:
+        mean[:size] = shares(near, table)
+    cma = CMA(
+        mean=mean,
+        sigma=SIGMA if near is None else NEAR_SIGMA,
+        bounds=np.array([[0.0, 1.0]] * space),
+        seed=seed,
+        population_size=table.population or None,
+    )
+    for _ in range(rounds):
+        points = [cma.ask() for _ in range(cma.population_size)]
+        told = yield [rounded(point[:size], table) for point in points]
+        chi2 = [float(r @ r) for r in told]
+        cma.tell(list(zip(points, chi2, strict=True)))
+        if max(chi2) - min(chi2) < CLOSE:
+            return
+
+
+def descent(table: FitTable, numbers: Sequence[Cell], start: Sample) -> Search:
     """Least squares from a start, by steps on the linear model of its own samples.
 
     Args:
         table: The parameters.
         numbers: The cells whose misfit is made small.
         start: Where to begin.
-        name: What it is for.
-
-    Attributes:
-        name: What it is for.
-        best: The best sample so far.
-        chi2: Its sum of squared residuals.
-        over: Whether it has ended.
     """
+    return Search(numbers, _steps(table, start), ROUNDS)
 
-    FIRST = 0.08
-    """Step of the first samples, as a share of the ranges."""
-    LENGTHS = (0.5, 1.0)
-    """Shares of the way to the model's minimum that are tried."""
-    rounds = 10
-    """Most times it is asked."""
-    LITTLE = 0.02
-    """Fall of chi-squared in a round at which it is at its end."""
 
-    def __init__(
-        self,
-        table: FitTable,
-        numbers: Sequence[Cell],
-        start: Sample,
-        name: str = "",
-    ) -> None:
-        self.name = name
-        self.cells = tuple(numbers)
-        self.best, self.chi2 = start, np.inf
-        self.over = False
-        self._table = table
-        self._seen: dict[Sample, Array] = {}
-        self._asked: list[Sample] = []
-        self._round = 0
+def _steps(table: FitTable, start: Sample) -> Asking:
+    at = shares(start, table)
+    inwards = np.where(at + FIRST <= 1, FIRST, -FIRST)
+    steps = [np.zeros(len(at)), *np.diag(inwards)]
+    seen: dict[Sample, Array] = {}
+    best, chi2 = start, np.inf
+    for _ in range(ROUNDS):
+        before, asked = chi2, [rounded(at + step, table) for step in steps]
+        told = yield asked
+        seen |= zip(asked, told, strict=True)
+        for sample, r in zip(asked, told, strict=True):
+            if float(r @ r) < chi2:
+                chi2, best = float(r @ r), sample
+        if before - chi2 < LITTLE:
+            return
+        at = shares(best, table)
+        steps = [length * _to_minimum(table, seen, at) for length in LENGTHS]
 
-    @property
-    def experiments(self) -> tuple[int, ...]:
-        """The experiments it needs, by their places in the table."""
-        return tuple(dict.fromkeys(cell.experiment for cell in self.cells))
 
-    def ask(self) -> list[Sample]:
-        """The samples it wants next."""
-        at = shares(self.best, self._table)
-        if not self._round:
-            inwards = np.where(at + self.FIRST <= 1, self.FIRST, -self.FIRST)
-            steps = [np.zeros(len(at)), *np.diag(inwards)]
-        else:
-            steps = [length * self._to_minimum(at) for length in self.LENGTHS]
-        self._asked = [rounded(at + step, self._table) for step in steps]
-        return self._asked
-
-    def tell(self, values: Sequence[Array]) -> None:
-        """Take in the computed values of its cells for the samples it asked for."""
-        before = self.chi2
-        for sample, value in zip(self._asked, values, strict=True):
-            r = residuals(self.cells, value)
-            self._seen[sample] = r
-            if float(r @ r) < self.chi2:
-                self.chi2, self.best = float(r @ r), sample
-        self._round += 1
-        self.over = self._round >= self.rounds or before - self.chi2 < self.LITTLE
-
-    def _to_minimum(self, best: Array) -> Array:
-        at = np.array([shares(sample, self._table) for sample in self._seen]) - best
-        r = np.array(list(self._seen.values()))
-        model = np.linalg.lstsq(np.column_stack((np.ones(len(at)), at)), r, rcond=None)[0]
-        step = np.linalg.lstsq(model[1:].T, -model[0], rcond=None)[0]
-        return np.asarray(np.clip(step, -0.3, 0.3))
+def _to_minimum(table: FitTable, seen: Mapping[Sample, Array], best: Array) -> Array:
+    """From the best shares to the minimum of the linear model of all residuals seen."""
+    at = np.array([shares(sample, table) for sample in seen]) - best
+    r = np.array(list(seen.values()))
+    model = np.linalg.lstsq(np.column_stack((np.ones(len(at)), at)), r, rcond=None)[0]
+    step = np.linalg.lstsq(model[1:].T, -model[0], rcond=None)[0]
+    return np.asarray(np.clip(step, -0.3, 0.3))
 
 
 def searched(
-    searches: Sequence[Search | Descent],
-    runs: Runs,
-    advance: Callable[[float], None] = lambda _: None,
+    searches: Sequence[Search], runs: Runs, advance: Callable[[float], None] = lambda _: None
 ) -> None:
     """Carry all searches to their ends.
 
@@ -195,12 +177,10 @@ def searched(
         TwinError: If a run cannot be carried out.
     """
     turn, rounds = 0, max(each.rounds for each in searches)
-    while left := [search for search in searches if not search.over]:
-        asked = [(search, search.ask()) for search in left]
-        wanted = [(x, i) for search, samples in asked for x in samples for i in search.experiments]
-        found = runs.indicators(wanted)
-        for search, samples in asked:
-            search.tell([computed(search.cells, sample, found) for sample in samples])
+    while left := [search for search in searches if search.asked]:
+        found = runs.indicators(each for search in left for each in search.wanted)
+        for search in left:
+            search.tell(found)
         turn += 1
         advance(min(turn / rounds, 1.0))
 
@@ -244,10 +224,6 @@ class Estimate:
     verdict: str
     unit: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return asdict(self)
-
 
 def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs) -> Array:
     """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
@@ -261,10 +237,8 @@ def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Run
     found = runs.indicators((x, i) for pair in pairs for x in pair for i in experiments)
     columns = []
     for k, (low, high) in enumerate(pairs):
-        difference = residuals(numbers, computed(numbers, high, found)) - residuals(
-            numbers, computed(numbers, low, found)
-        )
-        columns.append(difference / (shares(high, table)[k] - shares(low, table)[k]))
+        below, above = (residuals(numbers, computed(numbers, x, found)) for x in (low, high))
+        columns.append((above - below) / (shares(high, table)[k] - shares(low, table)[k]))
     return np.stack(columns, axis=1)
 
 
@@ -390,7 +364,7 @@ class FitResult:
             "chi2": self.chi2,
             "measurements": len(self.cells),
             "runs": self.runs,
-            "parameters": [each.as_dict() for each in self.estimates],
+            "parameters": [asdict(each) for each in self.estimates],
             "correlation": self.correlation.tolist(),
             "searches": [
                 {"chi2": chi2, "parameters": dict(zip(names, sample, strict=True))}
@@ -441,21 +415,18 @@ def fit(
         TwinError: If a run cannot be carried out.
     """
     numbers = cells(table)
-    whole = [Search(table, numbers, seed, f"all {seed}") for seed in range(1, table.restarts + 1)]
+    whole = [wide(table, numbers, seed) for seed in range(1, table.restarts + 1)]
     searched(whole, runs, lambda share: advance(0.5 * share))
     ahead = min(whole, key=lambda search: search.chi2)
     near = {
-        group: Search(table, own, 1, f"without {group}", _start(own, whole, runs))
+        group: wide(table, own, 1, _start(own, whole, runs))
         for group in (table.groups if leave_out and len(table.groups) > 1 else ())
         if len(own := [c for c in numbers if c.group != group]) >= len(table.parameters)
     }
     if near:
         searched([*near.values()], runs, lambda share: advance(0.5 + 0.3 * share))
-    refined = Descent(table, numbers, ahead.best, "all")
-    folds = {
-        group: Descent(table, search.cells, search.best, search.name)
-        for group, search in near.items()
-    }
+    refined = descent(table, numbers, ahead.best)
+    folds = {group: descent(table, each.cells, each.best) for group, each in near.items()}
     searched([refined, *folds.values()], runs, lambda share: advance(0.8 + 0.15 * share))
     best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
     left = {group: search.best for group, search in folds.items()}

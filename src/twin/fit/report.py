@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin import page
 from twin.fit.fit import Estimate, FitResult
-from twin.html import inline, render
-from twin.writing import write_json, write_whole
+from twin.page import Block, Picture, Table, Verdict, digits
+from twin.run.picture import drawn
+from twin.writing import write_json
 
+HEADS = (
+    "parameter",
+    "value",
+    "95 %, bootstrap over groups",
+    "range without one group",
+    "unit",
+    "verdict",
+)
+CELLS = ("experiment", "indicator", "unit", "measured", "computed", "held out", "residual")
 COLOURS = {"all": "#1f6fb4", "held out": "#e08214"}
 
 
@@ -44,11 +53,6 @@ def row(each: Estimate) -> tuple[str, ...]:
     return each.name, digits(each.value), interval, folds, each.unit, each.verdict
 
 
-def digits(value: float | None) -> str:
-    """A number in the digits worth reading."""
-    return "-" if value is None or not np.isfinite(value) else f"{value:.4g}"
-
-
 def write(found: FitResult, folder: Path) -> None:
     """Write report.html and fit.json.
 
@@ -70,29 +74,30 @@ def write(found: FitResult, folder: Path) -> None:
         )
     ]
     names = list(found.table.parameters)
-    page = render(
-        "fit/report.html.j2",
-        title=found.table.title,
-        good=any(each.verdict == "seen" for each in found.estimates),
-        sentences=sentences(found),
-        parameters=[row(each) for each in found.estimates],
-        figure=inline(_figure(found)),
-        names=names,
-        correlation=[
-            (name, *(f"{value:+.2f}" for value in line))
-            for name, line in zip(names, found.correlation.tolist(), strict=True)
-        ],
-        cells=cells,
+    related = [
+        (name, *(f"{value:+.2f}" for value in line))
+        for name, line in zip(names, found.correlation.tolist(), strict=True)
+    ]
+    good = any(each.verdict == "seen" for each in found.estimates)
+    title = "Residuals: fitted to all, and fitted without the group that a number belongs to"
+    note = (
+        "As data: fit.json beside this page. A residual is computed less measured in standard "
+        "uncertainties; of an indicator that a run does not have it is 10."
     )
-    write_whole(folder / "report.html", lambda path: path.write_text(page, encoding="utf-8"))
+    blocks: list[Block] = [
+        Verdict(sentences(found), good),
+        Table("Parameters", HEADS, [row(each) for each in found.estimates], words=(0, 4, 5)),
+        Table("Correlation", ("", *names), related),
+        Picture(title, _figure(found)),
+        Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
+    ]
+    page.write(folder / "report.html", found.table.title, blocks)
     write_json(folder / "fit.json", found.as_dict())
 
 
 def _figure(found: FitResult) -> Figure:
     """Residuals of every indicator, fitted and held out."""
-    with mpl.rc_context({"font.size": 9}):
-        figure = Figure(figsize=(10, 3.6), layout="constrained")
-        FigureCanvasAgg(figure)
+    with drawn(10, 3.6) as figure:
         ax = figure.subplots()
         names = list(dict.fromkeys(cell.indicator for cell in found.cells))
         for offset, (label, values) in zip(

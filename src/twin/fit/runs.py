@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Executor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from controllers.arrays import Array
 from twin.errors import LawError
 from twin.fit.schema import UNITS, Experiment, FitTable, factor
 from twin.scenario import Scenario
-from twin.study.experiments import Store, carry
+from twin.study.experiments import Store, evaluate
 from twin.study.work import Builder, ScenarioRuns
 
 LOST = 10.0
@@ -78,9 +77,7 @@ def cells(table: FitTable) -> tuple[Cell, ...]:
     return tuple(found)
 
 
-def computed(
-    numbers: tuple[Cell, ...], sample: Sample, found: Mapping[Wanted, Mapping[str, float]]
-) -> Array:
+def computed(numbers: tuple[Cell, ...], sample: Sample, found: Indicators) -> Array:
     """The computed values of cells for a sample, shape (cells,)."""
     return np.array([found[sample, cell.experiment][cell.indicator] for cell in numbers])
 
@@ -94,6 +91,8 @@ Sample = tuple[float, ...]
 """A value for each parameter, in the order of the table."""
 Wanted = tuple[Sample, int]
 """A sample, and which experiment is to be run with it."""
+Indicators = Mapping[Wanted, Mapping[str, float]]
+"""What runs gave; nan where a run has no such indicator."""
 
 
 class Runs:
@@ -102,9 +101,8 @@ class Runs:
     Args:
         table: The experiments.
         store: Where finished runs are kept.
-        executor: Anything with the interface of ``concurrent.futures``; None for this process.
-        processes: How many of its workers.
         progress: Told how many runs have been finished altogether, and how many did not end well.
+        how: Who carries them out, as for ``carry``.
 
     Raises:
         ScenarioError: If a scenario or key does not exist, or a value is out of range.
@@ -115,17 +113,16 @@ class Runs:
         table: FitTable,
         store: Store,
         *,
-        executor: Executor | None = None,
-        processes: int = 1,
         progress: Callable[[int, int], None] = lambda *_: None,
+        **how: Any,
     ) -> None:
         self.table = table
-        self._store, self._executor, self._processes = store, executor, processes
+        self._store, self._how = store, {"processes": 1} | how
         self._progress = progress
         self._builders = {
             name: Builder(name) for name in dict.fromkeys(e.scenario for e in table.experiments)
         }
-        self._known: dict[Wanted, dict[str, float]] = {}
+        self._known: dict[Wanted, Mapping[str, float]] = {}
         self._failed = 0
         middle = tuple((p.low + p.high) / 2 for p in table.parameters.values())
         for experiment in table.experiments:
@@ -158,7 +155,7 @@ class Runs:
         fixed = (*self.table.set, *experiment.set)
         return build(fixed, {**point, **factors}, factors)
 
-    def indicators(self, wanted: Iterable[Wanted]) -> Mapping[Wanted, Mapping[str, float]]:
+    def indicators(self, wanted: Iterable[Wanted]) -> Indicators:
         """The indicators of runs, as the rig's computer sees them; nan where a run has none.
 
         Raises:
@@ -173,24 +170,20 @@ class Runs:
                 (self.scenario(sample, experiments[i]) for sample, i in missing), seen=True
             )
             before = len(self._known)
-            rows = carry(
+            gave = evaluate(
                 batch,
+                {"place": [place for _, place in missing]},
                 self._store,
-                executor=self._executor,
-                processes=self._processes,
                 whole=True,
                 progress=lambda done, failed: self._progress(before + done, self._failed + failed),
-            ).to_pylist()
-            self._failed += sum(row["outcome"] != "finished" for row in rows)
-            for place, one in enumerate(experiments):
-                its = [row for (_, at), row in zip(missing, rows, strict=True) if at == place]
-                if its and all(row["outcome"] == "refused" for row in its):
-                    raise LawError(f"{one.label}: {its[0]['reason']}")
-            for each, row in zip(missing, rows, strict=True):
-                self._known[each] = {
-                    name: float("nan") if row[name] is None else row[name]
-                    for name in self.table.experiments[each[1]].measured
-                }
+                **self._how,
+            )
+            self._failed += int((gave["outcome"] != "finished").sum())
+            for place, own in gave.groupby("place"):
+                if (own["outcome"] == "refused").all():
+                    raise LawError(f"{experiments[place].label}: {own['reason'].iloc[0]}")
+            for each, row in zip(missing, gave.to_dict("records"), strict=True):
+                self._known[each] = {name: row[name] for name in experiments[each[1]].measured}
         return {each: self._known[each] for each in asked}
 
 

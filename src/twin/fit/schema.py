@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from math import degrees
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, Field, model_validator
@@ -181,15 +180,10 @@ class FitTable(BaseModel):
         return tuple(dict.fromkeys(each.own_group for each in self.experiments))
 
 
-def shipped() -> dict[str, Path]:
-    """The shipped tables by name."""
-    return shipped_in("fits")
-
-
 def read(name: str) -> FitTable:
     """The table of a shipped name or a TOML file.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    return read_model(FitTable, chosen("table", name, shipped()))
+    return read_model(FitTable, chosen("table", name, shipped_in("fits")))

@@ -25,23 +25,27 @@ class Estimate:
         value: Fitted values, shape (P,).
         draws: Bootstrap draws of them, shape (DRAWS, P).
         identifiable: Whether the data say anything about each, shape (P,).
-        degrees_of_freedom: Windows less parameters.
+        degrees_of_freedom: Of the scatter of each, shape (P,).
+        noise: Standard deviation of each by the noise of the samples alone, shape (P,).
     """
 
     value: Array
     draws: Array
     identifiable: Mask
-    degrees_of_freedom: int
+    degrees_of_freedom: Array
+    noise: Array | float = 0.0
 
     @property
     def half_width(self) -> Array:
         """Half-width of the 95 % interval, shape (P,); infinite where the data say nothing.
 
-        Few windows know little of their own scatter: Student's t over the normal distribution.
+        Few windows know little of their own scatter: Student's t over the normal distribution. If
+        they happen to agree better than the noise of their samples allows, the noise decides.
         """
         end = (1 + LEVEL) / 2
-        few = stats.t.ppf(end, max(self.degrees_of_freedom, 1)) / stats.norm.ppf(end)
+        few = stats.t.ppf(end, np.maximum(self.degrees_of_freedom, 1)) / stats.norm.ppf(end)
         half = few * np.quantile(np.abs(self.draws - self.value), LEVEL, axis=0)
+        half = np.maximum(half, stats.norm.ppf(end) * self.noise)
         return np.where(self.identifiable, half, np.inf)
 
     @property
@@ -53,18 +57,22 @@ class Estimate:
         return result
 
 
-def estimate(value: Array, information: Array, score: Array, seed: int = 0) -> Estimate:
+def estimate(
+    value: Array, information: Array, score: Array, noise: Array | None = None, seed: int = 0
+) -> Estimate:
     """Bootstrap a least-squares fit over W windows that are independent of each other.
 
     Wild score bootstrap (Kline and Santos): in each draw every window's score, its share of the
     slope of the cost, gets a random weight, and the fit follows to first order. Scores are those of
     the fit without the window (leave one out), which keeps the intervals from being too narrow
-    where a few windows decide.
+    where a few windows decide. The degrees of freedom are those of Satterthwaite: the windows, as
+    many as there were if all told as much of a parameter, at most windows less parameters.
 
     Args:
         value: The fit, shape (P,).
         information: J'J of each window, shape (W, P, P).
         score: J'r of each window, r being fit minus data, shape (W, P).
+        noise: Covariance of the sum of the scores by noise alone, shape (P, P), if it is known.
         seed: Seed of the weights.
     """
     total = information.sum(axis=0)
@@ -83,7 +91,11 @@ def estimate(value: Array, information: Array, score: Array, seed: int = 0) -> E
     )
     rng = np.random.default_rng(seed)
     weights = rng.choice(_WEIGHTS.ravel(), (DRAWS, len(score)))
-    return Estimate(value, value + weights @ shares, identifiable, len(score) - len(value))
+    told = np.einsum("ij,wjk,ki->wi", inverse, information, inverse)
+    alike = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    known = 0.0 if noise is None else np.sqrt(np.diagonal(inverse @ noise @ inverse))
+    freedom = np.minimum(alike, len(score) - len(value))
+    return Estimate(value, value + weights @ shares, identifiable, freedom, known)
 
 
 def _leave_one_out(total: Array, inverse: Array, part: Array, score: Array) -> Array:

@@ -15,7 +15,9 @@ from twin.identify.windows import LOOKBACK, Windows
 START_DIFFERENCES = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 """Steps of finite differences of the ball's start: m and m/s."""
 TOLERATED = 3.0
-"""Mean square misfit, in noise variances, above which a window loses weight (Cauchy)."""
+"""Mean square misfit, in noise variances, above which a window loses weight (Geman and McClure):
+a window that no replay explains costs no more than a few that are explained badly, however far off
+it is. Where a loss goes on growing, such windows pull the fit to where it explains none well."""
 # A weak prior of the ball's start (m, m/s), for windows whose samples do not determine it.
 START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
@@ -182,9 +184,10 @@ class Problem:
 
     def cost(self, r: Array) -> Array:
         """What a fit minimises: robust against windows that cannot be explained, shape (C,)."""
-        each = self.windows.size * np.log1p(self.misfit(r) / TOLERATED)
+        misfit = self.misfit(r)
+        each = self.windows.size * misfit / (1 + misfit / TOLERATED)
         return np.asarray(each.sum(axis=-1))
 
     def weights(self, r: Array) -> Array:
         """How much each window counts, 1 for a perfect one, shape (C, W)."""
-        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED))
+        return np.asarray(1 / (1 + self.misfit(r) / TOLERATED) ** 2)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from twin.html import inline, render
 from twin.identify.identify import Identification
 from twin.identify.search import FitResult
 from twin.identify.verdict import (
@@ -22,7 +20,8 @@ from twin.identify.verdict import (
     Whiteness,
 )
 from twin.identify.windows import LOOKBACK
-from twin.run.picture import COLOURS, LOOK
+from twin.page import Block, Picture, Table, Text, Verdict, digits, html
+from twin.run.picture import COLOURS, drawn
 from twin.writing import write_whole
 
 SHOWN = 6
@@ -57,26 +56,51 @@ def sentences(found: Identification) -> list[str]:
 
 def page(found: Identification) -> str:
     """The report as one HTML file."""
-    horizons = found.horizons
-    return render(
-        "identify/report.html.j2",
-        title=f"Identification from {found.log.source}",
-        good=any(each.word == IDENTIFIED for each in found.verdicts),
-        sentences=sentences(found),
-        heads=HEADS,
-        rows=[(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)],
-        horizons=horizons,
-        horizon_figure=inline(_horizon_figure(horizons)) if horizons is not None else "",
-        fit_figure=inline(_fit_figure(found.fit)),
-        white_figure=inline(_white_figure(found.whiteness)),
-        whiteness=found.whiteness.words,
-        log=(
-            f"{found.log.source}: {found.log.length:.1f} usable seconds, of which "
-            f"{found.fitted_time:.1f} were fitted, in {len(found.fit.problem.windows)} windows; "
-            f"{found.fit.termination}."
+    verdicts = [(*row, each.why) for row, each in zip(rows(found), found.verdicts, strict=True)]
+    blocks: list[Block] = [
+        Verdict(sentences(found), any(each.word == IDENTIFIED for each in found.verdicts)),
+        Table(
+            "Parameters",
+            (*HEADS, "why, and what would show it"),
+            verdicts,
+            words=(0, 3, 4, 5),
+            note="Intervals: wild bootstrap over the windows of the fitted part. Fitted jointly "
+            "with the ball's start in every window.",
         ),
-        notes=found.notes,
+    ]
+    if found.horizons is not None:
+        blocks += _held_out(found.horizons)
+    note = "Windows of the fitted part, the ball as measured (points) and replayed (lines)."
+    log = (
+        f"{found.log.source}: {found.log.length:.1f} usable seconds, of which "
+        f"{found.fitted_time:.1f} were fitted, in {len(found.fit.problem.windows)} windows; "
+        f"{found.fit.termination}."
     )
+    white = f"{found.whiteness.words}."
+    blocks += [
+        Picture("Fit", _fit_figure(found.fit), note),
+        Picture("What is left over", _white_figure(found.whiteness), white),
+        Text([log, *found.notes], "The log"),
+    ]
+    return html(f"Identification from {found.log.source}", blocks)
+
+
+def _held_out(horizons: Horizons) -> list[Block]:
+    """How a replay fares on what was held out, drawn and as a table."""
+    compared = ("fitted twin [mm]", "frictionless twin [mm]", "ball stays [mm]")
+    errors = (horizons.twin, horizons.frictionless, horizons.still)
+    rows = [
+        (f"{ahead:g}", *(f"{1000 * error[k]:.2f}" for error in errors), str(horizons.replays[k]))
+        for k, ahead in enumerate(horizons.ahead)
+    ]
+    note = (
+        "Median distance between replayed and measured ball; the screen's noise alone makes "
+        f"{1000 * horizons.noise:.2f} mm of it."
+    )
+    return [
+        Picture("Replay of what was held out", _horizon_figure(horizons)),
+        Table("", ("ahead [s]", *compared, "replays"), rows, note=note),
+    ]
 
 
 def rows(found: Identification) -> list[tuple[str, str, str, str, str]]:
@@ -129,11 +153,6 @@ def write(found: Identification, folder: Path) -> None:
         )
 
 
-def digits(value: float | None) -> str:
-    """A number in the digits worth reading."""
-    return "-" if value is None else f"{value:.4g}"
-
-
 def interval(each: ParameterVerdict) -> str:
     """Its interval in words."""
     if each.low is None and each.high is None:
@@ -150,8 +169,7 @@ def _name(each: ParameterVerdict) -> str:
 
 def _horizon_figure(horizons: Horizons) -> Figure:
     """Replay error against horizon with its baselines, and one replay."""
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 4), layout="constrained")
+    with drawn(12, 4) as figure:
         left, right = figure.subplots(1, 2)
         for name, values, colour in (
             ("fitted twin", horizons.twin, COLOURS[0]),
@@ -175,7 +193,6 @@ def _horizon_figure(horizons: Horizons) -> Figure:
             title="A median one of them",
         )
         right.legend(fontsize=8)
-        figure.draw_without_rendering()
     return figure
 
 
@@ -186,8 +203,7 @@ def _fit_figure(fit: FitResult) -> Figure:
     delay = np.full((1, 1), fit.theta[fit.problem.names.index("delay")])
     replayed = windows.at_samples(*fit.problem.replayed(theta, fit.starts), delay)[0][0]
     chosen = np.unique(np.linspace(0, len(windows) - 1, SHOWN).round().astype(int))
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 5), layout="constrained")
+    with drawn(12, 5) as figure:
         panels = figure.subplots(2, 3).ravel()
         for panel, which in zip(panels, chosen, strict=False):
             there = windows.weight[which, :, 0] > 0
@@ -204,14 +220,12 @@ def _fit_figure(fit: FitResult) -> Figure:
         panels[0].legend(fontsize=8)
         figure.supxlabel("time [s]", fontsize=10)
         figure.supylabel("position [mm]", fontsize=10)
-        figure.draw_without_rendering()
     return figure
 
 
 def _white_figure(whiteness: Whiteness) -> Figure:
     """Autocorrelation of the residuals with its band."""
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 2.6), layout="constrained")
+    with drawn(12, 2.6) as figure:
         panel = figure.subplots()
         lags = 1 + np.arange(len(whiteness.correlation))
         panel.bar(lags, whiteness.correlation, width=0.5, color=COLOURS[0])
@@ -221,5 +235,4 @@ def _white_figure(whiteness: Whiteness) -> Figure:
             ylabel="correlation",
             title="Autocorrelation of the residuals; 95 % of white ones within the band",
         )
-        figure.draw_without_rendering()
     return figure

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
 from twin.identify.bootstrap import Estimate, estimate
 from twin.identify.parameters import BALL
@@ -166,6 +167,8 @@ FITTED_GUESSES = 3
 UNEXPLAINED = 2.0
 """Mean square misfit over the usual one above which a window is left out at the end: where the
 ball nearly comes to rest, a touch of noise decides whether it does, and no replay can know."""
+CREEPS = float(stats.chi2.ppf(0.99, 2))
+"""Noise variances by which a free speed at the start may seem to improve a window begun at rest."""
 
 
 @dataclass(frozen=True)
@@ -199,6 +202,7 @@ class FitResult:
             self.theta,
             np.einsum("wmi,wmj,w->wij", J, J, weight),
             np.einsum("wmi,wm,w->wi", J, r, weight),
+            np.einsum("wmi,wmj,w->ij", J, J, weight**2),
         )
 
 
@@ -209,7 +213,8 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
     the truth: windows in which the ball rolls throughout give rolling friction, delay and level
     from any start; with those, the windows that begin at rest are tried with one breakaway ratio
     after another; from the best of these all windows and all parameters are fitted. Windows that
-    are then not explained at all are left out, and the rest is fitted again.
+    are then not explained at all are left out, and the rest is fitted again; so is all if in some
+    windows the ball did not rest at first, but crept.
     """
     problem = Problem(model, windows, names, grip)
     guesses = _scan_breakaway(problem, _fit_rolling(problem))
@@ -224,6 +229,11 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
             break
         problem = replace(problem, windows=problem.windows.take(kept))
         found = minimise(problem, found.theta, found.starts[:, :, kept], 12)
+    creeping = _creeping(problem, found.theta[best], found.starts[:, best])
+    if creeping.any():
+        crept = np.isin(windows.begin, problem.windows.begin[creeping])
+        resting = windows.resting & ~crept
+        return search(model, replace(windows, resting=resting), names, grip)
     every = found.linearisation
     return FitResult(
         problem=problem,
@@ -234,6 +244,18 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
         left_out=len(windows) - len(problem.windows),
         termination=found.termination,
     )
+
+
+def _creeping(problem: Problem, theta: Array, starts: Array) -> Mask:
+    """Windows begun at rest that a ball which creeps at first explains better, shape (W,)."""
+    windows = problem.windows
+    free = replace(problem, windows=replace(windows, resting=np.zeros_like(windows.resting)))
+    going = fit_starts(free, theta, free.initial_starts(), 8)
+    rest, roll = (
+        problem.misfit(problem.linearise(theta, each, slopes=False).r)[0] * windows.size
+        for each in (starts, going)
+    )
+    return np.asarray(windows.resting & (rest - roll > CREEPS))
 
 
 def _fit_rolling(whole: Problem) -> Array:

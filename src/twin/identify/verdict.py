@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from controllers.arrays import Array
 from twin.identify.bootstrap import Estimate
@@ -137,6 +138,12 @@ CORRELATED = 0.95
 """Correlation above which two parameters cannot be told apart."""
 LAGS = 20
 """This many lags of the residuals' autocorrelation are judged."""
+CHANCE = 0.99
+"""Level of the test that the residuals are white (Box and Pierce)."""
+SLIGHT = 0.05
+"""Correlation of the residuals that is seen in a long log but does not reject a model: what moves
+together is then a twentieth of the noise variance, less than 0.1 mm. A replay leaves up to 0.03 of
+the twin itself; what hides in the intervals' own scatter between windows is of this size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,8 +204,14 @@ class Whiteness:
 
     @property
     def white(self) -> bool:
-        """Whether the model explains the log: if not, no interval holds."""
-        return self.outside <= 3 and self.misfit < 1.3
+        """Whether the model explains the log: if not, no interval holds.
+
+        It does unless the mean square correlation is beyond chance by more than ``SLIGHT``: any
+        replay is told from the motion by a log that is long enough.
+        """
+        chance = stats.chi2.ppf(CHANCE, LAGS) / LAGS * (self.band / 1.96) ** 2
+        beyond = float((self.correlation**2).mean()) > chance + SLIGHT**2
+        return not beyond and self.misfit < 1.3
 
     @property
     def words(self) -> str:

@@ -14,7 +14,7 @@ from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller, build_reference
-from twin.run.changes import Changes
+from twin.run.plants import Changes
 from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
 from twin.scenario.load import check, clean, put

@@ -141,6 +141,9 @@ class Audience:
 LOOPBACK = "127.0.0.1"
 PICTURES = 1 / 32
 """Seconds from one picture that is sent to the next."""
+RECONNECT = 15.0
+"""Seconds for which a browser that does not answer, on a busy machine, is waited for; one that is
+closed is gone at once."""
 MISSING = "play: needs the extra play: pip install 'ballplate[play]'"
 
 
@@ -236,7 +239,7 @@ class Server:
             favicon="⚪",
             tailwind=False,
             message_history_length=50,
-            reconnect_timeout=3.0,
+            reconnect_timeout=RECONNECT,
             show_welcome_message=False,
         )
         config = uvicorn.Config(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
 from twin.report.diagnosis import Diagnosis, spectrum
-from twin.report.numbers import differing, flat, indicators, rows
+from twin.report.numbers import differing, in_json, indicators, rows
 from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import LOOK, MOST, picture, style
@@ -142,7 +142,7 @@ def html(runs: Sequence[Run]) -> str:
         differ = [(key, *values) for key, values in differing(runs)]
         what = "Settings that differ; the others are those of the first run, below"
         blocks.append(Table(what, ("key", *names), differ, words=range(1 + len(runs))))
-    settings = flat(runs[0].settings)
+    settings = [*in_json(runs[0].settings).items()]
     blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1)))
     blocks += [
         Code(file or "Typed at a prompt", text, f"Of {whose}." if several else "")

@@ -69,21 +69,26 @@ def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
 
 def differing(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     """The settings that are not the same in all runs: dotted key, a value in JSON per run."""
-    settings = [dict(flat(run.settings)) for run in runs]
+    settings = [in_json(run.settings) for run in runs]
     keys = dict.fromkeys(key for each in settings for key in each)
     values = ((key, [each.get(key, "-") for each in settings]) for key in keys)
     return [(key, each) for key, each in values if len(set(each)) > 1]
 
 
-def flat(tables: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
-    """Nested tables as dotted keys with their values in JSON."""
-    found = []
+def flat(tables: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Values of nested tables by dotted key."""
+    found: dict[str, Any] = {}
     for key, value in tables.items():
         if isinstance(value, dict):
-            found += flat(value, f"{path}{key}.")
+            found |= flat(value, f"{path}{key}.")
         else:
-            found.append((f"{path}{key}", json.dumps(value)))
+            found[f"{path}{key}"] = value
     return found
+
+
+def in_json(tables: Mapping[str, Any]) -> dict[str, str]:
+    """The same with every value in JSON."""
+    return {key: json.dumps(value) for key, value in flat(tables).items()}
 
 
 def own_settings(runs: Mapping[str, Run]) -> list[str]:

@@ -36,8 +36,7 @@ from controllers.smith import Smith
 from twin.errors import LawError, ScenarioError, TwinError
 from twin.hal.interface import Limits, Transmission
 from twin.hal.rig import Rig
-from twin.run.changes import changing
-from twin.run.plants import build_plant
+from twin.run.plants import build_plant, changing
 from twin.scenario.schema import Choice, ControllerChoice, Scenario, checked_settings, choices
 from twin.settings import filled, settings_of, value_of
 from twin.sim.drives import DriveModel

@@ -22,10 +22,19 @@ from controllers.interfaces import Measurement
 from twin.errors import ScenarioError, TwinError
 from twin.hal.supervisor import State
 from twin.run.assemble import agree, assemble, build_rig, law_of, own_errors, shared
-from twin.run.changes import change_devices, change_transmission, without_error
 from twin.run.loop import RAN_AWAY, Ending, drive
 from twin.run.metrics import Metrics, Motion, measure
-from twin.run.plants import PLANTS, build_friction, build_plant, differ, mistaken, rebuild_plant
+from twin.run.plants import (
+    PLANTS,
+    build_friction,
+    build_plant,
+    change_devices,
+    change_transmission,
+    differ,
+    mistaken,
+    rebuild_plant,
+    without_error,
+)
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 from twin.settings import value_of

@@ -26,6 +26,7 @@ from twin.jobs import SecondProcess
 from twin.run.assemble import assemble, build_controller, build_limits, build_reference, own_errors
 from twin.run.files import (
     STREAM,
+    Signals,
     is_last,
     is_record,
     last,
@@ -38,7 +39,6 @@ from twin.run.indicators import UNITS
 from twin.run.loop import INTERRUPTED, KILLED, Ending, Outcome, drive
 from twin.run.metrics import Motion, held, measure
 from twin.run.record import CHANNELS, Recorder, classes_of, read_beside, read_run, write_run
-from twin.run.signals import Signals
 from twin.run.state import SNAPSHOTS, Keeper, Snapshot, packed
 from twin.scenario.changing import always_friction
 from twin.scenario.load import check, recorded
@@ -496,17 +496,13 @@ def open_runs(
     failed: list[RecordError] = []
     for path in _records(paths):
         try:
-            opened = open_run(path)
+            (run,) = open_run(path)
         except RecordError as error:
             failed.append(error)
             continue
-        if len(opened) == 1:
-            (run,) = opened
-            opened = [replace(run, name=listed(path.parent).get(path.name, run.name))]
-        for run in opened:
-            taken = sum(other.name.partition("~")[0] == run.name for other in runs)
-            name = f"{run.name}~{taken + 1}" if taken else run.name
-            runs.append(replace(run, name=name) if taken else run)
+        name = listed(path.parent).get(path.name, run.name)
+        taken = sum(other.name.partition("~")[0] == name for other in runs)
+        runs.append(replace(run, name=f"{name}~{taken + 1}" if taken else name))
     if not runs:
         raise failed[0]
     for each in failed:

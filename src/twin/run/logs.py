@@ -87,7 +87,7 @@ def read_columns(
     """The columns of a log or a run in SI units, shape (K,) each, and the run's metadata.
 
     Args:
-        path: A CSV file, which has no metadata, or a Parquet file; of several rigs the first.
+        path: A CSV file, which has no metadata, or a Parquet file.
         units: Name to SI unit; columns of other names are left out.
         needed: Names that have to be there.
 
@@ -96,18 +96,15 @@ def read_columns(
     """
 
     def look(names: list[str]) -> None:
-        if missing := [name for name in needed if name not in names]:
-            raise LogError(
-                f"{path.name}: no column {', '.join(missing)} "
-                f"(it has {', '.join(names[:12]) or 'none'}{', ...' if len(names) > 12 else ''})"
-            )
+        _require(names, needed, path.name)
 
     try:
         if path.suffix == ".parquet" or is_record(path):
             return _read_table(path, units, look)
         return read_csv(path, units, look), {}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path.name}: cannot be read: {error}") from error
+        why = (isinstance(error, OSError) and error.strerror) or error
+        raise LogError(f"{path.name}: cannot be read: {why}") from error
 
 
 def _read_table(
@@ -123,9 +120,6 @@ def _read_table(
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     schema = table.schema
     look(schema.names)
-    if "rig" in schema.names and len(table):
-        rigs = table["rig"].to_numpy()
-        table = table.filter(pa.array(rigs == rigs[0]))
     columns: dict[str, Array] = {}
     for name in units:
         if name not in schema.names:
@@ -205,11 +199,7 @@ def read_log(path: Path) -> dict[str, Array]:
     Raises:
         LogError: If it cannot be read, lacks a column or a row, or its time does not rise.
     """
-    try:
-        rows = read_csv(path, UNITS, lambda names: _require(names, path.name))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise LogError(f"{path}: cannot be read: {why}") from error
+    rows, _ = read_columns(path, UNITS, NEEDED)
     kept = np.all([np.isfinite(rows[name]) for name in ("time", *NEEDED[2::2])], axis=0)
     rows = {name: values[kept] for name, values in rows.items()}
     if kept.sum() < 2:
@@ -310,11 +300,10 @@ def distances(logs: Mapping[str, Run], motions: Mapping[str, Motion]) -> list[st
     ]
 
 
-def _require(names: list[str], source: str) -> None:
-    missing = [name for name in NEEDED if name not in names]
-    if missing:
-        has = ", ".join(names[:12]) or "none"
-        raise LogError(f"{source}: no column {', '.join(missing)} (it has {has})")
+def _require(names: list[str], needed: Sequence[str], source: str) -> None:
+    if missing := [name for name in needed if name not in names]:
+        has = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+        raise LogError(f"{source}: no column {', '.join(missing)} (it has {has or 'none'})")
 
 
 def _filled(time: Array, values: Array, at: Array) -> Array:

@@ -6,7 +6,8 @@ The picture of one or several runs: where the ball went, and what it took.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,16 @@ def style(index: int) -> dict[str, Any]:
     """Colour and style of the lines of one of several runs, the same in every picture of them."""
     again = index // len(COLOURS) % len(STYLES)
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": STYLES[again]}
+
+
+@contextmanager
+def drawn(width: float, height: float) -> Iterator[Figure]:
+    """A figure of a size in inches to draw on within, in the one look of all."""
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure
+        # ticks and texts are laid out when drawn: now, while these settings hold
+        figure.draw_without_rendering()
 
 
 def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> None:

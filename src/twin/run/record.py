@@ -293,7 +293,7 @@ def stream(
 def table(
     recorder: Recorder, metadata: Mapping[str, Any], beside: Mapping[str, bytes] | None = None
 ) -> pa.Table:
-    """All channels as an Arrow table; with several rigs the rows of one follow the other.
+    """All channels of one rig as an Arrow table.
 
     Args:
         recorder: What was recorded.
@@ -302,12 +302,8 @@ def table(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    rows = recorder.length
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
-    arrays = [_arrow(np.tile(recorder.time, recorder.rigs))]
-    if recorder.rigs > 1:
-        fields.append(pa.field("rig", pa.int32(), metadata={"unit": "1"}))
-        arrays.append(_arrow(np.repeat(np.arange(recorder.rigs, dtype=np.int32), rows)))
+    arrays = [_arrow(recorder.time)]
     for column, unit, values in recorder.columns():
         fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
         arrays.append(_arrow(values))

@@ -18,26 +18,20 @@ from twin.emulator.screen_bytes import Protocol
 from twin.hal import supervisor
 from twin.hal.interface import Condition
 from twin.safety import drive_causes
-from twin.safety.case import BRING_UP, Act, FaultCase
-from twin.safety.defences import DEFENCES
-from twin.safety.reaction import Stopper
-from twin.safety.rig_cases import PROGRAM, SETTINGS, SUPERVISED, UNFIT, WATCHES, nothing
+from twin.safety.case import BRING_UP, FaultCase, Stopper
+from twin.safety.rig_cases import DEFENCES, PROGRAM, SETTINGS, SUPERVISED, UNFIT, WATCHES, nothing
 
 
 def _drive(cause: Callable[..., None], condition: Condition) -> FaultCase:
     first: dict[str, Any] = {"first": FIRST[cause]} if condition in AFTERWARDS else {}
     name = (cause.__doc__ or cause.__name__).rstrip(".")
     return FaultCase(
-        name=f"{name}: afterwards" if first else name,
-        act=lambda rig: cause(rig.lockstep),
-        expected=condition,
+        f"{name}: afterwards" if first else name,
+        lambda rig: cause(rig.lockstep),
+        condition,
         **ANSWERS.get(cause, {}),
         **first,
     )
-
-
-def _start(name: str, act: Act, expected: Condition, **more: Any) -> FaultCase:
-    return FaultCase(name=name, act=act, expected=expected, before=True, **more)
 
 
 def _screen(
@@ -49,11 +43,7 @@ def _screen(
     protocol: Protocol = Protocol.MICROTOUCH,
 ) -> FaultCase:
     return FaultCase(
-        name=name,
-        act=lambda rig: rig.inject(fault, lasting),
-        expected=expected,
-        protocol=protocol,
-        of_screen=True,
+        name, lambda rig: rig.inject(fault, lasting), expected, protocol=protocol, of_screen=True
     )
 
 
@@ -71,7 +61,7 @@ def _foreign(rig: LockstepRig) -> None:
 
 
 def _twin(rig: LockstepRig) -> None:
-    rig.lockstep.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
+    rig.lockstep.bus.drives.append(EmulatedDrive(DriveSettings(node=1)))
 
 
 def _no_ball(rig: LockstepRig) -> None:
@@ -105,23 +95,25 @@ def _wrap(rig: LockstepRig) -> None:
 
 
 AT_START = (
-    _start("The bit rate is wrong", _wrong_bit_rate, akd.BIT_RATE),
-    _start("Drive theta is absent", _absent, akd.NODE_ABSENT),
-    _start("Node 1 is no AKD", _foreign, akd.WRONG_IDENTITY),
-    _start("Two drives have node 1", _twin, akd.DUPLICATE_ID),
-    _start(
+    FaultCase("The bit rate is wrong", _wrong_bit_rate, akd.BIT_RATE, before=True),
+    FaultCase("Drive theta is absent", _absent, akd.NODE_ABSENT, before=True),
+    FaultCase("Node 1 is no AKD", _foreign, akd.WRONG_IDENTITY, before=True),
+    FaultCase("Two drives have node 1", _twin, akd.DUPLICATE_ID, before=True),
+    FaultCase(
         "STO is open",
         _sto_before,
         akd.DRIVE_FAULT,
+        before=True,
         says="F602",
         states=(Power.FAULT, Power.SWITCH_ON_DISABLED),
         wait=BRING_UP + HardwareRig.POWER_ON,
     ),
-    _start("The touch screen is absent", _no_screen, lumio.UNPLUGGED),
-    _start(
+    FaultCase("The touch screen is absent", _no_screen, lumio.UNPLUGGED, before=True),
+    FaultCase(
         "There is no ball",
         _no_ball,
         supervisor.BALL_LOST,
+        before=True,
         stopped_by=(Stopper.QUICK_STOP, Stopper.QUICK_STOP),
         wait=BRING_UP + HardwareRig.POWER_ON + PATIENCE,
     ),
@@ -168,9 +160,9 @@ DRIVES = (
     *(_drive(*each) for each in drive_causes.CASES if each not in LATER),
     _drive(drive_causes.second_node, akd.DRIVE_REBOOTED),
     FaultCase(
-        name="Drive phi refuses the reset of its fault",
-        act=_lasting_fault,
-        expected=akd.DRIVE_FAULT,
+        "Drive phi refuses the reset of its fault",
+        _lasting_fault,
+        akd.DRIVE_FAULT,
         stubborn=True,
         **ITSELF,
     ),
@@ -210,18 +202,14 @@ SCREEN = (
     _screen("The touch axes are swapped", ScreenFault.SWAP_AXES, lumio.SWAPPED_AXES, lasting=1.0),
     _screen("The touch is frozen", ScreenFault.FREEZE, lumio.FROZEN, lasting=math.inf),
     _screen("One touch frame jumps", ScreenFault.JUMP, lumio.JUMP),
-    FaultCase(name="The ball rests", act=nothing, expected=None, resting=True),
-    FaultCase(
-        name="The touch screen is unplugged",
-        act=_no_screen,
-        expected=lumio.UNPLUGGED,
-    ),
+    FaultCase("The ball rests", nothing, None, resting=True),
+    FaultCase("The touch screen is unplugged", _no_screen, lumio.UNPLUGGED),
 )
 
 LOOP = (
-    FaultCase(name="The host falls silent", act=_silence, expected=akd.PDO_STALE, **BUS_GONE),
-    FaultCase(name="Every period takes too long", act=_stall, expected=LOOP_OVERRUN, slow=2.0),
-    FaultCase(name="The motor positions wrap", act=_wrap, expected=None, before=True),
+    FaultCase("The host falls silent", _silence, akd.PDO_STALE, **BUS_GONE),
+    FaultCase("Every period takes too long", _stall, LOOP_OVERRUN, slow=2.0),
+    FaultCase("The motor positions wrap", _wrap, None, before=True),
 )
 
 CASES = (*AT_START, *UNFIT, *DRIVES, *SCREEN, *SUPERVISED, *LOOP, *PROGRAM, *DEFENCES, *SETTINGS)

@@ -117,7 +117,7 @@ def duplicate(rig: LockstepDrives) -> None:
 
 def second_node(rig: LockstepDrives) -> None:
     """A second drive has the node of drive phi."""
-    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=1, serial=7)))
+    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=1)))
 
 
 def frozen(rig: LockstepDrives) -> None:

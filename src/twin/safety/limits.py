@@ -18,17 +18,16 @@ from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.servos import SHUTDOWN
-from twin.emulator.drive import DriveSettings
+from twin.emulator.drive import COASTING, STOP_RAMP
 from twin.hal.interface import SCREEN, Limits
 from twin.hal.supervisor import Supervisor
-from twin.safety.case import FaultCase
-from twin.safety.reaction import LEVEL, STILL, Stopper
+from twin.safety.case import LEVEL, STILL, FaultCase, Stopper
 
-DRIVE, RIG, BALL = DriveSettings(node=1), Limits(), BallPlate()
+RIG, BALL = Limits(), BallPlate()
 ANGLE, RATE, ACCELERATION = float(RIG.angle), float(RIG.rate), float(RIG.acceleration)
 BEYOND = ANGLE + Supervisor.ANGLE_SLACK
 """Largest plate angle in rad that the clamp and its slack for encoder and spring allow."""
-RAMP = AkdConfig().rate_limit / DRIVE.stop_ramp
+RAMP = AkdConfig().rate_limit / STOP_RAMP
 """Time in s in which a drive brakes from its velocity limit with its quick stop ramp."""
 LEAVING = 2 * SHUTDOWN + 0.05
 """Longest time in s from the end of a run to the host's last heartbeat: it waits for standstill,
@@ -102,8 +101,8 @@ def _stopped_itself(case: FaultCase, _: float, __: AtFault) -> Limit:
 
 def _run_out(case: FaultCase, _: float, at: AtFault) -> Limit:
     rate = at.rate + 2 * ACCELERATION * case.host.period
-    time = 2 * case.host.period + DRIVE.coasting * math.log(max(rate / STILL, 1.0))
-    why = f"two periods, then down to 1/e every {DRIVE.coasting:g} s without torque"
+    time = 2 * case.host.period + COASTING * math.log(max(rate / STILL, 1.0))
+    why = f"two periods, then down to 1/e every {COASTING:g} s without torque"
     return Limit(time, why)
 
 

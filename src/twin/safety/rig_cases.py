@@ -1,4 +1,4 @@
-"""Rows of what the supervisor itself watches, of the host's program, and of a person's settings."""
+"""Rows of the supervisor, of the host's program, of settings, and of one line of defence alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.devices.lumio import conditions as lumio
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.emulator.can_faults import Frame
+from twin.devices.realtime import LOOP_OVERRUN
+from twin.emulator.can_faults import Frame, Towards
 from twin.emulator.drive import Power
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import ScreenFault
@@ -21,10 +22,94 @@ from twin.emulator.screen_bytes import Protocol
 from twin.hal import supervisor
 from twin.hal.interface import Limits, Transmission
 from twin.safety import drive_causes
-from twin.safety.case import BRING_UP, Act, FaultCase
-from twin.safety.defences import no_quick_stop, watch_alone
+from twin.safety.case import BRING_UP, Act, FaultCase, Stopper
 from twin.safety.limits import BEYOND
-from twin.safety.reaction import Stopper
+
+WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
+_RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
+_ENABLE = struct.pack("<H", 0x0F)
+_HANG = 3.0
+"""Time in s that a host hangs: until after the run's end."""
+
+
+def no_quick_stop(rig: LockstepRig) -> None:
+    """From now on every control word arrives as one that enables operation."""
+    nodes = [_RPDO1 + drive.settings.node for drive in rig.lockstep.drives]
+    rig.lockstep.bus.faults.overwrite(nodes, at=_CONTROL, data=_ENABLE, towards=Towards.DRIVES)
+
+
+def _no_zero_rate(rig: LockstepRig) -> None:
+    """From now on every target arrives as the present one."""
+    for drive in rig.lockstep.drives:
+        present = struct.pack("<i", drive.store.get(0x60FF))
+        rig.lockstep.bus.faults.overwrite(
+            _RPDO1 + drive.settings.node, at=_TARGET, data=present, towards=Towards.DRIVES
+        )
+
+
+def _level_alone(rig: LockstepRig) -> None:
+    no_quick_stop(rig)
+    rig.port.plugged = False
+
+
+def _quick_stop_alone(rig: LockstepRig) -> None:
+    _no_zero_rate(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def watch_alone(rig: LockstepRig) -> None:
+    """The motor encoder jumps, and neither zero rate nor quick stop reaches the drives."""
+    no_quick_stop(rig)
+    _no_zero_rate(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def _hang(rig: LockstepRig) -> None:
+    rig.hang = _HANG
+
+
+def _sto_alone(rig: LockstepRig) -> None:
+    for drive in rig.lockstep.drives:
+        drive.store.set(0x1016, 1, 0)
+        drive.open_sto()
+    _hang(rig)
+
+
+DEFENCES = (
+    FaultCase(
+        "Levelling alone: the screen is unplugged, and no quick stop reaches the drives",
+        _level_alone,
+        lumio.UNPLUGGED,
+    ),
+    FaultCase(
+        "Quick stop alone: the motor encoder jumps, and no zero rate reaches the drives",
+        _quick_stop_alone,
+        akd.ENCODER_JUMP,
+    ),
+    FaultCase(
+        "Heartbeat watch alone: the motor encoder jumps, and neither reaches the drives",
+        watch_alone,
+        akd.ENCODER_JUMP,
+        stopped_by=WATCHES,
+        withheld=True,
+    ),
+    FaultCase(
+        "Heartbeat watch alone: the host hangs",
+        _hang,
+        LOOP_OVERRUN,
+        stopped_by=WATCHES,
+        hangs=True,
+    ),
+    FaultCase(
+        "STO alone: the host hangs, the drives watch nobody, and STO is opened",
+        _sto_alone,
+        LOOP_OVERRUN,
+        stopped_by=(Stopper.STO, Stopper.STO),
+        hangs=True,
+    ),
+)
+"""The last rows of the matrix."""
+
 
 _LIMITS = Limits()
 _EDGE = np.add(_LIMITS.area, _LIMITS.margin)
@@ -181,15 +266,13 @@ def _jump_in_turn(rig: LockstepRig) -> None:
     _once(rig, _turns, _jump_unstopped)
 
 
-WATCHES = Stopper.HEARTBEAT, Stopper.HEARTBEAT
-
 SUPERVISED = (
     *(
         FaultCase(
-            name=f"The ball is pushed out of its area along {name}",
-            act=_push(*rates),
+            f"The ball is pushed out of its area along {name}",
+            _push(*rates),
+            supervisor.BALL_OUTSIDE,
             begins=_outside(axis),
-            expected=supervisor.BALL_OUTSIDE,
             of_screen=True,
             goes=True,
         )
@@ -197,10 +280,10 @@ SUPERVISED = (
     ),
     *(
         FaultCase(
-            name=f"The ball is pushed too fast along {name}",
-            act=act,
+            f"The ball is pushed too fast along {name}",
+            act,
+            supervisor.BALL_FAST,
             begins=_fast(axis),
-            expected=supervisor.BALL_FAST,
             of_screen=True,
             goes=True,
         )
@@ -208,10 +291,10 @@ SUPERVISED = (
     ),
     *(
         FaultCase(
-            name=f"The plate is turned past its limit by force, {name}",
-            act=_shove(axis),
+            f"The plate is turned past its limit by force, {name}",
+            _shove(axis),
+            supervisor.PLATE_TILTED,
             begins=_steep(axis),
-            expected=supervisor.PLATE_TILTED,
             speed=_SHOVE,
             shoved=_SHOVED,
             goes=True,
@@ -219,73 +302,52 @@ SUPERVISED = (
         for axis, name in ((0, "phi"), (1, "theta"))
     ),
     FaultCase(
-        name="The controller asks for what is no number",
-        act=_ask(math.nan, 0.0),
-        expected=supervisor.BAD_REQUEST,
+        "The controller asks for what is no number",
+        _ask(math.nan, 0.0),
+        supervisor.BAD_REQUEST,
         wait=_NEXT,
     ),
     FaultCase(
-        name="The controller asks for the fastest turn for good",
-        act=_ask(10.0, 0.0),
+        "The controller asks for the fastest turn for good",
+        _ask(10.0, 0.0),
+        supervisor.BALL_OUTSIDE,
         begins=_outside(0),
-        expected=supervisor.BALL_OUTSIDE,
         of_screen=True,
         goes=True,
     ),
-    FaultCase(
-        name="The ball is put elsewhere by hand",
-        act=_move_ball,
-        expected=lumio.RELOCATED,
-        of_screen=True,
-    ),
+    FaultCase("The ball is put elsewhere by hand", _move_ball, lumio.RELOCATED, of_screen=True),
 )
 """What the supervisor notices from measurements alone, and what the screen does of a ball."""
 
 PROGRAM = (
+    FaultCase("The cams give no number", _break_cams, akd.BAD_COMMAND, wait=_NEXT),
+    FaultCase("The adapter garbles lines", _unreadable, akd.GARBLED),
+    FaultCase("Another master sends SYNC", _beside(Frame(0x080), 0.002), akd.SECOND_MASTER),
     FaultCase(
-        name="The cams give no number", act=_break_cams, expected=akd.BAD_COMMAND, wait=_NEXT
-    ),
-    FaultCase(name="The adapter garbles lines", act=_unreadable, expected=akd.GARBLED),
-    FaultCase(
-        name="Another master sends SYNC",
-        act=_beside(Frame(0x080), 0.002),
-        expected=akd.SECOND_MASTER,
-    ),
-    FaultCase(
-        name="Another master turns drive phi",
-        act=_beside(Frame(0x201, _TURN), 0.0005),
-        expected=akd.SECOND_MASTER,
+        "Another master turns drive phi",
+        _beside(Frame(0x201, _TURN), 0.0005),
+        akd.SECOND_MASTER,
         speed=1.2,
     ),
-    FaultCase(
-        name="The screen says nothing for a moment",
-        act=_dead(0.08),
-        expected=lumio.STALE,
-        of_screen=True,
-    ),
+    FaultCase("The screen says nothing for a moment", _dead(0.08), lumio.STALE, of_screen=True),
 )
 """What reaches the host from beside its drives and its screen."""
 
 UNFIT = (
-    FaultCase(name="The CAN adapter is absent", act=_no_adapter, expected=akd.BAD_BUS, before=True),
+    FaultCase("The CAN adapter is absent", _no_adapter, akd.BAD_BUS, before=True),
+    FaultCase("Drive phi keeps its own torque limit", _stick, akd.WRONG_SETTING, before=True),
     FaultCase(
-        name="Drive phi keeps its own torque limit",
-        act=_stick,
-        expected=akd.WRONG_SETTING,
-        before=True,
-    ),
-    FaultCase(
-        name="Drive phi refuses the reset of its fault when switched on",
-        act=_refused_reset,
-        expected=akd.RESET_REFUSED,
+        "Drive phi refuses the reset of its fault when switched on",
+        _refused_reset,
+        akd.RESET_REFUSED,
         before=True,
         states=(Power.FAULT, Power.SWITCH_ON_DISABLED),
         wait=BRING_UP,
     ),
     FaultCase(
-        name="The screen speaks another protocol",
-        act=_speak_elo,
-        expected=lumio.UNKNOWN_PROTOCOL,
+        "The screen speaks another protocol",
+        _speak_elo,
+        lumio.UNKNOWN_PROTOCOL,
         before=True,
         stopped_by=(Stopper.QUICK_STOP, Stopper.QUICK_STOP),
         wait=BRING_UP,
@@ -295,41 +357,41 @@ UNFIT = (
 
 SETTINGS = (
     FaultCase(
-        name="The safety nets are relaxed",
-        act=nothing,
-        expected=akd.RELAXED,
+        "The safety nets are relaxed",
+        nothing,
+        akd.RELAXED,
         before=True,
         host=AkdConfig(silence=0.5),
         gate=PlausibilityLimits(stale=0.5),
     ),
     FaultCase(
-        name="Silence 0.6 s, patience 2 s: the motor encoder jumps, and no stop is obeyed",
-        act=watch_alone,
-        expected=akd.ENCODER_JUMP,
+        "Silence 0.6 s, patience 2 s: the motor encoder jumps, and no stop is obeyed",
+        watch_alone,
+        akd.ENCODER_JUMP,
         stopped_by=WATCHES,
         withheld=True,
         host=AkdConfig(silence=0.6, watch=MonitorConfig(stop=2.0)),
     ),
     FaultCase(
-        name="Stale only after 1 s: the screen says nothing any more",
-        act=_dead(math.inf),
-        expected=lumio.BALL_LOST,
+        "Stale only after 1 s: the screen says nothing any more",
+        _dead(math.inf),
+        lumio.BALL_LOST,
         of_screen=True,
         gate=PlausibilityLimits(stale=1.0),
     ),
     FaultCase(
-        name="Supervisor alone: the screen says nothing any more, and waits for 1 s itself",
-        act=_dead(math.inf),
-        expected=supervisor.BALL_LOST,
+        "Supervisor alone: the screen says nothing any more, and waits for 1 s itself",
+        _dead(math.inf),
+        supervisor.BALL_LOST,
         of_screen=True,
         wait=PlausibilityLimits().stale,
         gate=PlausibilityLimits(lost=1.0),
     ),
     FaultCase(
-        name="Zero rate alone: the motor encoder jumps, and no quick stop reaches the drives",
-        act=_jump_in_turn,
+        "Zero rate alone: the motor encoder jumps, and no quick stop reaches the drives",
+        _jump_in_turn,
+        akd.ENCODER_JUMP,
         begins=_turns,
-        expected=akd.ENCODER_JUMP,
         stopped_by=WATCHES,
         withheld=True,
         zeroed=True,

@@ -22,17 +22,15 @@ from twin.devices.rig import StartRefusedError
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig, MotionTrace
 from twin.emulator.screen import DEAD_TIME, FRAME
-from twin.emulator.serve import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.interface import Severity
 from twin.jobs import results
-from twin.run.assemble import build_controller, build_limits
+from twin.run.assemble import build_controller
 from twin.run.loop import Ending, Outcome, drive
 from twin.run.record import Recorder
 from twin.safety import limits
-from twin.safety.case import FaultCase
+from twin.safety.case import FaultCase, Reaction, Stopper, reaction
 from twin.safety.cases import CASES
-from twin.safety.reaction import Reaction, Stopper, reaction
 from twin.safety.row import FaultRow
 from twin.scenario.load import check
 from twin.scenario.schema import Scenario
@@ -94,16 +92,12 @@ class Trial:
     def __init__(self, case: FaultCase) -> None:
         self.case = case
         self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
-        plant = EmulatedPlant(self.scenario)
         screen = LumioConfig(port="emulated", protocol=str(case.protocol), gate=case.gate)
-        self.rig = LockstepRig(
-            plant,
-            transmission=plant.transmission,
-            limits=build_limits(self.scenario.rig.limits),
+        self.rig = LockstepRig.of(
+            self.scenario,
             config=case.host,
             touch=screen,
             protocol=case.protocol,
-            seed=self.scenario.seed,
             relaxed=(*case.host.relaxed, *screen.relaxed),
         )
         self.trace = MotionTrace(self.rig)
@@ -133,7 +127,6 @@ class Trial:
         off = limits.torque_off(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
         more = {"standstill_limit": stop, "torque_off_limit": off}
-        why |= {key: limit.why for key, limit in more.items() if limit}
         return FaultRow(
             name=case.name,
             condition=expected.name if expected else "",
@@ -162,12 +155,7 @@ class Trial:
             ball_later=seen.ball_later,
             torque=seen.live,
             held=self._held,
-            why={
-                **why,
-                **({"torque_off_limit": off.why} if off else {}),
-                "tilt_limit": tilt.why,
-                "ball_limit": ball_why,
-            },
+            why=why | {key: limit.why for key, limit in more.items() if limit},
         )
 
     def _run(self, duration: float, *, act: bool) -> Run:

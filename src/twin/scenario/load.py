@@ -97,7 +97,7 @@ def resolved(
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
     if file is not None:
-        merged = put(_laid_over(tables, _parameters(file, source)), settings)
+        merged = put(laid_over(tables, _parameters(file, source)), settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
@@ -148,7 +148,7 @@ def _parameters(file: Any, source: str) -> Tables:
         raise ScenarioError(f"{source}: parameters: {file}: {error}") from error
 
 
-def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
+def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
     Another ``kind`` of controller, observer or reference drops the settings of the old.
@@ -158,7 +158,7 @@ def _laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
         old = result.get(key)
         match old, value:
             case dict(), dict() if key not in KINDS or value.get("kind") in {None, old.get("kind")}:
-                result[key] = _laid_over(old, value)
+                result[key] = laid_over(old, value)
             case _:
                 result[key] = value
     return result

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import typing
 from collections.abc import Collection, Iterator, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -586,6 +587,7 @@ KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
 """The tables whose settings belong to a class of the catalog."""
 
 
+@cache
 def settings_model(cls: type) -> type[BaseModel]:
     """A strict model of the settings of a law, observer or reference: its dataclass fields."""
     given = {

@@ -13,7 +13,7 @@ from twin.identify.search import fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut, moving_spans
 from twin.shadow.belief import BALL, Belief
 from twin.shadow.evidence import Evidence, clear, log_evidence
-from twin.shadow.unevenness import products, unknown_motion
+from twin.shadow.friction_map import products, unknown_motion
 
 LONGEST = 2.0
 """Longest window in s: long enough for a small force to show, short enough to stay near it."""

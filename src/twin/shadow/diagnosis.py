@@ -16,12 +16,11 @@ from scipy.special import log_ndtr
 from controllers.arrays import Array, Mask
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow import dead_time
 from twin.shadow.ball import ball_evidence
 from twin.shadow.belief import BALL, PARAMETERS, Belief
 from twin.shadow.causes import CAUSES, Cause, changes, in_words, likely, one_sided, words_of
 from twin.shadow.evidence import Evidence, log_evidence, posterior
-from twin.shadow.monitor import Before, baseline, onset
+from twin.shadow.monitor import LATE_THRESHOLD, Before, baseline, onset
 
 ROUNDS = 3
 """How often a cause is expanded again,"""
@@ -172,7 +171,7 @@ def _deviation(belief: Belief, theta: Array) -> Array:
 
 
 THRESHOLD = 12.0
-"""Log-likelihood ratio of any cause at which an alarm is raised; ``dead_time`` has its own."""
+"""Log-likelihood ratio of any cause at which an alarm is raised; the dead time has its own."""
 SETTLING = 15.0
 """Seconds after an alarm that are looked at for its cause."""
 STRADDLING = 2.0
@@ -238,7 +237,7 @@ class Findings:
     @property
     def crossings(self) -> list[int]:
         """Windows at which a test comes to exceed its threshold, both having been far below it."""
-        share = np.maximum(self.ratio / THRESHOLD, self.delayed / dead_time.THRESHOLD)
+        share = np.maximum(self.ratio / THRESHOLD, self.delayed / LATE_THRESHOLD)
         return crossings(share)
 
     def crossed(self, crossing: int) -> float:

@@ -9,11 +9,12 @@ from typing import Any
 
 from twin.identify.log import read
 from twin.run.files import run_name
-from twin.shadow import report
 from twin.shadow.belief import believed
 from twin.shadow.follow import Shadow, shadow
 from twin.shadow.proposal import Proposal, propose
 from twin.shadow.proposal import write as write_proposal
+from twin.shadow.report import page, sentences, write_scores
+from twin.writing import write_json, write_whole
 
 FILES = "shadow.html, shadow.json, shadow.parquet"
 """What is written."""
@@ -37,12 +38,25 @@ class Examined:
     def sentences(self) -> list[str]:
         """In words."""
         tried = [] if self.file is None else [f"try it: --set parameters={self.file}"]
-        return [*report.sentences(self.found, self.proposal), *tried]
+        return [*sentences(self.found, self.proposal), *tried]
 
     @property
     def numbers(self) -> dict[str, Any]:
         """For ``--json``."""
-        return report.numbers(self.found, self.proposal, self.file)
+        proposed = None if self.proposal is None else self.proposal.as_dict(self.file)
+        return {**self.found.as_dict(), "proposal": proposed}
+
+    def write(self, folder: Path) -> None:
+        """Write shadow.html, shadow.json and, if there are replays, shadow.parquet.
+
+        Raises:
+            RecordError: If a file cannot be written.
+        """
+        text = page(self.found, self.proposal)
+        write_whole(folder / "shadow.html", lambda path: path.write_text(text, encoding="utf-8"))
+        write_json(folder / "shadow.json", self.numbers)
+        if self.found.replays is not None:
+            write_whole(folder / "shadow.parquet", lambda path: write_scores(self.found, path))
 
 
 def examine(
@@ -76,5 +90,6 @@ def examine(
         proposal = propose(recorded, belief, found.alarms[-1].since)
     if proposal is not None and proposal.text:
         file = write_proposal(proposal, folder)
-    report.write(found, proposal, file, folder)
-    return Examined(found, proposal, file)
+    examined = Examined(found, proposal, file)
+    examined.write(folder)
+    return examined

@@ -23,14 +23,13 @@ from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
 from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
-from twin.shadow.dead_time import delayed, limited, standing
 from twin.shadow.diagnosis import SETTLING, Alarm, Findings
 from twin.shadow.evidence import Evidence, gaps, noise_evidence
 from twin.shadow.friction_map import FrictionMap
 from twin.shadow.horizon import BAND, Replays, replays
-from twin.shadow.monitor import LOOKBACKS, bounded, scatter, statistic
+from twin.shadow.monitor import LOOKBACKS, bounded, delayed, limited, scatter, standing, statistic
 from twin.shadow.plate import plate_evidence
-from twin.view.twin_stream import fingerprint
+from twin.view.streams import fingerprint
 
 LEAST_TOLD = 5.0
 """Seconds of motion without which nothing is said of the rig's health."""

@@ -23,16 +23,20 @@ from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
 from twin.shadow.ball import portions
 from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
 from twin.shadow.evidence import clear
-from twin.shadow.friction_map import FrictionMap, Known, Ways, foreseen, unresolved
-from twin.shadow.unevenness import (
+from twin.shadow.friction_map import (
     FINE,
     THINNED,
+    FrictionMap,
+    Known,
+    Ways,
     braked,
     directed,
+    foreseen,
     state_moved,
     turned,
     unforeseen,
     unknown_motion,
+    unresolved,
 )
 
 LEAD = 1.2

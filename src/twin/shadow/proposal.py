@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +17,7 @@ from twin.identify.parameters import SHARE
 from twin.identify.prepare import prepare
 from twin.identify.report import parameters
 from twin.identify.verdict import IDENTIFIED, REJECTED
+from twin.report.numbers import flat
 from twin.scenario.load import check, put
 from twin.shadow.belief import Belief
 from twin.shadow.evidence import gaps
@@ -83,14 +83,15 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
     try:
         found = identify(last, NAMES, SHARE)
         text = parameters(found, FITTED)
-        settings = _settings(parse_toml(text))
+        settings = flat(parse_toml(text))
         _, held_out = prepare(last).split(SHARE)
     except LogError as error:
         return Proposal("", {}, None, None, f"No proposal: {error}")
     if not settings or not held_out.segments:
         return Proposal("", {}, None, None, "No proposal: the last minutes identify nothing")
     tables = belief.scenario.model_dump(mode="json")
-    better = Belief.of(check(put(tables, settings), "the proposal"), last)
+    known = flat(tables)
+    better = Belief.of(check(put(tables, settings.items()), "the proposal"), last)
     errors = []
     for twin in (belief, better):
         run = replays(held_out, twin, gaps(last, held_out.period), AHEAD, OFTEN)
@@ -98,17 +99,18 @@ def propose(log: Log, belief: Belief, since: float = -np.inf) -> Proposal:
             return Proposal("", {}, None, None, "No proposal: too little was held out")
         errors.append(float(np.median(np.hypot(*run.error[run.counted].T))))
     before, after = errors
-    changed = {key: (_value(tables, key), value) for key, value in settings}
+    changed = {key: (known.get(key, {}), value) for key, value in settings.items()}
     gain = 1 - after / before
     numbers = f"{1000 * before:.2f} to {1000 * after:.2f} mm on what was held out"
     if gain < LEAST_GAIN:
         why = f"No proposal: the replay error would go from {numbers}, a gain below 5 %"
         return Proposal("", {}, before, after, why)
-    names = [each.about.key for each in found.verdicts if each.word in FITTED]
+    names = dict.fromkeys(each.about.key for each in found.verdicts if each.word in FITTED)
+    believed = ", ".join(f"{key} = {known.get(key, {})}" for key in names)
     why = f"the replay error falls from {numbers} ({100 * gain:.0f} %)"
     head = [
         f"# Proposed by `ballplate shadow`: {why}.",
-        f"# parent: {log.source}'s own twin, with {_listed(names, tables)}",
+        f"# parent: {log.source}'s own twin, with {believed}",
         f"# data: {log.source}, {last.time[0]:.2f} to {last.time[-1]:.2f} s, the last "
         f"{100 * (1 - SHARE):.0f} % held out",
         f"# version: ballplate {version('ballplate')}",
@@ -127,24 +129,3 @@ def write(proposal: Proposal, folder: Path) -> Path:
     file = folder / f"parameters-{number}.toml"
     write_whole(file, lambda path: path.write_text(proposal.text, encoding="utf-8"))
     return file
-
-
-def _settings(tables: Any, path: str = "") -> list[tuple[str, Any]]:
-    """Nested tables as dotted keys with their values."""
-    found: list[tuple[str, Any]] = []
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            found += _settings(value, f"{path}{key}.")
-        else:
-            found.append((path + key, value))
-    return found
-
-
-def _value(tables: Any, key: str) -> Any:
-    for name in key.split("."):
-        tables = tables.get(name, {})
-    return tables
-
-
-def _listed(keys: Sequence[str], tables: Any) -> str:
-    return ", ".join(f"{key} = {_value(tables, key)}" for key in dict.fromkeys(keys))

@@ -5,27 +5,25 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from controllers.arrays import Array
-from twin.html import inline, render
 from twin.identify.replay import STEP
-from twin.run.picture import COLOURS, LOOK
+from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.shadow import dead_time
 from twin.shadow.causes import likely
-from twin.shadow.diagnosis import THRESHOLD
+from twin.shadow.diagnosis import THRESHOLD, Alarm
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import DRAWN, Replays
+from twin.shadow.monitor import LATE_THRESHOLD
 from twin.shadow.proposal import Proposal
 from twin.view.recording import add_twin, begin_twin, new_stream
-from twin.view.twin_stream import Scores, TwinStream
-from twin.writing import write_json, write_whole
+from twin.view.streams import Scores, TwinStream
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 """Is given new replays, and times and texts of what happened."""
@@ -75,8 +73,7 @@ SIDES = 1.96
 
 def picture(found: Shadow) -> Figure:
     """Score, error along x and y with the 95 % band, and the statistic, over time."""
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 8.5), layout="constrained")
+    with drawn(12, 8.5) as figure:
         panels = figure.subplots(4, 1, sharex=True)
         _score(panels[0], found)
         for axis, panel in enumerate(panels[1:3]):
@@ -85,7 +82,6 @@ def picture(found: Shadow) -> Figure:
         for panel in panels:
             _marks(panel, found)
         panels[3].set_xlabel("time [s]")
-        figure.draw_without_rendering()
     return figure
 
 
@@ -133,7 +129,7 @@ def _test(panel: Axes, found: Shadow) -> None:
     every, late = np.maximum(found.ratio, 0.1), np.maximum(found.delayed, 0.1)
     panel.semilogy(found.time, every, color=COLOURS[0], lw=1.2, label="all causes")
     panel.semilogy(found.time, late, color=COLOURS[1], lw=1, label="dead time alone")
-    for threshold in (THRESHOLD, dead_time.THRESHOLD):
+    for threshold in (THRESHOLD, LATE_THRESHOLD):
         panel.axhline(threshold, color=ALARM, lw=1, ls="--")
     panel.legend(fontsize=7, loc="upper left")
     panel.set(ylabel="log likelihood ratio", title="A change against none; dashed: alarm")
@@ -186,52 +182,45 @@ def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
 
 def page(found: Shadow, proposal: Proposal | None) -> str:
     """The report as one HTML file."""
-    alarms = [
-        {
-            "time": f"{alarm.time:.1f}",
-            "since": f"{alarm.since:.1f}",
-            "causes": [
-                (cause.name, f"{100 * cause.probability:.1f}", cause.change)
-                for cause in likely(alarm.causes)
-            ],
-        }
-        for alarm in found.alarms
+    blocks: list[Block] = [
+        Verdict(sentences(found, proposal), found.verdict == "healthy"),
+        Picture(
+            "Over time",
+            picture(found),
+            "Every replay begins in the smoothed state of the log and follows the recorded "
+            "commands, the plate as its encoders correct it. Grey crosses: the ball rested, "
+            "nothing can be told. Vertical lines: an alarm, and (dotted) when it most likely "
+            "began. An alarm is raised where the logarithm of the likelihood ratio passes "
+            f"{THRESHOLD:g}; that of another dead time has a test of its own and "
+            f"{LATE_THRESHOLD:g}.",
+        ),
     ]
-    changed = [] if proposal is None else [(k, a, b) for k, (a, b) in proposal.changed.items()]
-    return render(
-        "shadow/report.html.j2",
-        title=f"The twin beside {found.source}",
-        good=found.verdict == "healthy",
-        sentences=sentences(found, proposal),
-        figure=inline(picture(found)),
-        alarms=alarms,
-        changed=changed,
-        threshold=f"{THRESHOLD:g}",
-        late_threshold=f"{dead_time.THRESHOLD:g}",
-        notes=found.notes,
-    )
+    if found.alarms:
+        rows = [row for alarm in found.alarms for row in _causes(alarm)]
+        heads = ("time [s]", "since [s]", "what it may be", "probability [%]", "change")
+        note = (
+            "More than one line means: not told apart. All hypotheses counted as equally likely "
+            "beforehand; those below 5 % are left out."
+        )
+        blocks.append(Table("Alarms", heads, rows, words=(2, 4), note=note))
+    if proposal is not None and proposal.changed:
+        changed = [(key, *map(str, pair)) for key, pair in proposal.changed.items()]
+        blocks.append(Table("Proposal", ("key", "believed", "proposed"), changed, (0, 1, 2)))
+    if found.notes:
+        blocks.append(Text(found.notes, "The log"))
+    return html(f"The twin beside {found.source}", blocks)
 
 
-def numbers(found: Shadow, proposal: Proposal | None, file: Path | None) -> dict[str, Any]:
-    """All of it for ``--json``."""
-    proposed = None if proposal is None else proposal.as_dict(file)
-    return {**found.as_dict(), "proposal": proposed}
+def _causes(alarm: Alarm) -> list[tuple[str, ...]]:
+    """The causes of an alarm, the first after the times of it."""
+    when = (f"{alarm.time:.1f}", f"{alarm.since:.1f}")
+    return [
+        (*(("", "") if k else when), each.name, f"{100 * each.probability:.1f}", each.change)
+        for k, each in enumerate(likely(alarm.causes))
+    ]
 
 
-def write(found: Shadow, proposal: Proposal | None, file: Path | None, folder: Path) -> None:
-    """Write shadow.html, shadow.json and, if there are replays, shadow.parquet.
-
-    Raises:
-        RecordError: If a file cannot be written.
-    """
-    text = page(found, proposal)
-    write_whole(folder / "shadow.html", lambda path: path.write_text(text, encoding="utf-8"))
-    write_json(folder / "shadow.json", numbers(found, proposal, file))
-    if found.replays is not None:
-        write_whole(folder / "shadow.parquet", lambda path: _scores(found, path))
-
-
-def _scores(found: Shadow, path: Path) -> None:
+def write_scores(found: Shadow, path: Path) -> None:
     """One row a replay: when, error, spread, score, the test's statistic, the twin's way."""
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed

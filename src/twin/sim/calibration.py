@@ -47,50 +47,40 @@ class Resonance:
     """Damping ratio, dimensionless."""
 
 
-def sweep_cams(
-    model: Path | None = None,
-    *,
-    lines: int = 13,
-    grid_lines: int = 21,
-    plate_range: float = math.radians(10),
-    motor_range: float = math.radians(57),
-    counts: int = COUNTS,
-    degree: int = 8,
-) -> CamTable:
+LINES, GRID_LINES = 13, 21
+"""Motor angles per axis in the sweep, and plate angles per axis in the table."""
+PLATE_RANGE, MOTOR_RANGE = math.radians(10), math.radians(57)
+"""The table and the sweep reach from minus to plus these angles, rad."""
+DEGREE = 8
+"""Degree of the fitted polynomial, both plate angles together."""
+
+
+def sweep_cams() -> CamTable:
     """Sweep both motors over a grid of poses at rest, read the encoders, and invert.
 
     Plate angles are read in whole encoder counts; a polynomial in both plate angles, fitted to
     all poses at once, averages the rounding out. Poses that end on a stop are left out.
 
-    Args:
-        model: The MJCF file; None for the packaged one.
-        lines: Motor angles per axis in the sweep.
-        grid_lines: Plate angles per axis in the table.
-        plate_range: The table reaches from minus to plus this plate angle, in rad.
-        motor_range: The sweep reaches from minus to plus this motor angle, in rad.
-        counts: Counts of a plate encoder per turn.
-        degree: Degree of the fitted polynomial, both plate angles together.
-
     Raises:
         ModelError: If the model cannot be used, or too few poses are free.
     """
-    path = model_path() if model is None else model
+    path = model_path()
     # closer together towards the ends, where a fit is weakest
-    line = motor_range * np.sin(np.linspace(-1.4, 1.4, lines)) / math.sin(1.4)
+    line = MOTOR_RANGE * np.sin(np.linspace(-1.4, 1.4, LINES)) / math.sin(1.4)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     plant = Mechanism(path, rigs=len(target))
     plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
     _move_and_settle(plant, plant.motor, target)
-    width = 2 * math.pi / counts
+    width = 2 * math.pi / COUNTS
     plate = np.round(plant.state[:, [2, 6]] / width) * width
-    free = np.all(np.abs(plate) < plate_range - width, axis=1)
-    if free.sum() < (degree + 1) ** 2:
+    free = np.all(np.abs(plate) < PLATE_RANGE - width, axis=1)
+    if free.sum() < (DEGREE + 1) ** 2:
         raise ModelError(f"model {path}: only {free.sum()} of {plant.rigs} poses are off the stops")
-    basis = _basis(plate[free] / plate_range, degree)
+    basis = _basis(plate[free] / PLATE_RANGE, DEGREE)
     coefficients, *_ = np.linalg.lstsq(basis, plant.motor[free], rcond=None)
-    grid = np.linspace(-plate_range, plate_range, grid_lines)
+    grid = np.linspace(-PLATE_RANGE, PLATE_RANGE, GRID_LINES)
     lines_both = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1)
-    angles = _basis(lines_both / plate_range, degree) @ coefficients
+    angles = _basis(lines_both / PLATE_RANGE, DEGREE) @ coefficients
     return CamTable(
         grid,
         angles,
@@ -100,22 +90,18 @@ def sweep_cams(
             "model_sha256": model_hash(path),
             "mujoco": mujoco.__version__,
             "unit": "rad",
-            "plate_range_deg": round(math.degrees(plate_range), 6),
-            "motor_range_deg": round(math.degrees(motor_range), 6),
+            "plate_range_deg": round(math.degrees(PLATE_RANGE), 6),
+            "motor_range_deg": round(math.degrees(MOTOR_RANGE), 6),
             "poses": int(free.sum()),
-            "plate_encoder_counts": counts,
-            "fit": f"polynomial of degree {degree} in both plate angles",
+            "plate_encoder_counts": COUNTS,
+            "fit": f"polynomial of degree {DEGREE} in both plate angles",
             "load": "weight of the plate and pull of the spring included",
         },
     )
 
 
 def static_error(
-    table: Transmission,
-    model: Path | None = None,
-    *,
-    lines: int = 8,
-    plate_range: float = math.radians(8),
+    table: Transmission, *, lines: int = 8, plate_range: float = math.radians(8)
 ) -> StaticError:
     """Command the plate to a grid of poses through a transmission, and compare angles at rest.
 
@@ -124,7 +110,6 @@ def static_error(
 
     Args:
         table: From plate to motor angles.
-        model: The MJCF file; None for the packaged one.
         lines: Plate angles per axis.
         plate_range: The poses reach from minus to plus this plate angle, in rad.
 
@@ -133,7 +118,7 @@ def static_error(
     """
     line = np.linspace(-plate_range, plate_range, lines)
     target = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    plant = Mechanism(model, rigs=len(target))
+    plant = Mechanism(rigs=len(target))
     plant.start(np.broadcast_to(_BALL_OFF, (plant.rigs, 4)))
     _move_and_settle(plant, np.zeros_like(target), target, table)
     error = np.degrees(plant.state[:, [2, 6]] - target)
@@ -194,16 +179,13 @@ def _move_and_settle(
     start: Array,
     target: Array,
     table: Transmission | None = None,
-    *,
-    seconds: float = 1.0,
-    period: float = 0.01,
 ) -> None:
     """Move every rig smoothly to its target by motor rates alone, then let it come to rest.
 
     Angles are motor angles, or plate angles where a transmission is given.
     """
+    period, ticks = 0.01, 100
     steps = round(period / plant.step)
-    ticks = round(seconds / period)
     s = np.linspace(0, 1, ticks + 1)
     # a quintic: no jump of the acceleration, so the plate hardly rings
     blend = s**3 * (10 - 15 * s + 6 * s**2)
@@ -211,4 +193,4 @@ def _move_and_settle(
     motor = path if table is None else [table.motor(angles) for angles in path]
     for now, after in pairwise(motor):
         plant.advance((after - now) / period, steps)
-    plant.advance(np.zeros_like(target), round(seconds / plant.step))
+    plant.advance(np.zeros_like(target), ticks * steps)

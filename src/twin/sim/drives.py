@@ -14,14 +14,16 @@ What lies between a commanded motor rate and the plate's: bandwidth, lost motion
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, Number, column, put
+from controllers.controller import Groups
 from twin.hal.interface import Transmission
 from twin.settings import Unit, setting
 from twin.sim.sensors import Noise, Rigs
@@ -78,9 +80,7 @@ class PerRigTransmission:
     """
 
     def __init__(self, members: Sequence[Transmission]) -> None:
-        distinct = list({id(member): member for member in members}.values())
-        which = np.array([next(i for i, d in enumerate(distinct) if d is m) for m in members])
-        self._groups = [(np.flatnonzero(which == i), each) for i, each in enumerate(distinct)]
+        self._groups = Groups(members).each
 
     def motor(self, plate: Array) -> Array:
         """Motor angles in rad for plate angles in rad, both (N, 2)."""
@@ -149,9 +149,15 @@ class Vibration:
         return moved
 
 
-class TrainPart(Protocol):
-    """A part of the drive train of N rigs."""
+class TrainPart(ABC):
+    """A part of the drive train of N rigs.
 
+    Attributes:
+        states: Names of the arrays, shape (N, 2), that have a past; 0 at the beginning.
+        acts: Which rigs have the part, shape (N, 1).
+    """
+
+    states: ClassVar[tuple[str, ...]]
     acts: NDArray[np.bool_]
 
     def go_on(self, before: Any, rate: Array) -> None:
@@ -161,35 +167,34 @@ class TrainPart(Protocol):
             before: That one.
             rate: Rates of the input in rad/s now, shape (N, 2).
         """
+        del rate
+        for name in self.states:
+            setattr(self, name, getattr(before, name))
 
     def begin(self, rigs: Rigs) -> None:
         """Let some rigs begin as they were when they were made."""
+        for name in self.states:
+            setattr(self, name, put(getattr(self, name), rigs, 0.0))
 
+    @abstractmethod
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input, both (N, 2)."""
 
 
-class Play:
+class Play(TrainPart):
     """A gap: the output stands until the input has crossed it.
 
     Args:
         width: Of the gap in rad, shape (N, 1); 0 for none.
     """
 
+    states = ("_input", "_output")
+
     def __init__(self, width: Array) -> None:
         self._half = width / 2
         self.acts = width > 0
         self._input: Array = np.zeros((len(width), 2))
         self._output: Array = np.zeros((len(width), 2))
-
-    def go_on(self, before: Play, rate: Array) -> None:
-        """Begin in the state of another one."""
-        del rate
-        self._input, self._output = before._input, before._output
-
-    def begin(self, rigs: Rigs) -> None:
-        """Let some rigs begin in the middle of the gap."""
-        self._input, self._output = put(self._input, rigs, 0.0), put(self._output, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -202,7 +207,7 @@ class Play:
         return followed
 
 
-class Hysteresis:
+class Hysteresis(TrainPart):
     """An elastic part that works against dry friction after Dahl: lost motion without a gap.
 
     With h the angle that is lost and s the input's, dh/ds = (1 - h sgn(s') / h_max) / 2: right
@@ -213,20 +218,13 @@ class Hysteresis:
         width: Of the loop in rad, shape (N, 1); 0 for none.
     """
 
+    states = ("_lost",)
+
     def __init__(self, width: Array) -> None:
         self.acts = width > 0
         self._width = width
         self._way = np.where(width > 0, width, 1.0)
         self._lost: Array = np.zeros((len(width), 2))
-
-    def go_on(self, before: Hysteresis, rate: Array) -> None:
-        """Begin in the state of another one."""
-        del rate
-        self._lost = before._lost
-
-    def begin(self, rigs: Rigs) -> None:
-        """Let some rigs begin with nothing lost."""
-        self._lost = put(self._lost, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the output in rad for one of the input."""
@@ -237,7 +235,7 @@ class Hysteresis:
         return followed
 
 
-class Resonance:
+class Resonance(TrainPart):
     """A soft drive train: the plate swings about where the motor is, excited by the motor's motion.
 
     With d the plate's angle less the motor's, d'' + 2 zeta w d' + w^2 d = -(acceleration of the
@@ -248,6 +246,8 @@ class Resonance:
         damping: Ratio zeta below 1, shape (N, 1).
         period: Control period in s.
     """
+
+    states = ("_d", "_d_rate", "_motor_rate")
 
     def __init__(self, frequency: Array, damping: Array, period: float) -> None:
         self.acts = frequency > 0
@@ -266,13 +266,8 @@ class Resonance:
 
     def go_on(self, before: Resonance, rate: Array) -> None:
         """Begin in the state of another one, at input rates in rad/s, shape (N, 2)."""
-        self._d, self._d_rate = before._d, before._d_rate
+        super().go_on(before, rate)
         self._motor_rate = np.where(before.acts, before._motor_rate, rate)
-
-    def begin(self, rigs: Rigs) -> None:
-        """Let some rigs begin at rest."""
-        self._d, self._d_rate = put(self._d, rigs, 0.0), put(self._d_rate, rigs, 0.0)
-        self._motor_rate = put(self._motor_rate, rigs, 0.0)
 
     def follow(self, turn: Array) -> Array:
         """Turn of the plate in rad for one of the motor."""

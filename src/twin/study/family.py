@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -162,15 +161,10 @@ def drawn(family: Family, draw: int, count: int) -> list[FamilyRig]:
     ]
 
 
-def shipped() -> dict[str, Path]:
-    """The shipped families by name."""
-    return shipped_in("families")
-
-
 def read(name: str) -> Family:
     """The family of a shipped name or a TOML file.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    return read_model(Family, chosen("family", name, shipped()))
+    return read_model(Family, chosen("family", name, shipped_in("families")))

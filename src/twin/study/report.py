@@ -12,8 +12,9 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
+from twin import page
 from twin.html import inline
-from twin.page import Block, Picture, Table, Text, Verdict, as_markdown, digits, html
+from twin.page import Block, Picture, Table, Text, Verdict, as_markdown, digits
 from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
 from twin.study.experiments import labelled
@@ -184,7 +185,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         blocks.append(Table(title, KNOWN, known, words=(0, 1, 2)))
     note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
     blocks.append(Text([_about(work)], "The study", note))
-    _write(folder / "report.html", html(study.title, blocks))
+    page.write(folder / "report.html", study.title, blocks)
 
 
 def document(work: Work, found: Sequence[Answer], path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, model_validator
@@ -102,11 +101,6 @@ class Study(BaseModel):
         return self.variants or (Variant(name=self.scenario),)
 
 
-def shipped() -> dict[str, Path]:
-    """The shipped studies by name."""
-    return shipped_in("studies")
-
-
 def read(name: str, **given: Any) -> Study:
     """The study of a shipped name or a TOML file.
 
@@ -117,4 +111,4 @@ def read(name: str, **given: Any) -> Study:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    return read_model(Study, chosen("study", name, shipped()), **given)
+    return read_model(Study, chosen("study", name, shipped_in("studies")), **given)

@@ -358,7 +358,7 @@ LIBRARIES = ("mujoco", "numpy", "scipy", "control", "daqp")
 def sources() -> list[Path]:
     """The files that a simulated run executes or reads."""
     twin, laws = Path(str(files("twin"))), Path(controllers.__file__).parent
-    found = [path for path in laws.rglob("*.py") if "analysis" not in path.parts]
+    found = [path for path in laws.rglob("*.py") if path.stem != "analysis"]
     found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
     found += [twin / "run" / f"{name}.py" for name in RUN]
     found += [twin / "scenario" / f"{name}.py" for name in SCENARIO]
@@ -367,7 +367,7 @@ def sources() -> list[Path]:
     return sorted(found)
 
 
-RUN = ("assemble", "batch", "changes", "indicators", "loop", "metrics", "plants", "record")
+RUN = ("assemble", "batch", "indicators", "loop", "metrics", "plants", "record")
 """What of the room ``run`` a run of a study executes."""
 SCENARIO = ("changing", "schema")
 """The same of the room ``scenario``."""

@@ -8,17 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from twin.html import inline, render
-from twin.page import digits
-from twin.report.numbers import LABELS
+from twin import page
+from twin.page import Block, Code, Picture, Table, Text, Verdict, digits
+from twin.report.numbers import LABELS, flat
 from twin.run.assemble import build_law
+from twin.run.picture import drawn
 from twin.study.family import Point
 from twin.tune.trials import Trials
 from twin.tune.tune import CONFIDENCE, TuneResult
@@ -36,19 +35,12 @@ def settings(trials: Trials, fields: Point) -> dict[str, Any]:
         fields: Values of its fields.
     """
     scenario = json.loads(trials.scenario(fields, 0).model_dump_json())
-    found: dict[str, Any] = {}
-    for table in CONTROLLER:
-        for key, value in (scenario[table] or {}).items():
-            inner = value if isinstance(value, dict) else {"": value}
-            found |= {f"{table}.{key}.{name}".rstrip("."): each for name, each in inner.items()}
+    found = flat({table: scenario[table] or {} for table in CONTROLLER})
     for field in fields:
-        parts = field.split(".")
-        key = ".".join(parts[:-1] if parts[-1].isdigit() else parts)
-        if parts[0] not in CONTROLLER:
-            value = scenario
-            for name in key.split("."):
-                value = value[name]
-            found[key] = value
+        path, _, tail = field.rpartition(".")
+        key = path if tail.isdigit() else field
+        if key.partition(".")[0] not in CONTROLLER:
+            found[key] = flat(scenario)[key]
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -73,16 +65,9 @@ def options(settings: dict[str, Any]) -> str:
 BEFORE, AFTER, OTHER = "#d55e00", "#009e73", "#9aa7b1"
 
 
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def trade_off(found: TuneResult) -> Figure:
     """Cost against effort of every candidate that lost no rig, and the best at each effort."""
-    with mpl.rc_context({"font.size": 9}):
-        figure = _figure(10, 4)
+    with drawn(10, 4) as figure:
         ax = figure.subplots()
         ran = [
             (c, s.effort, s.cost)
@@ -135,11 +120,10 @@ def front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
 
 def before_and_after(found: TuneResult) -> Figure:
     """Every fresh rig's indicator in every task, before and after, as cumulative shares."""
-    with mpl.rc_context({"font.size": 9}):
-        tasks = found.tune.tasks
-        columns = min(len(tasks), 4)
-        rows = math.ceil(len(tasks) / columns)
-        figure = _figure(10, 2.9 * rows)
+    tasks = found.tune.tasks
+    columns = min(len(tasks), 4)
+    rows = math.ceil(len(tasks) / columns)
+    with drawn(10, 2.9 * rows) as figure:
         axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
         for ax, task in zip(axes, tasks, strict=False):
             label, unit = LABELS[task.indicator]
@@ -174,6 +158,11 @@ def _ticks(*axes: Axis) -> None:
 
 
 FRAGMENT = "tuned.toml"
+FIELDS = ("field", "searched", "before", "after", "unit")
+TASKS = (
+    *("task", "", "judged by", "median", "90 %", "largest", "cost 1 at", "finished"),
+    "median RMS effort [rad/s²]",
+)
 
 
 def sentences(found: TuneResult) -> list[str]:
@@ -251,28 +240,30 @@ def task_table(found: TuneResult) -> list[tuple[str, ...]]:
                     *(digits(own[key], unit) for key in ("median", "quantile_90", "largest")),
                     digits(task.scale, unit),
                     f"{own['finished']} of {side['rigs']}",
-                    "-" if own["effort"] is None else f"{own['effort']:.2g}",
+                    digits(own["effort"], places=2),
                 )
             )
     return rows
 
 
-def neighbours_table(found: TuneResult) -> list[tuple[str, ...]]:
+def neighbours_table(found: TuneResult) -> Table:
     """The result with one field changed, each: what that does to its cost."""
-    return [
+    rows = [
         (
             each.key,
-            each.value if isinstance(each.value, str) else f"{each.value:.4g}",
-            "fails" if each.ratio is None else f"{each.ratio:.3g}",
+            digits(each.value),
+            "fails" if each.ratio is None else digits(each.ratio, places=3),
             "yes" if each.kept else "no",
         )
         for each in found.neighbours
     ]
+    title = "Which fields matter: each a tenth of its range lower and higher"
+    return Table(title, ("field", "changed to", "cost over that of the result", "all kept"), rows)
 
 
-def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
-    """Margins and verdict before and after."""
-    rows: list[tuple[str, ...]] = []
+def margins_table(found: TuneResult) -> Table:
+    """Margins and verdict before and after, and what was asked."""
+    rows = []
     for label, candidate in (("before", found.candidates[0]), ("after", found.chosen)):
         score = next(s for each, s in found.finalists if each is candidate)
         loop = candidate.loop
@@ -281,13 +272,19 @@ def margins_table(found: TuneResult) -> list[tuple[str, ...]]:
                 label,
                 "-" if loop.disk is None else f"{loop.disk:.3f}",
                 "-" if loop.delay is None else f"{1000 * loop.delay:.0f} ms",
-                "-" if score.cost is None else f"{score.cost:.3g}",
-                "-" if score.effort is None else f"{score.effort:.2g}",
+                digits(score.cost, places=3),
+                digits(score.effort, places=2),
                 f"{score.lost} of {score.rigs}",
                 "yes" if score.kept else "no",
             )
         )
-    return rows
+    limits = found.tune.limits
+    note = (
+        f"Nominal loop: disk margin of at least {limits.disk}, {1000 * limits.delay:.0f} ms of "
+        f"further dead time; effort of at most {limits.effort} rad/s² in every run; no rig lost."
+    )
+    heads = ("disk margin", "delay margin", "cost, rigs of the search", "largest effort", "lost")
+    return Table("Constraints", ("", *heads, "all kept"), rows, note=note)
 
 
 def write(trials: Trials, found: TuneResult, folder: Path) -> None:
@@ -299,34 +296,29 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
     tuned = settings(trials, found.chosen.fields)
     law = build_law(trials.scenario(found.chosen.fields, 0))
     said = [*sentences(found), *law.remarks]
-    head = [
-        found.tune.title,
-        *said,
-        f"ballplate run circle --set parameters={FRAGMENT}",
+    head = [found.tune.title, *said, f"ballplate run circle --set parameters={FRAGMENT}"]
+    tasks = Table("Every task on the fresh rigs", TASKS, task_table(found), words=(0, 1, 2))
+    blocks: list[Block] = [Verdict(said, found.good), tasks]
+    if found.after["reasons"]:
+        blocks.append(Text(found.after["reasons"]))
+    before_after = "Before and after on the fresh rigs (dotted: cost 1)"
+    blocks += [
+        Picture(before_after, before_and_after(found)),
+        Picture("Error against effort", trade_off(found)),
+        Table("Fields", FIELDS, fields_table(found), words=(0, -1)),
+        *([neighbours_table(found)] if found.neighbours else []),
+        margins_table(found),
+        Code("Run it", f"ballplate run circle --set parameters={folder / FRAGMENT}"),
+        Code("The same without the file", f"ballplate run circle {options(tuned)}"),
+        Text(
+            [_about(found)],
+            "The tune",
+            "As data: tune.json beside this page; the tuned controller: tuned.toml.",
+        ),
     ]
-    drawn: dict[str, Any] = {
-        "Before and after on the fresh rigs (dotted: cost 1)": before_and_after(found),
-        "Error against effort": trade_off(found),
-    }
-    page = render(
-        "tune/report.html.j2",
-        title=found.tune.title,
-        good=found.good,
-        sentences=said,
-        figures={heading: inline(figure) for heading, figure in drawn.items()},
-        tasks=task_table(found),
-        margins=margins_table(found),
-        limits=found.tune.limits,
-        fields=fields_table(found),
-        neighbours=neighbours_table(found),
-        reasons=found.after["reasons"],
-        about=_about(found),
-        command=f"ballplate run circle --set parameters={folder / FRAGMENT}",
-        options=f"ballplate run circle {options(tuned)}",
-    )
     write_whole(folder / FRAGMENT, lambda path: path.write_text(toml(tuned, head), "utf-8"))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
-    write_whole(folder / "report.html", lambda path: path.write_text(page, encoding="utf-8"))
+    page.write(folder / "report.html", found.tune.title, blocks)
 
 
 def _about(found: TuneResult) -> str:

@@ -7,13 +7,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, model_validator
 
-from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family
 from twin.study.schema import METRICS
-from twin.validation import LENIENT, read_model
+from twin.validation import LENIENT, read_model, read_tables
 
 JUDGED = tuple(
     name for name in METRICS if name not in {"settling_time", "overshoot_percent", "steady_error"}
@@ -139,11 +138,6 @@ class Tune(BaseModel):
         return self
 
 
-def shipped() -> dict[str, Path]:
-    """The shipped tunes by name."""
-    return shipped_in("tunes")
-
-
 def read(name: str, **given: Any) -> Tune:
     """The tune of a shipped name or a TOML file.
 
@@ -154,7 +148,7 @@ def read(name: str, **given: Any) -> Tune:
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
-    path = chosen("tune", name, shipped())
+    path = chosen("tune", name, shipped_in("tunes"))
     more = tuple(given.pop("set", None) or ())
     instead = {key: value for key, value in given.items() if value is not None}
     tune = read_model(Tune, path, **(_taken_over(path) | instead))
@@ -163,23 +157,16 @@ def read(name: str, **given: Any) -> Tune:
 
 def _taken_over(path: Path) -> dict[str, Any]:
     """The keys that a tune takes from the one it is like."""
-    own, seen = _tables(path), {path.resolve()}
+    own, seen = read_tables(path), {path.resolve()}
     found: dict[str, Any] = {}
     other, source = own.get("like"), path.name
     while isinstance(other, str) and other:
-        file = chosen(f"{source}: like: tune", other, shipped())
+        file = chosen(f"{source}: like: tune", other, shipped_in("tunes"))
         if file.resolve() in seen:
             raise ScenarioError(f"{path.name}: like: '{other}' is like this one itself")
         seen.add(file.resolve())
-        tables = _tables(file)
+        tables = read_tables(file)
         found = {key: value for key, value in tables.items() if key not in own} | found
         other, source = tables.get("like"), file.name
     found.pop("like", None)
     return found
-
-
-def _tables(path: Path) -> dict[str, Any]:
-    try:
-        return read_toml(path)
-    except DataError as error:
-        raise ScenarioError(f"{path.name}: {error}") from error

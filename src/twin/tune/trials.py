@@ -146,7 +146,8 @@ class Trials:
     ) -> None:
         self.tune = tune
         self.finished = 0
-        self._store, self._executor, self._processes = store, executor, processes
+        self._executor = executor
+        self._store, self._how = store, {"executor": executor, "processes": processes}
         self._family = read_family(tune.family)
         self._builders = {name: Builder(name) for name in {t.scenario for t in tune.tasks}}
         about = self._family.parameters | tune.fields
@@ -229,14 +230,8 @@ class Trials:
         runs = ScenarioRuns(
             self.scenario(asked[c][0], task, rigs[rig], on) for c, rig, task in which
         )
-        gave = evaluate(
-            runs,
-            dict(zip(("candidate", "rig", "task"), zip(*which, strict=True), strict=False)),
-            self._store,
-            executor=self._executor,
-            processes=self._processes,
-            whole=True,
-        )
+        labels = zip(("candidate", "rig", "task"), zip(*which, strict=True), strict=False)
+        gave = evaluate(runs, dict(labels), self._store, whole=True, **self._how)
         self.finished += len(gave)
         return [self._indicators(own) for _, own in gave.groupby("candidate")]
 
@@ -257,17 +252,17 @@ class Trials:
 
     def _indicators(self, runs: pd.DataFrame) -> Indicators:
         """Those of one candidate, rig by rig."""
-        by_task = [own for _, own in runs.groupby("task")]
-        values = [own[task.indicator] for task, own in zip(self.tune.tasks, by_task, strict=True)]
-        for task, own, value in zip(self.tune.tasks, by_task, values, strict=True):
-            if value[own["outcome"] == "finished"].isna().any():
-                raise ScenarioError(f"task {task.name}: its reference has no {task.indicator}")
         lost = runs[runs["outcome"] != "finished"]
         reasons = [
             f"{self.tune.tasks[task].name}: {outcome}: {reason}"
             for task, outcome, reason in lost[["task", "outcome", "reason"]].itertuples(index=False)
         ]
-        efforts = [own["u_rms"] for own in by_task]
+        values, efforts = [], []
+        for (_, own), task in zip(runs.groupby("task"), self.tune.tasks, strict=True):
+            if own[task.indicator][own["outcome"] == "finished"].isna().any():
+                raise ScenarioError(f"task {task.name}: its reference has no {task.indicator}")
+            values.append(own[task.indicator])
+            efforts.append(own["u_rms"])
         return Indicators(
             np.column_stack(values), np.column_stack(efforts), tuple(dict.fromkeys(reasons))
         )

@@ -16,9 +16,17 @@ import numpy as np
 from scipy import stats
 
 from twin.study.family import Parameter
-from twin.tune.candidate import Candidate, Score, rig_costs, score, tail_mean
 from twin.tune.schema import Tune
-from twin.tune.search import best_of, rounded, searched
+from twin.tune.search import (
+    Candidate,
+    Score,
+    best_of,
+    rig_costs,
+    rounded,
+    score,
+    searched,
+    tail_mean,
+)
 from twin.tune.trials import Indicators, Trials
 
 CONFIDENCE = 0.95

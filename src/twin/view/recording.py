@@ -1,9 +1,14 @@
-"""Recorded runs as an ``.rrd`` file, sent to a viewer, or as a picture; how the viewer opens."""
+"""Runs in the viewer: recorded ones as an ``.rrd`` file or a picture, live ones row by row."""
 
 from __future__ import annotations
 
+import os
+import re
+import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import rerun as rr
@@ -11,13 +16,25 @@ import rerun.blueprint as rrb
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from twin.errors import ViewError
+from controllers.arrays import Array
+from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
+from twin.jobs import orphaned
 from twin.run.finished import Run
+from twin.scenario.schema import Scenario
+from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
 from twin.view.signals import ORANGE, PLOTS, WORDS, explained, shown_range
-from twin.view.streams import TIMELINE, Batch, RunStream
-from twin.view.twin_stream import TWIN_RANGES, TWIN_WORDS, Scores, TwinStream, saved_twin
-from twin.view.viewer import headless
+from twin.view.streams import (
+    TIMELINE,
+    TWIN_RANGES,
+    TWIN_WORDS,
+    Batch,
+    RunStream,
+    Scores,
+    TwinStream,
+    saved_twin,
+)
+from twin.view.viewer import environment, headless
 from twin.writing import write_whole
 
 Words = Mapping[str, str]
@@ -232,26 +249,38 @@ def forward(url: str, runs: Sequence[Run]) -> None:
         raise ViewError(f"the viewer at {url} does not answer: {error}") from error
 
 
+def _plan(
+    streams: Sequence[RunStream], blocks: Sequence[Mapping[str, Array]], *, live: bool, twin: bool
+) -> rrb.Blueprint:
+    """How runs are arranged, by rows of each; of a live one nobody knows how far its lines go."""
+    names = [each.name for each in streams]
+    plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
+    entities = {group for plot in plots for group in plot}
+    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
+    groups = {group: explained(lines, names) for group, lines in shown.items()}
+    ranges = {} if live else {group: shown_range(lines) for group, lines in shown.items()}
+    if twin:
+        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
+    return blueprint([each.root for each in streams], groups, TIMELINE, live=live, ranges=ranges)
+
+
+def _log_fixed(stream: rr.RecordingStream, run: RunStream, rows: Mapping[str, Array]) -> None:
+    """Send what does not change of a run, by rows of it."""
+    for entity, shape in (*run.fixed(), *run.styles(rows)):
+        stream.log(entity, shape, static=True)
+
+
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     together = len(runs) > 1
     streams = [
         RunStream(run.name, run.scenario, i if together else None, run.followed)
         for i, run in enumerate(runs)
     ]
-    plots = [each.plots(run.rows) for each, run in zip(streams, runs, strict=True)]
-    names = [run.name for run in runs]
-    entities = {group for plot in plots for group in plot}
-    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
-    groups = {group: explained(lines, names) for group, lines in shown.items()}
-    ranges = {group: shown_range(lines) for group, lines in shown.items()}
     twins = [saved_twin(run) for run in runs]
-    if any(twins):
-        groups, ranges = groups | TWIN_WORDS, ranges | TWIN_RANGES
-    plan = blueprint([each.root for each in streams], groups, TIMELINE, ranges=ranges)
+    plan = _plan(streams, [run.rows for run in runs], live=False, twin=any(twins))
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
-        for entity, shape in (*each.fixed(), *each.styles(run.rows)):
-            stream.log(entity, shape, static=True)
+        _log_fixed(stream, each, run.rows)
         for batch in each.batches(run.rows):
             send(stream, batch)
     for run, said in zip(runs, twins, strict=True):
@@ -290,3 +319,132 @@ def _take(viewer: ViewerClient, target: Path, size: tuple[int, int]) -> None:
         page = large.crop((0, scale * MENU, large.width, large.height)).convert("RGB")
         small = page.resize((size[0], size[1] - MENU), Image.Resampling.LANCZOS)
     small.save(target, optimize=True)
+
+
+EVERY = 0.08
+"""Seconds between two looks for new rows."""
+MOST = 2000
+"""Rows sent at a time, so that a view that is behind a fast run still moves."""
+DROPPED = "/view/dropped_rows"
+
+
+def show(
+    scenario: Scenario,
+    name: str,
+    url: str,
+    *,
+    rigs: tuple[int, ...] = (0,),
+    recording: str | None = None,
+    twin: bool = False,
+) -> LiveProcess:
+    """Show a run live.
+
+    Args:
+        scenario: What is run.
+        name: What the run is called.
+        url: Address of the viewer, or of the server of a page.
+        rigs: Which of N rigs are shown, over each other.
+        recording: Identity of the recording, if another process adds to it.
+        twin: Whether that is the run's twin, which then has plots.
+    """
+    names = (name,) if len(rigs) == 1 else tuple(f"{name}-rig-{rig}" for rig in rigs)
+    return LiveProcess(work, (scenario, names, url, recording, twin), rigs)
+
+
+def address(text: str) -> str:
+    """The address of a viewer in the viewer's own form, from HOST:PORT or that form itself.
+
+    Raises:
+        ScenarioError: If the text is neither.
+    """
+    host = r"[\w.\-]+|\[[0-9a-fA-F:]+\]"
+    found = re.fullmatch(rf"(?:rerun\+http://)?({host}):(\d{{1,5}})(?:/proxy)?", text)
+    if found is None or not 0 < int(found[2]) < 65536:
+        raise ScenarioError(f"--connect '{text}': write HOST:PORT, as in 127.0.0.1:9876")
+    return f"rerun+http://{found[1]}:{found[2]}/proxy"
+
+
+def reach(url: str) -> str:
+    """The address itself, if somebody listens there.
+
+    Raises:
+        ViewError: If nobody does.
+    """
+    host, _, port = url.removeprefix("rerun+http://").removesuffix("/proxy").rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=2.0).close()
+    except OSError as error:
+        raise ViewError(f"{host}:{port}: no viewer there ({error.strerror or error})") from error
+    return url
+
+
+def work(
+    buffer: Address,
+    scenario: Scenario,
+    names: tuple[str, ...],
+    url: str,
+    recording: str | None,
+    twin: bool,
+) -> None:
+    """Send rows until the writer has ended, or is gone; the body of the process."""
+    step_back()
+    os.environ.update(environment())
+    with closing(SharedRingBuffer(*buffer)) as ring:
+        sender = partial(_begin, url=url, twin=twin)
+        _send_rows(ring, scenario, new_stream(names[0], recording), names, sender)
+
+
+def _send_rows(
+    ring: SharedRingBuffer,
+    scenario: Scenario,
+    stream: rr.RecordingStream,
+    names: tuple[str, ...],
+    begin: Callable[[rr.RecordingStream, list[RunStream], dict[str, Array]], None],
+) -> None:
+    together = len(names) > 1
+    runs = [RunStream(name, scenario, i if together else None) for i, name in enumerate(names)]
+    while not ring.columns:
+        if ring.done or orphaned():
+            return
+        time.sleep(EVERY)
+    width = (len(ring.columns) - 1) // len(names)
+    columns = ring.columns[1 : 1 + width]
+    started = False
+    shown = -1
+    while True:
+        done = ring.done or orphaned()
+        rows = ring.take(MOST)
+        for i, each in enumerate(runs):
+            own = rows[:, 1 + i * width : 1 + (i + 1) * width]
+            block = {"time": rows[:, 0], **dict(zip(columns, own.T, strict=True))}
+            if len(rows) and not started:
+                begin(stream, runs, block)
+                started = True
+            for batch in each.batches(block):
+                send(stream, batch)
+        if len(rows) and ring.dropped != shown:
+            shown = ring.dropped
+            send(stream, Batch(DROPPED, rows[-1:, 0], rr.Scalars.columns(scalars=[shown])))
+        if len(rows):
+            stream.flush()
+        elif done:
+            return
+        if len(rows) < MOST:
+            time.sleep(EVERY)
+
+
+def _begin(
+    stream: rr.RecordingStream,
+    runs: list[RunStream],
+    block: dict[str, Array],
+    *,
+    url: str,
+    twin: bool,
+) -> None:
+    """Connect, and send what does not change."""
+    plan = _plan(runs, [block] * len(runs), live=True, twin=twin)
+    stream.connect_grpc(url, default_blueprint=plan)
+    if twin:  # whose process may have come first, and the viewer made a plan of its own
+        stream.send_blueprint(plan, make_active=True, make_default=True)
+    for each in runs:
+        _log_fixed(stream, each, block)

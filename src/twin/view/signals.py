@@ -37,6 +37,7 @@ WORDS = {
 """What a person calls these, on the dark ground of the viewer."""
 
 
+AXES = ("phi", "theta")
 ROOM = 0.05
 """Room above and below the lines of a plot, as a share of its height."""
 LEAST = 0.05
@@ -139,31 +140,18 @@ def signals(
         found[f"position_{name}_mm"] = plot
     found["error_mm"] = {
         "distance": Signal(np.hypot(*error.T), GREY, 1.0),
-        "x": Signal(error[:, 0], BLUE),
-        "y": Signal(error[:, 1], VERMILION),
+        **_lines("xy", error.T),
     }
-    found["angle_deg"] = _with_limits(
-        {"phi": Signal(np.degrees(state[:, 2]), BLUE)}
-        | {"theta": Signal(np.degrees(state[:, 6]), VERMILION)},
-        float(np.degrees(limits.angle)),
-    )
-    found["rate_deg_per_s"] = {
-        "phi": Signal(np.degrees(state[:, 3]), BLUE),
-        "theta": Signal(np.degrees(state[:, 7]), VERMILION),
-    }
+    angles, rates = np.degrees(state[:, 2::4].T), np.degrees(state[:, 3::4].T)
+    found["angle_deg"] = _with_limits(_lines(AXES, angles), float(np.degrees(limits.angle)))
+    found["rate_deg_per_s"] = _lines(AXES, rates)
     found["effort_rad_per_s2"] = _effort(rows)
     if true:
         wrong = 1000 * (state[:, 0::4] - _pair(rows, "estimated_{}", "xy"))
-        found["estimation_error_mm"] = {
-            "x": Signal(wrong[:, 0], BLUE),
-            "y": Signal(wrong[:, 1], VERMILION),
-        }
+        found["estimation_error_mm"] = _lines("xy", wrong.T)
     for entity, factor, parts in BEYOND:
         if all(f"estimated_{name}" in rows for name in parts):
-            found[entity] = {
-                name: Signal(factor * rows[f"estimated_{name}"], colour)
-                for name, colour in zip(parts, (BLUE, VERMILION, GREEN), strict=False)
-            }
+            found[entity] = _lines(parts, [factor * rows[f"estimated_{name}"] for name in parts])
     if "age" in rows:
         found["delay_ms"] = {
             "age": Signal(1000 * rows["age"], GREEN),
@@ -172,16 +160,11 @@ def signals(
     for entity, beginning, unit in FORCES:
         names = [name for name in rows if name.startswith(beginning) and name.endswith(unit)]
         if names:
-            found[entity] = {
-                name.removesuffix(unit): Signal(rows[name], colour)
-                for name, colour in zip(names, (BLUE, VERMILION), strict=False)
-            }
+            called = [name.removesuffix(unit) for name in names]
+            found[entity] = _lines(called, [rows[name] for name in names])
     late = [name for name in rows if name.startswith(("late", "compute", "tick_"))]
     if late:
-        found["timing_ms"] = {
-            name: Signal(1000 * rows[name], colour)
-            for name, colour in zip(late, (BLUE, VERMILION, GREEN, PINK), strict=False)
-        }
+        found["timing_ms"] = _lines(late, [1000 * rows[name] for name in late])
     return found
 
 
@@ -224,10 +207,10 @@ def shown_range(plots: Sequence[Mapping[str, Signal]]) -> tuple[float, float]:
 
 def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
     """Applied accelerations, and a mark where a clamp made them less than requested."""
-    applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
-    plot = {"phi": Signal(applied[:, 0], BLUE), "theta": Signal(applied[:, 1], VERMILION)}
+    applied = _pair(rows, "applied_{}_acc", AXES)
+    plot = _lines(AXES, applied.T)
     cut = saturated(rows)
-    for axis, (name, colour) in enumerate((("phi", SKY), ("theta", ORANGE))):
+    for axis, (name, colour) in enumerate(((AXES[0], SKY), (AXES[1], ORANGE))):
         marks = np.where(cut[:, axis], applied[:, axis], np.nan)
         plot[f"{name}_saturated"] = Signal(marks, colour, 3.0, points=True)
     return plot
@@ -235,13 +218,19 @@ def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
 
 def saturated(rows: Mapping[str, Array]) -> Mask:
     """Where the applied accelerations (phi, theta) differ from the requested ones, shape (K, 2)."""
-    applied = _pair(rows, "applied_{}_acc", ("phi", "theta"))
-    requested = _pair(rows, "requested_{}_acc", ("phi", "theta"))
+    applied = _pair(rows, "applied_{}_acc", AXES)
+    requested = _pair(rows, "requested_{}_acc", AXES)
     return np.asarray(np.abs(applied - requested) > 1e-6 + 1e-6 * np.abs(requested))
 
 
 def _pair(rows: Mapping[str, Array], pattern: str, names: str | tuple[str, str]) -> Array:
     return np.stack([rows[pattern.format(name)] for name in names], axis=1)
+
+
+def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, Signal]:
+    """Lines of a plot, each in the next colour; no more than there are colours."""
+    colours = (BLUE, VERMILION, GREEN, PINK)
+    return {n: Signal(v, colour) for n, v, colour in zip(names, values, colours, strict=False)}
 
 
 def _with_limits(plot: dict[str, Signal], limit: float) -> dict[str, Signal]:

@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.errors import RecordError
 from twin.hal.supervisor import State
 from twin.identify.log import Log
 from twin.identify.log_checks import check_ranges
+from twin.identify.prepare import interpolated
 from twin.run.assemble import assemble, build_controller
 from twin.run.finished import Run, versions
 from twin.run.loop import drive
@@ -228,30 +229,29 @@ UNSEEN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Usable:
+class Usable(Log):
     """A log that the twin can go on from, its incomplete rows left out.
 
+    Where the screen felt no ball, it is where it was felt last.
+
     Attributes:
-        time: Of the rows, s, shape (K,).
-        ball: Measured x and y in m, shape (K, 2); where the screen felt none, the last ones.
-        plate: Measured phi and theta in rad, shape (K, 2).
-        age: Seconds since the ball's position arrived, shape (K,).
-        touched: Whether the screen felt the ball, shape (K,).
         command: Commanded plate rates in rad/s from each row on, shape (K, 2).
         samples: When the ball was where: times in s, (M,), and positions in m, (M, 2).
         gaps: Beginning and end in s of where the log has nothing.
-        notes: A sentence on the gaps; none without.
     """
 
-    time: Array
-    ball: Array
-    plate: Array
-    age: Array
-    touched: Mask
     command: Array
     samples: tuple[Array, Array]
     gaps: tuple[tuple[float, float], ...]
-    notes: tuple[str, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The gaps in a sentence; none without gaps."""
+        if not self.gaps:
+            return ()
+        spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in self.gaps[:3])
+        more = f" and {len(self.gaps) - 3} more" if len(self.gaps) > 3 else ""
+        return (f"{self.source}: gaps, which nothing is put into: {spans}{more}",)
 
     def unbroken_since(self, at: float) -> float:
         """Time in s from which on there is no gap before a moment."""
@@ -288,9 +288,10 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
             "applied_phi_rate and applied_theta_rate"
         )
     whole = np.isfinite(np.column_stack((log.time, log.plate, log.command))).all(axis=1)
-    time, period = log.time[whole], scenario.rig.period
+    kept, period = log.rows(whole), scenario.rig.period
+    time = kept.time
     _check_rows(log, time, period)
-    check_ranges(log.rows(whole))
+    check_ranges(kept)
     if not time[0] - period / 2 <= at <= time[-1] + period / 2:
         raise RecordError(f"--at {at:g}: {log.source} goes from {time[0]:g} to {time[-1]:g} s")
     samples = touches(log, scenario.sensors.touch.dead_time)
@@ -303,29 +304,10 @@ def judge(log: Log, scenario: Scenario, at: float) -> Usable:
         raise RecordError(
             f"--at {at:g}: {log.source}: the ball is not seen often enough about then"
         )
-    ball, touched = log.ball[whole], log.touched[whole]
-    felt = touched & np.isfinite(ball).all(axis=1)
+    felt = kept.touched & np.isfinite(kept.ball).all(axis=1)
     held = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), np.argmax(felt)))
-    return Usable(
-        time=time,
-        ball=ball[held],
-        plate=log.plate[whole],
-        age=log.age[whole],
-        touched=felt,
-        command=log.command[whole],
-        samples=samples,
-        gaps=gaps,
-        notes=_told(log.source, gaps),
-    )
-
-
-def _told(source: str, gaps: tuple[tuple[float, float], ...]) -> tuple[str, ...]:
-    """The gaps in a sentence; none without gaps."""
-    if not gaps:
-        return ()
-    spans = ", ".join(f"{begin:.3f} to {end:.3f} s" for begin, end in gaps[:3])
-    more = f" and {len(gaps) - 3} more" if len(gaps) > 3 else ""
-    return (f"{source}: gaps, which nothing is put into: {spans}{more}",)
+    about = vars(kept) | {"ball": kept.ball[held], "touched": felt}
+    return Usable(**about, samples=samples, gaps=gaps)
 
 
 def _check_rows(log: Log, time: Array, period: float) -> None:
@@ -472,9 +454,7 @@ def _led(log: Usable, at: float, rig: SimulatedRig, led: float = LED) -> Measure
     begin = at - ticks * period
     rig.devices.begin_at(begin)
     times = begin + period * np.arange(ticks + 1)
-    angle = _counted_less(
-        np.stack([np.interp(times, log.time, log.plate[:, axis]) for axis in (0, 1)], axis=1)
-    )
+    angle = _counted_less(interpolated(times, log.time, log.plate))
     rate = log.commanded(times)
     share = np.minimum(1.0, (times - begin) / min(CATCH_UP, max(led / 2, period)))
     blend = share**2 * (3 - 2 * share)

@@ -1,7 +1,5 @@
 import os
 import select
-import time
-from collections import deque
 from contextlib import contextmanager
 
 import can
@@ -13,37 +11,9 @@ from twin.devices.akd.conditions import GARBLED, DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 
 
-class Loopback(can.BusABC):
-    """Answers every frame at once with one whose identifier is higher by one."""
-
-    def __init__(self):
-        super().__init__(channel="loopback")
-        self.inbox = deque()
-
-    def send(self, msg, timeout=None):
-        answer = msg.arbitration_id + 1
-        self.inbox.append(can.Message(arbitration_id=answer, is_extended_id=False, data=msg.data))
-
-    def _recv_internal(self, timeout):
-        return (self.inbox.popleft() if self.inbox else None), False
-
-
 def transport_on(bus):
     reports = FaultReports(1.0)
     return CanTransport(bus, "CAN test", reports, lambda: 0.0), reports
-
-
-def test_every_answer_of_every_period_is_received():
-    bus = Loopback()
-    transport, _ = transport_on(bus)
-    for period in range(20):
-        for identifier in (0x200, 0x080):
-            transport.send(identifier, bytes((period,)))
-        transport.send_queued()
-        expected = [(0x201, bytes((period,))), (0x081, bytes((period,)))]
-        assert list(transport.receive()) == expected
-        assert transport.up
-    bus.shutdown()
 
 
 @pytest.fixture
@@ -99,21 +69,6 @@ def test_a_frame_of_a_kind_that_the_prompt_bus_does_not_know_is_refused(serial_l
         bus.send_queued()
         with pytest.raises(BlockingIOError):
             os.read(serial_line[0], 100)
-
-
-def test_flush_means_of_the_prompt_bus_what_it_means_of_the_library_s(serial_line):
-    with slcan(PromptSlcanBus, serial_line) as bus:
-        os.write(serial_line[0], b"t1811")
-        assert bus.recv(0.5) is None
-        os.write(serial_line[0], b"AA\rt1821BB\r")
-        end = time.monotonic() + 10.0
-        while bus.serialPortOrig.in_waiting < len(b"AA\rt1821BB\r"):
-            assert time.monotonic() < end, "what was written never arrived"
-            time.sleep(0.001)
-        bus.flush()
-        os.write(serial_line[0], b"t1831CC\r")
-        assert bus.recv(10.0).arbitration_id == 0x183
-        assert bus.unreadable_lines == 0
 
 
 def test_a_second_opener_of_an_adapter_is_refused_before_it_sends_a_byte(serial_line):

@@ -107,12 +107,6 @@ def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():
     assert f"set phi.acceleration_unit = {RPM:.9g}" in text
 
 
-def test_a_unit_named_in_the_rig_file_that_the_drive_contradicts_is_refused():
-    axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
-    with LockstepDrives(AkdConfig(axes=axes), drives(0)) as rig:
-        assert f"if it is 6000 rpm, set phi.limit_unit = {RPM / 1000:.9g}" in refused(rig)
-
-
 def test_a_unit_too_coarse_for_the_limit_is_refused():
     axes = tuple(
         AxisConfig(name=name, node=node, limit_unit=2 * math.pi, acceleration_unit=2 * math.pi)
@@ -122,29 +116,11 @@ def test_a_unit_too_coarse_for_the_limit_is_refused():
         assert "too coarse" in refused(rig)
 
 
-def test_values_that_the_drive_rounds_a_little_are_taken():
-    with LockstepDrives(drives=drives(0, coarse=7)) as rig:
-        rig.servos.start()
-        assert rig.drives[0].store.get(0x3622) == 77_000 - 77_000 % 7
-
-
 def test_values_that_the_drive_does_not_take_are_refused():
     with LockstepDrives(drives=drives(0, coarse=50_000)) as rig:
         assert "keeps 20000000" not in (text := refused(rig))
         assert "207F" in text
         assert "keeps 50000, not 77000" in text
-
-
-def test_cob_ids_shown_with_bit_30_are_taken():
-    with LockstepDrives(drives=drives(0, shows_bit_30=True)) as rig:
-        assert rig.enabled().servos.enabled
-
-
-def test_a_drive_that_awaits_another_sync_is_set_to_ours():
-    made = drives(0)
-    made[0].store.set(0x1005, 0, 0x81)
-    with LockstepDrives(drives=made) as rig:
-        assert rig.enabled().servos.enabled
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,63 @@
+"""A calibration, what it says of the screen, the fit behind it, and its file."""
+
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import binom
 
-from twin.devices.lumio.calibration import Calibration, CalibrationError, fit
+from twin.devices.lumio.calibration import (
+    DOUBT,
+    Calibration,
+    CalibrationError,
+    Mounting,
+    fit,
+    outlier,
+    read_calibration,
+)
 
 SHARE = st.floats(0, 1)
+POINTS = np.array([(x, y) for y in (-0.15, 0, 0.15) for x in (-0.28, 0, 0.28)])
+
+
+def mounted(size, swapped, mirrored, turn, skew, centre):
+    """A calibration put together from what a person would say of the screen."""
+    signs = [-1 if each else 1 for each in mirrored]
+    x = signs[0] * size[0] * np.array([math.cos(turn - skew / 2), math.sin(turn - skew / 2)])
+    y = signs[1] * size[1] * np.array([-math.sin(turn + skew / 2), math.cos(turn + skew / 2)])
+    first, second = (y, x) if swapped else (x, y)
+    origin = np.array(centre) - first / 2 - second / 2
+    matrix = ((first[0], second[0]), (first[1], second[1]))
+    return Calibration(matrix, tuple(origin.tolist()))
+
+
+MOUNTED = st.tuples(
+    st.tuples(st.floats(0.1, 2), st.floats(0.1, 2)),
+    st.booleans(),
+    st.tuples(st.booleans(), st.booleans()),
+    st.floats(-0.6, 0.6),
+    st.floats(-0.1, 0.1),
+    st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+)
+
+
+@given(way=MOUNTED)
+def test_size_sides_turn_and_place_are_read_from_a_calibration_as_it_was_put_together(way):
+    size, swapped, mirrored, turn, skew, centre = way
+    found = Mounting.of(mounted(*way))
+    assert found.size == pytest.approx(size)
+    assert (found.swapped, found.mirrored_x, found.mirrored_y) == (swapped, *mirrored)
+    assert (found.turn, found.skew) == pytest.approx((turn, skew), abs=1e-9)
+    assert found.centre == pytest.approx(centre, abs=1e-9)
+
+
+def test_the_words_say_where_each_axis_of_the_screen_runs():
+    scale, axes, turn, offset = Mounting.of(Calibration.nominal(swapped=True)).lines
+    assert "700.0 x 395.0 mm" in scale
+    assert axes == "axes: the screen's x runs along the plate's -y, its y along the plate's +x"
+    assert ("+0.00 deg" in turn, "x +0.00, y +0.00 mm" in offset) == (True, True)
 
 
 @pytest.mark.parametrize(
@@ -21,26 +73,10 @@ def test_the_screens_origin_lies_in_the_corner_its_mounting_says(options, corner
     assert Calibration.nominal(**options).plate(0, 0) == pytest.approx(corner)
 
 
-def test_a_swapped_screen_counts_its_first_axis_along_the_plates_y():
-    screen = Calibration.nominal(swapped=True, mirrored_y=False)
-    assert screen.plate(1.0, 0.5) == pytest.approx((0.0, 0.1975))
-
-
 @given(x=SHARE, y=SHARE, swapped=st.booleans(), mirrored=st.booleans())
 def test_plate_and_screen_are_each_others_inverse(x, y, swapped, mirrored):
     calibration = Calibration.nominal(swapped=swapped, mirrored_x=mirrored)
     assert calibration.screen(*calibration.plate(x, y)) == pytest.approx((x, y), abs=1e-12)
-
-
-def test_points_on_a_turned_and_scaled_screen_give_back_how_it_is_mounted():
-    turn, scale = np.radians(2.0), np.array([0.68, -0.40])
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) * scale
-    origin = np.array([-0.33, 0.21])
-    seen = np.random.default_rng(1).random((9, 2))
-    found = fit(seen, seen @ matrix.T + origin)
-    assert np.allclose(found.calibration.matrix, matrix, atol=1e-12)
-    assert np.allclose(found.calibration.origin, origin, atol=1e-12)
-    assert found.rms < 1e-12
 
 
 def test_the_distance_left_is_that_of_the_noise():
@@ -64,3 +100,78 @@ def test_too_few_points_or_a_line_are_refused_in_words(points, words):
 def test_a_calibration_without_an_area_is_refused():
     with pytest.raises(CalibrationError, match="cover an area"):
         Calibration(((1.0, 2.0), (0.5, 1.0)), (0.0, 0.0))
+
+
+def seen(calibration, noise, seed):
+    """What the screen says of the points when they are touched with an error, m."""
+    points = POINTS + np.random.default_rng(seed).normal(0, noise, POINTS.shape)
+    return np.array([calibration.screen(*point) for point in points])
+
+
+@pytest.mark.parametrize("wrong", range(9))
+def test_a_point_touched_elsewhere_is_found_among_points_touched_by_hand(wrong):
+    said = seen(Calibration.nominal(), 1e-3, wrong)
+    said[wrong] += [0.02 / 0.7, 0.0]
+    index, distance = outlier(said, POINTS)
+    assert index == wrong
+    assert distance == pytest.approx(0.02, abs=0.004)
+
+
+def test_points_touched_rightly_are_suspected_as_seldom_as_stated():
+    runs = 150
+    alarms = sum(
+        outlier(seen(Calibration.nominal(), 1e-3, s), POINTS) is not None for s in range(runs)
+    )
+    assert alarms <= binom.ppf(0.999, runs, DOUBT)
+
+
+def test_with_four_points_none_can_be_told_from_the_others():
+    said = seen(Calibration.nominal(), 0, 0)[[0, 2, 6, 8]]
+    said[1] += 0.1
+    assert outlier(said, POINTS[[0, 2, 6, 8]]) is None
+
+
+def test_a_point_that_alone_keeps_the_others_from_a_line_is_not_judged():
+    points = np.array([(0.0, 0), (0.1, 0), (0.2, 0), (0.3, 0), (0.15, 0.1)])
+    assert outlier(points, points) is None
+
+
+@given(way=MOUNTED)
+def test_the_fit_of_exact_points_is_the_calibration(way):
+    true = mounted(*way)
+    found = fit([true.screen(*point) for point in POINTS], POINTS)
+    assert np.allclose(found.calibration.matrix, true.matrix, atol=1e-9)
+    assert found.rms < 1e-9
+
+
+def test_a_calibration_is_read_back_from_its_file(tmp_path):
+    file = tmp_path / "touch.json"
+    true = mounted((0.7, 0.4), True, (True, False), 0.02, 0.001, (0.01, -0.02))
+    true.save(file, {"made": "by hand"})
+    assert read_calibration(file) == (true, {"made": "by hand"})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "3",
+        "null",
+        '{"matrix_m": [[1, 0], [0, 1]]}',
+        '{"matrix_m": [[1, 0], [0, 1]], "origin_m": [0, 0], "provenance": 3}',
+        '{"matrix_m": [[1, 0], [0, 0]], "origin_m": [0, 0], "provenance": {}}',
+        '{"matrix_m": [[1, 0], [0, NaN]], "origin_m": [0, 0], "provenance": {}}',
+        '{"matrix_m": [[1, 0], [0, true]], "origin_m": [0, 0], "provenance": {}}',
+        '{"matrix_m": [[1, 0], [0, "1"]], "origin_m": [0, 0], "provenance": {}}',
+        '{"matrix_m": [[1, 0], [0, 1e999]], "origin_m": [0, 0], "provenance": {}}',
+        '{"matrix_m": ["ab", "cd"], "origin_m": [0, 0], "provenance": {}}',
+        "[" * 3000,
+    ],
+)
+def test_a_damaged_calibration_file_is_one_line_with_the_remedy(tmp_path, text):
+    file = tmp_path / "touch.json"
+    file.write_text(text)
+    with pytest.raises(CalibrationError, match="calibrate touch") as caught:
+        read_calibration(file)
+    assert "\n" not in str(caught.value)

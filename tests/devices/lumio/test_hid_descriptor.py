@@ -63,6 +63,8 @@ def test_a_mouse_is_no_touch_screen(descriptors):
     assert TouchLayout.of(found) is None
     assert found.applications == (0x10002,)
     assert [field.logical for field in found.fields[-2:]] == [(-127, 127)] * 2
+    above_zero = descriptors["mouse"].replace(b"\x15\x81\x25\x7f", b"\x15\x00\x25\xff")
+    assert [field.logical for field in parse(above_zero).fields[-2:]] == [(0, 255)] * 2
 
 
 SIGNED = st.integers(-(1 << 31), (1 << 31) - 1)

@@ -32,23 +32,13 @@ def root(tmp_path, descriptors):
     return tmp_path
 
 
-def test_a_panel_is_known_by_its_numbers(root):
-    assert identify("/dev/hidraw0", root) == UsbIdentity(0x202E, 0x0006, NAME, "hid-0006")
-
-
-def test_a_link_to_a_panel_is_the_panel(root, tmp_path):
+def test_a_panel_or_a_link_to_it_is_known_by_its_numbers(root, tmp_path):
     link = tmp_path / "touch"
     link.symlink_to("/dev/hidraw0")
-    assert identify(str(link), root) == identify("/dev/hidraw0", root)
-
-
-def test_another_makers_device_has_no_protocol(root):
+    panel = UsbIdentity(0x202E, 0x0006, NAME, "hid-0006")
+    assert identify("/dev/hidraw0", root) == identify(str(link), root) == panel
     assert identify("/dev/hidraw4", root).protocol == ""
-
-
-@pytest.mark.parametrize("port", ["/dev/hidraw5", "/dev/hidraw7"])
-def test_a_device_that_is_not_described_is_none(root, port):
-    assert identify(port, root) is None
+    assert [identify(f"/dev/hidraw{n}", root) for n in (5, 7)] == [None, None]
 
 
 def test_of_all_devices_every_interface_of_a_panel_is_found_with_what_it_is(root):
@@ -58,9 +48,6 @@ def test_of_all_devices_every_interface_of_a_panel_is_found_with_what_it_is(root
         ("/dev/hidraw2", "without a readable report descriptor"),
         ("/dev/hidraw3", "touch screen"),
     ]
-
-
-def test_one_of_them_is_the_touch_screen(root):
     assert [each.port for each in touch_screens(root)] == ["/dev/hidraw3"]
 
 

@@ -16,18 +16,10 @@ from typing import NamedTuple
 import can
 
 from twin.devices.akd import cia402, frames
+from twin.devices.akd import conditions as c
 from twin.devices.akd.axis import difference
 from twin.devices.akd.cia402 import DriveState
-from twin.devices.akd.conditions import (
-    BIT_RATE,
-    DUPLICATE_ID,
-    NMT_LEFT,
-    NODE_ABSENT,
-    SECOND_MASTER,
-    WRONG_IDENTITY,
-    WRONG_SETTING,
-    DriveError,
-)
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import PDO_INVALID
 from twin.devices.akd.network import Network, Remote, absent
@@ -55,45 +47,50 @@ class Precondition(NamedTuple):
     advice: str
 
 
+FLAGS = (
+    (
+        0x3506,
+        "DRV.HWENMODE",
+        "the hardware enable clears no faults",
+        "an edge of the hardware enable clears faults, though nobody asked for --reset",
+        "set it to 1 in the drive",
+    ),
+    (
+        0x3498,
+        "FBUS.PROTECTION",
+        "other tools cannot write while the bus runs",
+        "WorkBench can write while the bus runs",
+        "set it to 1 in the drive, or keep WorkBench closed",
+    ),
+)
+"""Objects that must not be 0: index, name, what is so if they are not and if they are, advice."""
+
+
 def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
     """What the drive says; a setting that this drive does not have is left out.
 
     Raises:
         DriveError: If the drive does not answer.
     """
-    checks = (
-        (0x36E5, lambda value: _bit_rate(value, config.bus.bitrate // 1000)),
-        (0x3506, _hardware_enable),
-        (0x3498, _protection),
-    )
-    values = ((remote.read_if_there(index), judge) for index, judge in checks)
-    return tuple(judge(value) for value, judge in values if value is not None)
+    found = []
+    rate = remote.read_if_there(0x36E5)
+    if rate is not None:
+        found.append(_bit_rate(rate, config.bus.bitrate // 1000))
+    for index, name, well, badly, advice in FLAGS:
+        value = remote.read_if_there(index)
+        if value is not None:
+            seen = (well, "") if value else (badly, advice)
+            found.append(Precondition(name, *seen))
+    return tuple(found)
 
 
 def _bit_rate(value: int, configured: int) -> Precondition:
     name = "FBUS.PARAM01 (bit rate)"
     if value == configured:
         return Precondition(name, f"{value} kbit/s", "")
-    advice = f"set it to {configured} in the drive and power-cycle it"
-    if value == 0:
-        return Precondition(name, "automatic: found from the first frames at power-up", advice)
-    return Precondition(name, f"{value} kbit/s from the next power-up on", advice)
-
-
-def _hardware_enable(value: int) -> Precondition:
-    name = "DRV.HWENMODE"
-    if value:
-        return Precondition(name, "the hardware enable clears no faults", "")
-    seen = "an edge of the hardware enable clears faults, though nobody asked for --reset"
-    return Precondition(name, seen, "set it to 1 in the drive")
-
-
-def _protection(value: int) -> Precondition:
-    name = "FBUS.PROTECTION"
-    if value:
-        return Precondition(name, "other tools cannot write while the bus runs", "")
-    seen = "WorkBench can write while the bus runs"
-    return Precondition(name, seen, "set it to 1 in the drive, or keep WorkBench closed")
+    automatic = "automatic: found from the first frames at power-up"
+    seen = f"{value} kbit/s from the next power-up on" if value else automatic
+    return Precondition(name, seen, f"set it to {configured} in the drive and power-cycle it")
 
 
 _RPDOS = 4
@@ -151,11 +148,11 @@ def take_torque_away(remote: Remote) -> None:
     status = remote.read(0x6041)
     if cia402.state(status) in _TORQUE:
         detail = f"keeps its torque (status word {status:04X}h); open the STO circuit, then look"
-        raise DriveError(WRONG_SETTING, remote.axis.where, detail)
+        raise remote.wrong(detail)
     deadline = network.now() + _PATIENCE
     while _moved(remote) >= _STILL:
         if network.now() > deadline:
-            raise DriveError(WRONG_SETTING, remote.axis.where, "does not come to rest")
+            raise remote.wrong("does not come to rest")
 
 
 def _moved(remote: Remote) -> float:
@@ -201,14 +198,14 @@ def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
             f"{known} are {motor:.3g} N m, the motor's continuous torque is "
             f"{config.motor_torque:g}; choose the motor in the drive, or set drives.motor_torque"
         )
-        raise DriveError(WRONG_SETTING, axis.where, detail)
+        raise remote.wrong(detail)
     found = remote.read(0x356E)
     if found and not continuous / 100 <= found <= 100 * continuous:
         detail = (
             f"IL.LIMITP (356Eh) holds {found} and MOTOR.ICONT (358Eh) {continuous}: they do not "
             "count alike; set IL.LIMITP to the motor's peak current in the drive"
         )
-        raise DriveError(WRONG_SETTING, axis.where, detail)
+        raise remote.wrong(detail)
     amperes = config.torque_limit / axis.gear / (constant / _PER_UNIT)
     amperes = _STEP * math.ceil(amperes / _STEP - 1e-9)
     words = f"torque {amperes * axis.gear * constant / _PER_UNIT:.3g} N m ({amperes:.3g} A)"
@@ -283,7 +280,7 @@ def _alone(network: Network, config: AkdConfig) -> None:
     for identifier, words in master_frames(config).items():
         if identifier in network.identifiers:
             where = f"CAN {config.bus}"
-            raise DriveError(SECOND_MASTER, where, f"another master sends {words}; end it first")
+            raise DriveError(c.SECOND_MASTER, where, f"another master sends {words}; end it first")
 
 
 def _command(network: Network, command: int, axis: AxisConfig) -> None:
@@ -318,11 +315,11 @@ def _identify(network: Network, remote: Remote) -> None:
     if not answers:
         if network.bus_errors:
             detail = "does not answer and the bus reports errors; check the bit rate"
-            raise DriveError(BIT_RATE, axis.where, detail)
-        raise DriveError(NODE_ABSENT, axis.where, absent(network, axis))
+            raise DriveError(c.BIT_RATE, axis.where, detail)
+        raise DriveError(c.NODE_ABSENT, axis.where, absent(network, axis))
     if answers > 1:
         detail = f"{answers} devices answer to this id; give every drive its own"
-        raise DriveError(DUPLICATE_ID, axis.where, detail)
+        raise DriveError(c.DUPLICATE_ID, axis.where, detail)
     expected = [(0x1000, 0, DEVICE, "device type"), (0x1018, 1, VENDOR, "vendor")]
     if axis.product is not None:
         expected.append((0x1018, 2, axis.product, "product code"))
@@ -330,7 +327,7 @@ def _identify(network: Network, remote: Remote) -> None:
         actual = remote.read(index, sub)
         if actual != value:
             detail = f"{name} is {actual:#x}, an AKD has {value:#x}"
-            raise DriveError(WRONG_IDENTITY, axis.where, detail)
+            raise DriveError(c.WRONG_IDENTITY, axis.where, detail)
 
 
 class SettingsFound(NamedTuple):
@@ -356,12 +353,12 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
     modes = remote.read(0x6502)
     if modes and not modes & _PROFILE_VELOCITY_BIT:
         detail = f"has no profile velocity mode (6502h = {modes:X}h)"
-        raise DriveError(WRONG_SETTING, axis.where, detail)
+        raise remote.wrong(detail)
     try:
         limit = units.velocity.counts(config.rate_limit * axis.gear)
         ramp = units.acceleration.counts(config.ramp * axis.gear)
     except ValueError as error:
-        raise DriveError(WRONG_SETTING, axis.where, f"{error}; set 365Fh and 3659h to 0") from error
+        raise remote.wrong(f"{error}; set 365Fh and 3659h to 0") from error
     current = current_limit(remote, config)
     for index, sub, value in (
         (0x1005, 0, frames.SYNC),
@@ -415,4 +412,4 @@ def _operational(network: Network, axis: AxisConfig, config: AkdConfig) -> None:
     if not running:
         state = network.states.get(axis.node)
         name = "no heartbeat" if state is None else frames.NMT_STATES.get(state, str(state))
-        raise DriveError(NMT_LEFT, axis.where, f"does not become operational ({name})")
+        raise DriveError(c.NMT_LEFT, axis.where, f"does not become operational ({name})")

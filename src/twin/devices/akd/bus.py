@@ -26,18 +26,12 @@ from can.exceptions import CanOperationError
 from can.interfaces.slcan import slcanBus
 from serial.tools.list_ports import comports
 
+from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
-from twin.devices.akd.conditions import (
-    ADAPTER_GONE,
-    BAD_BUS,
-    BUS_OFF,
-    ERROR_PASSIVE,
-    GARBLED,
-    DriveError,
-    FaultReports,
-)
+from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
+from twin.devices.ports import claim
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -213,18 +207,8 @@ def _claimed(channel: str) -> int | None:
     Raises:
         OSError: If it cannot be opened, or another program has claimed it.
     """
-    import fcntl  # noqa: PLC0415  POSIX only, as this bus
-
     path = channel.partition("@")[0]
-    if "://" in path:
-        return None
-    handle = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        raise OSError(errno.EBUSY, "port is locked") from error
-    return handle
+    return None if "://" in path else claim(path, os.O_RDWR)
 
 
 def _error(identifier: int, data: bytes) -> Message:
@@ -315,7 +299,7 @@ class CanTransport:
         unreadable = self._queued.unreadable_lines if self._queued is not None else 0
         if unreadable > self._unreadable:
             lines = f"{unreadable - self._unreadable} lines cannot be read"
-            self._reports.report(GARBLED, self._where, lines, self._now())
+            self._reports.report(c.GARBLED, self._where, lines, self._now())
             self._unreadable = unreadable
 
     def send_heartbeat(self, host: int) -> None:
@@ -335,14 +319,14 @@ class CanTransport:
             self._report_off("the adapter has left the bus")
         elif message.arbitration_id & _ERROR_CONTROLLER and _passive(bytes(message.data)):
             detail = "many errors on the line"
-            self._reports.report(ERROR_PASSIVE, self._where, detail, self._now())
+            self._reports.report(c.ERROR_PASSIVE, self._where, detail, self._now())
 
     def _report_off(self, detail: str) -> None:
-        self._reports.report(BUS_OFF, self._where, detail, self._now())
+        self._reports.report(c.BUS_OFF, self._where, detail, self._now())
 
     def _gone(self, error: Exception) -> None:
         self.up = False
-        self._reports.report(ADAPTER_GONE, self._where, str(error), self._now())
+        self._reports.report(c.ADAPTER_GONE, self._where, str(error), self._now())
 
 
 def _passive(data: bytes) -> bool:
@@ -431,4 +415,4 @@ def _line(error: Exception) -> str:
 
 
 def _bad(config: BusConfig, detail: str) -> DriveError:
-    return DriveError(BAD_BUS, f"CAN {config}", detail)
+    return DriveError(c.BAD_BUS, f"CAN {config}", detail)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 from twin.devices.nets import bounded, check_ranges, net, relaxed_nets
 from twin.errors import ScenarioError
@@ -100,15 +100,6 @@ def _from(source: str, confidence: str) -> dict[str, Any]:
 
 def _fact(default: Any, source: str, confidence: str) -> Any:
     return field(default=default, metadata=_from(source, confidence))
-
-
-class Unconfirmed(NamedTuple):
-    """A setting that nobody has confirmed on the rig; confidence M (indirect) or L (inferred)."""
-
-    name: str
-    value: object
-    source: str
-    confidence: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,13 +267,10 @@ class AkdConfig:
         return (*relaxed_nets(self, "drives."), *watch)
 
 
-def unconfirmed(config: AkdConfig) -> list[Unconfirmed]:
-    """Every setting whose default nobody has confirmed, and its value here."""
-    settings = []
-    for prefix, part in (("", config), ("phi.", config.axes[0]), ("theta.", config.axes[1])):
-        for each in fields(part):
-            if "source" in each.metadata:
-                value = getattr(part, each.name)
-                source, confidence = each.metadata["source"], each.metadata["confidence"]
-                settings.append(Unconfirmed(prefix + each.name, value, source, confidence))
-    return settings
+def unconfirmed() -> list[str]:
+    """Every setting whose default nobody has confirmed on the rig.
+
+    Its metadata say where it is from, and whether the confidence is M (indirect) or L (inferred).
+    """
+    of_both = [*fields(AkdConfig), *fields(AxisConfig)]
+    return sorted(each.name for each in of_both if "source" in each.metadata)

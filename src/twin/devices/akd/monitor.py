@@ -175,7 +175,7 @@ class AxisMonitor:
     def _judge_motion(self, at: float) -> None:
         axis, limits, period = self._axis, self._limits, self._config.period
         for name, counter in (("motor", axis.motor), ("plate", axis.plate)):
-            if counter is not None and counter.jump:
+            if counter.jump:
                 self._report(c.ENCODER_JUMP, f"{name} encoder by {counter.jump} counts", at)
                 counter.jump = 0
         if not axis.enabled:
@@ -186,7 +186,7 @@ class AxisMonitor:
             self._quiet = self._quiet + period if self._travel else 0.0
         if abs(self._travel) > limits.travel and self._quiet > limits.frozen:
             self._report(c.FROZEN, f"no count over {self._travel:.3f} rad commanded", at)
-        if axis.plate is not None and not axis.tpdo2.missed:
+        if not axis.tpdo2.missed:
             self._plate_travel += axis.rate * period
             self._plate_quiet = self._plate_quiet + period if self._plate_travel else 0.0
         if abs(self._plate_travel) > limits.plate_travel and self._plate_quiet > limits.frozen:

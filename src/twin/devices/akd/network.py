@@ -7,15 +7,9 @@ from collections.abc import Callable, Sequence
 import can
 from serial import SerialException
 
+from twin.devices.akd import conditions as c
 from twin.devices.akd import dictionary, frames
-from twin.devices.akd.conditions import (
-    ADAPTER_GONE,
-    NODE_ABSENT,
-    SDO_ABORT,
-    SDO_TIMEOUT,
-    WRONG_SETTING,
-    DriveError,
-)
+from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AxisConfig
 from twin.devices.akd.dictionary import Object
 
@@ -119,7 +113,6 @@ class Remote:
     def __init__(self, network: Network, axis: AxisConfig) -> None:
         self.axis = axis
         self.network = network
-        self._objects = {(each.index, each.sub): each for each in dictionary.objects(axis.node)}
 
     def read(self, index: int, sub: int = 0) -> int:
         """The value of an object.
@@ -131,7 +124,7 @@ class Remote:
         data = self._asked(what, index, sub, frames.encode_sdo_read(index, sub))
         if len(data) != known.bits // 8:
             detail = f"{what}: {len(data)} bytes, an AKD has {known.bits // 8}"
-            raise self._wrong(detail)
+            raise self.wrong(detail)
         return known.decode(data)
 
     def read_if_there(self, index: int, sub: int = 0) -> int | None:
@@ -143,7 +136,7 @@ class Remote:
         try:
             return self.read(index, sub)
         except DriveError as error:
-            if error.fault.condition is not SDO_ABORT:
+            if error.fault.condition is not c.SDO_ABORT:
                 raise
             return None
 
@@ -157,11 +150,11 @@ class Remote:
         try:
             data = known.encode(value)
         except OverflowError as error:
-            raise self._wrong(f"{what}: out of range") from error
+            raise self.wrong(f"{what}: out of range") from error
         self._asked(what, index, sub, frames.encode_sdo_write(index, sub, data))
         read = self.read(index, sub)
         if not dictionary.kept(index, value, read):
-            raise self._wrong(f"{index:04X}h:{sub} ({known.name}) keeps {read}, not {value}")
+            raise self.wrong(f"{index:04X}h:{sub} ({known.name}) keeps {read}, not {value}")
 
     def map_pdo(self, parameters: int, cob_id: int, entries: Sequence[tuple[int, int]]) -> None:
         """Map a PDO that is switched off, in the order of CiA 301, and switch it on.
@@ -186,9 +179,9 @@ class Remote:
         self.write(parameters, 1, cob_id)
 
     def _known(self, index: int, sub: int) -> Object:
-        known = self._objects.get((index, sub))
+        known = dictionary.objects().get((index, sub))
         if known is None:
-            raise self._wrong(f"{index:04X}h:{sub}: not in the object dictionary")
+            raise self.wrong(f"{index:04X}h:{sub}: not in the object dictionary")
         return known
 
     def _asked(self, what: str, index: int, sub: int, data: bytes) -> bytes:
@@ -197,18 +190,19 @@ class Remote:
         try:
             answer = self.network.request(self.axis.node, index, sub, data)
         except BUS_ERRORS as error:
-            raise DriveError(ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
+            raise DriveError(c.ADAPTER_GONE, where, f"{what}: adapter gone ({error})") from error
         if answer is None:
             if self.axis.node in self.network.answers:
-                raise DriveError(SDO_TIMEOUT, where, f"{what}: no answer")
-            raise DriveError(NODE_ABSENT, where, absent(self.network, self.axis))
+                raise DriveError(c.SDO_TIMEOUT, where, f"{what}: no answer")
+            raise DriveError(c.NODE_ABSENT, where, absent(self.network, self.axis))
         if answer.aborted:
             words = dictionary.abort_words(answer.value)
-            raise DriveError(SDO_ABORT, where, f"{what} refused: {words}")
+            raise DriveError(c.SDO_ABORT, where, f"{what} refused: {words}")
         return answer.data
 
-    def _wrong(self, detail: str) -> DriveError:
-        return DriveError(WRONG_SETTING, self.axis.where, detail)
+    def wrong(self, detail: str) -> DriveError:
+        """That the drive is set otherwise than it must be, to be raised."""
+        return DriveError(c.WRONG_SETTING, self.axis.where, detail)
 
 
 def absent(network: Network, axis: AxisConfig) -> str:

@@ -12,8 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from twin.devices.akd.conditions import WRONG_SETTING, DriveError
-from twin.devices.akd.config import RPM, AxisConfig
+from twin.devices.akd.config import RPM
 from twin.devices.akd.network import Remote
 
 PER_UNIT = 1000
@@ -100,8 +99,7 @@ def read_units(remote: Remote) -> DriveUnits:
     axis = remote.axis
     counts = remote.read(0x608F, 1) / max(1, remote.read(0x608F, 2))
     if counts != axis.motor_counts:
-        raise _refused(
-            axis,
+        raise remote.wrong(
             f"{counts:g} counts per motor revolution (608Fh), configured are {axis.motor_counts}; "
             f"set {axis.name}.motor_counts = {counts:g}",
         )
@@ -110,12 +108,12 @@ def read_units(remote: Remote) -> DriveUnits:
         detail = (
             f"velocity is scaled by 204Ch = {factor} (36E9h bit 4 is set); clear it in the drive"
         )
-        raise _refused(axis, detail)
+        raise remote.wrong(detail)
     for index, name in ((0x6091, "gear ratio"), (0x6092, "feed constant")):
         ratio = remote.read(index, 1), remote.read(index, 2)
         if ratio[0] != ratio[1]:
             text = f"{name} {index:04X}h is {ratio[0]}:{ratio[1]}; set it to 1:1 in the drive, "
-            raise _refused(axis, f"{text}and name a real gear as {axis.name}.gear")
+            raise remote.wrong(f"{text}and name a real gear as {axis.name}.gear")
     speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", axis.limit_unit, "limit_unit")
     given = axis.acceleration_unit
     ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", given, "acceleration_unit")
@@ -129,7 +127,7 @@ def _quantity(
 ) -> Quantity:
     if chosen := remote.read(index):
         text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
-        raise _refused(remote.axis, text)
+        raise remote.wrong(text)
     return Quantity(unit, given if given is not None else RPM / PER_UNIT, key)
 
 
@@ -150,8 +148,4 @@ def _check_plausible(
         if fits:
             in_unit = f"{found * fits[0] / RPM:g} {unit}"
             advice = f"if it is {in_unit}, set {axis.name}.{quantity.key} = {fits[0]:.9g}"
-        raise _refused(axis, f"{text} ({allowed}); {advice}")
-
-
-def _refused(axis: AxisConfig, detail: str) -> DriveError:
-    return DriveError(WRONG_SETTING, axis.where, detail)
+        raise remote.wrong(f"{text} ({allowed}); {advice}")

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.protocols import DECODERS
-from twin.devices.lumio.transports import TRANSPORTS, ScreenError
+from twin.devices.lumio.protocols import STREAMS
+from twin.devices.lumio.transports import PRODUCTS, TRANSPORTS, ScreenError
 from twin.devices.nets import check_ranges, net, relaxed_nets
 
 
@@ -55,7 +55,8 @@ class LumioConfig:
         port: Device path: ``/dev/ttyUSB0``, ``/dev/hidraw0``.
         transport: ``serial`` or ``hidraw``.
         protocol: ``auto``, ``microtouch``, ``elo``, ``hid-0006`` or ``hid-0007``. A raw HID device
-            is read by its own report descriptor, whatever is given here.
+            is read by its own report descriptor, whatever is given here; a port that shows none by
+            that of the product named.
         baud: Bits per second of a serial line; eight data bits, no parity, one stop bit.
         calibration: Screen units to plate axes; None for a screen mounted square and centred, of
             the size that it says, else of the size of the model's.
@@ -76,7 +77,7 @@ class LumioConfig:
         """Refuse what does not exist."""
         for key, allowed in (
             ("transport", tuple(TRANSPORTS)),
-            ("protocol", ("auto", *DECODERS)),
+            ("protocol", ("auto", *STREAMS, *PRODUCTS.values())),
         ):
             value = getattr(self, key)
             if value not in allowed:

@@ -7,12 +7,15 @@ units, from which the size of a panel follows, or have a licence that does not g
 
 from __future__ import annotations
 
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from importlib import resources
 from typing import NamedTuple, Self
 
-from twin.devices.lumio.protocols import Contact, Decoder, Report
+from twin.devices.lumio.protocols import STREAMS, Contact, Decoder, Report
 from twin.errors import TwinError
 
 LONGEST = 4096
@@ -42,13 +45,19 @@ class _Globals:
     """The settings that hold until they are changed."""
 
     page: int = 0
-    logical: tuple[int, int] = (0, 0)
-    physical: tuple[int, int] = (0, 0)
+    logical_low: int = 0
+    logical_high: int = 0
+    physical_low: int = 0
+    physical_high: int = 0
     exponent: int = 0
     unit: int = 0
     size: int = 0
-    count: int = 0
     report: int = 0
+    count: int = 0
+
+
+_GLOBALS = tuple(each.name for each in fields(_Globals))
+"""Their names by the tag of the item that sets them, 0 to 9."""
 
 
 @dataclass
@@ -91,6 +100,8 @@ class _Parser:
             return
         if len(self.fields) + now.count > MOST:
             raise DescriptorError(f"more than {MOST} fields")
+        logical = now.logical_low, now.logical_high
+        physical = now.physical_low, now.physical_high
         # with fewer usages than fields, the last one holds for the rest
         for index in range(now.count):
             usage = self._complete(self.usages[min(index, len(self.usages) - 1)])
@@ -100,8 +111,8 @@ class _Parser:
                     begin + index * now.size,
                     now.size,
                     usage,
-                    now.logical,
-                    now.logical if now.physical == (0, 0) else now.physical,
+                    logical,
+                    logical if physical == (0, 0) else physical,
                     _metres(now.unit, now.exponent),
                     tuple(self.within),
                 )
@@ -124,36 +135,26 @@ class _Parser:
             self.settings = self._changed(tag, data, size)
 
     def _changed(self, tag: int, data: int, size: int) -> _Globals:
-        now, signed = self.settings, _signed(data, 8 * size)
-        match tag:
-            case 0x0:
-                now = replace(now, page=data & 0xFFFF)
-            case 0x1:
-                now = replace(now, logical=(signed, now.logical[1]))
-            case 0x2:
-                # 25 FF after a smallest value of 0 means 255 and not -1
-                top = signed if now.logical[0] < 0 else data
-                now = replace(now, logical=(now.logical[0], top))
-            case 0x3:
-                now = replace(now, physical=(signed, now.physical[1]))
-            case 0x4:
-                top = signed if now.physical[0] < 0 else data
-                now = replace(now, physical=(now.physical[0], top))
-            case 0x5:
-                # meant as a byte with a sign, mostly written as half of one
-                now = replace(now, exponent=_signed(data, 4) if 0 <= signed < 16 else signed)
-            case 0x6:
-                now = replace(now, unit=data)
-            case 0x7:
-                now = replace(now, size=data)
-            case 0x8:
-                if not 0 < data <= 0xFF:
-                    raise DescriptorError(f"report number {data}; 1 to 255 are possible")
-                self.numbered = True
-                now = replace(now, report=data)
-            case 0x9:
-                now = replace(now, count=data)
-        return now
+        if tag >= len(_GLOBALS):
+            return self.settings
+        now, name, value = self.settings, _GLOBALS[tag], data
+        signed = _signed(data, 8 * size)
+        if name == "page":
+            value = data & 0xFFFF
+        elif name.endswith("_low"):
+            value = signed
+        elif name.endswith("_high"):
+            # 25 FF after a smallest value of 0 means 255 and not -1
+            low = getattr(now, name.replace("high", "low"))
+            value = signed if low < 0 else data
+        elif name == "exponent":
+            # meant as a byte with a sign, mostly written as half of one
+            value = _signed(data, 4) if 0 <= signed < 16 else signed
+        elif name == "report":
+            if not 0 < data <= 0xFF:
+                raise DescriptorError(f"report number {data}; 1 to 255 are possible")
+            self.numbered = True
+        return replace(now, **{name: value})
 
     def local(self, tag: int, data: int) -> None:
         if tag == 0x0:
@@ -458,3 +459,20 @@ def _share(field: ReportField, report: int) -> float:
 
 def _name(place: ContactFields, report: int) -> int:
     return place.identifier.value(report) if place.identifier is not None else 1
+
+
+@cache
+def _known_layouts() -> dict[str, TouchLayout]:
+    """Layouts of the products in ``panels.toml``."""
+    text = (resources.files("twin.devices.lumio") / "panels.toml").read_text(encoding="utf-8")
+    found = {
+        name: TouchLayout.of(parse(bytes.fromhex(data)))
+        for name, data in tomllib.loads(text).items()
+    }
+    return {name: layout for name, layout in found.items() if layout is not None}
+
+
+def decoder_of(protocol: str) -> Decoder:
+    """A decoder of a protocol, by the name a rig file gives it."""
+    stream = STREAMS.get(protocol)
+    return stream() if stream is not None else HidDecoder(_known_layouts()[protocol])

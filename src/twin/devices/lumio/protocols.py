@@ -1,8 +1,7 @@
-"""The protocols a Lumio screen may speak, serial and USB, and which of them bytes are of."""
+"""The protocols a Lumio screen may speak on a serial line, and which of them bytes are of."""
 
 from __future__ import annotations
 
-import struct
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
@@ -228,88 +227,14 @@ class EloDecoder(StreamDecoder):
         return (Contact(x / _SMARTSET_TOP, y / _SMARTSET_TOP, down),)
 
 
-# Neither USB report has a mark of its beginning. What recorded reports have in common identifies
-# it: bits 0, 4 and 5 of a status are tip, in range, confidence, and only two values occur.
-_DOWN, _UP = 0x31, 0x30
-_USB_TOP = 32767
-_USB_PATIENCE = 0.008
-_BLOCK = struct.Struct("<BBHH")
-_BLOCKS = 4
-_UNUSED = bytes(_BLOCK.size)
-_MOST_CONTACTS = 8
-_SINGLE = struct.Struct("<BBHHH")
-
-
-class Hid0006Decoder(StreamDecoder):
-    """Decoder of product 202E:0006: four blocks of a contact each, then the number of contacts.
-
-    With more than four, the rest follow in a second report whose number is 0.
-    """
-
-    name = "hid-0006"
-    size = _BLOCKS * _BLOCK.size + 1
-    patience = _USB_PATIENCE
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._left = 0
-
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        if buffer[at] not in {_DOWN, _UP}:
-            return None
-        packet = bytes(buffer[at : at + self.size])
-        if len(packet) < self.size:
-            return INCOMPLETE
-        number = packet[-1] or self._left
-        used = min(number, _BLOCKS)
-        blocks = [packet[i : i + _BLOCK.size] for i in range(0, self.size - 1, _BLOCK.size)]
-        values = [_BLOCK.unpack(block) for block in blocks[:used]]
-        known = all(status in {_DOWN, _UP} and name > 0 for status, name, _, _ in values)
-        unused = all(block == _UNUSED for block in blocks[used:])
-        if not (1 <= number <= _MOST_CONTACTS and known and unused):
-            return None
-        self._left = number - _BLOCKS if number > _BLOCKS else 0
-        if any(x > _USB_TOP or y > _USB_TOP for _, _, x, y in values):
-            self.stats.outside += 1
-            return Packet(self.size)
-        contacts = [
-            Contact(x / _USB_TOP, y / _USB_TOP, status == _DOWN, name)
-            for status, name, x, y in values
-        ]
-        return Packet(self.size, tuple(contacts))
-
-
-class Hid0007Decoder(StreamDecoder):
-    """Decoder of product 202E:0007: one contact per report, several contacts taking turns."""
-
-    name = "hid-0007"
-    size = _SINGLE.size
-    patience = _USB_PATIENCE
-
-    def _packet(self, buffer: bytearray, at: int) -> Packet | None:
-        if buffer[at] not in {_DOWN, _UP}:
-            return None
-        packet = bytes(buffer[at : at + self.size])
-        if len(packet) < self.size:
-            return INCOMPLETE
-        status, pad, x, y, name = _SINGLE.unpack(packet)
-        if pad or not 1 <= name <= 0xFF:
-            return None
-        if x > _USB_TOP or y > _USB_TOP:
-            self.stats.outside += 1
-            return Packet(self.size)
-        return Packet(self.size, (Contact(x / _USB_TOP, y / _USB_TOP, status == _DOWN, name),))
-
-
-DECODERS: dict[str, type[StreamDecoder]] = {
-    decoder.name: decoder
-    for decoder in (MicroTouchDecoder, EloDecoder, Hid0006Decoder, Hid0007Decoder)
+STREAMS: dict[str, type[StreamDecoder]] = {
+    decoder.name: decoder for decoder in (MicroTouchDecoder, EloDecoder)
 }
-"""Every protocol by the name a rig file gives it; they can be told apart by listening."""
+"""The protocols of a serial line by the names a rig file gives them; listening tells them apart."""
 
 
 class Detector:
-    """Feeds the decoders of all byte protocols until one of them understands the stream.
+    """Feeds the decoders of all serial protocols until one of them understands the stream.
 
     A protocol is taken when it has given several reports and these account for nearly all bytes of
     a stream long enough: a few packets of one can look like several of another.
@@ -351,31 +276,4 @@ class Detector:
         return None
 
     def _start(self) -> None:
-        self._decoders = [decoder() for decoder in DECODERS.values()]
-
-
-class Doubt:
-    """Whether bytes are of another protocol than the one that was set.
-
-    It listens until they are seen to be of that one. Reports of the decoder set prove nothing:
-    bytes of one protocol can look like now and then a packet of another.
-
-    Args:
-        protocol: The one set.
-    """
-
-    def __init__(self, protocol: str) -> None:
-        self.looks_like = ""
-        """The protocol that the bytes look like instead; empty while none does."""
-        self._protocol = protocol
-        self._detector: Detector | None = Detector()
-
-    def feed(self, data: bytes) -> None:
-        """Take in more bytes."""
-        if self._detector is None:
-            return
-        found = self._detector.feed(data)
-        if found:
-            name = found[0].name
-            self.looks_like = "" if name == self._protocol else name
-            self._detector = None if name == self._protocol else Detector()
+        self._decoders = [decoder() for decoder in STREAMS.values()]

@@ -13,32 +13,11 @@ from enum import StrEnum
 from itertools import pairwise
 from typing import NamedTuple
 
+from twin.devices.lumio import conditions as c
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.conditions import (
-    BAD_BYTES,
-    BALL_LOST,
-    CHECKSUM,
-    DROPOUT,
-    FLOOD,
-    FROZEN,
-    JUMP,
-    OUT_OF_RANGE,
-    RELOCATED,
-    STALE,
-    SWAPPED_AXES,
-    TWO_CONTACTS,
-    UNKNOWN_PROTOCOL,
-)
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.protocols import (
-    DECODERS,
-    Contact,
-    Decoder,
-    DecoderStats,
-    Detector,
-    Doubt,
-    Report,
-)
+from twin.devices.lumio.hid import decoder_of
+from twin.devices.lumio.protocols import Contact, Decoder, DecoderStats, Detector, Report
 from twin.hal.interface import Condition, Fault
 
 
@@ -100,9 +79,9 @@ class Presence:
         end = "after a lift-off" if sample.lifted else "without a lift-off"
         detail = f"no touch for {1000 * (time - sample.time):.0f} ms {end}"
         if self._state == TouchState.STALE:
-            self._report_fault(STALE, detail)
+            self._report_fault(c.STALE, detail)
         elif self._state == TouchState.LOST:
-            self._report_fault(BALL_LOST, detail)
+            self._report_fault(c.BALL_LOST, detail)
 
     def note_tilt(self, sample: Sample | None, time: float, tilt: float) -> None:
         """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
@@ -119,7 +98,7 @@ class Presence:
         elif not self._frozen:
             self._frozen = True
             self._report_fault(
-                FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
+                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
             )
 
 
@@ -202,7 +181,7 @@ class Tracker:
         elif touching:
             self._crowd += 1
             if self._crowd == 2:
-                self._report_fault(TWO_CONTACTS, f"{contacts} contacts")
+                self._report_fault(c.TWO_CONTACTS, f"{contacts} contacts")
 
     def _follow(self, time: float, down: list[Contact]) -> None:
         last = self.sample
@@ -244,7 +223,7 @@ class Tracker:
             if gap > self._limits.stale or not self._reaches(gap, there, point):
                 self._waiting.clear()
         elif last is not None:
-            self._report_fault(JUMP, f"from {_place(last.position)} to {_place(point)}")
+            self._report_fault(c.JUMP, f"from {_place(last.position)} to {_place(point)}")
         self._waiting.append((time, point))
         return len(self._waiting) >= self._limits.confirm
 
@@ -257,10 +236,10 @@ class Tracker:
         words = f"from {_place(last.position)} to {_place(point)}"
         way, turned_way = math.dist(point, last.position), math.dist(turned, last.position)
         if turned_way > way / 2 or not self._reaches(time - last.time, last.position, turned):
-            self._report_fault(RELOCATED, words)
+            self._report_fault(c.RELOCATED, words)
             return False
         if not self._swapped:
-            self._report_fault(SWAPPED_AXES, words)
+            self._report_fault(c.SWAPPED_AXES, words)
         self._swapped = True
         return True
 
@@ -273,7 +252,7 @@ class Tracker:
             self._same = 0
         else:
             if time - last.time > self._limits.stale or last.lifted:
-                self._report_fault(DROPOUT, f"no touch for {1000 * (time - last.time):.0f} ms")
+                self._report_fault(c.DROPOUT, f"no touch for {1000 * (time - last.time):.0f} ms")
             if point == last.position:
                 since = last.since
         self._waiting.clear()
@@ -289,7 +268,9 @@ class Tracker:
             (first, begin), (end, stop) = self._path[0], self._path[-1]
             speed = math.dist(begin, stop) / (end - first) if end > first else 0.0
             if self._same == self._limits.still and speed > self._limits.halt:
-                self._report_fault(FROZEN, f"stopped dead at {_place(point)} from {speed:.2f} m/s")
+                self._report_fault(
+                    c.FROZEN, f"stopped dead at {_place(point)} from {speed:.2f} m/s"
+                )
             return
         self._same = 0
         self._path = [entry for entry in self._path if time - entry[0] <= self.WINDOW]
@@ -306,9 +287,9 @@ def _place(point: tuple[float, float]) -> str:
 
 WHERE = "touch screen"
 REFUSED = (
-    (BAD_BYTES, "skipped", "bytes skipped"),
-    (CHECKSUM, "checksum", "packets with a wrong checksum"),
-    (OUT_OF_RANGE, "outside", "packets with a position beyond the screen"),
+    (c.BAD_BYTES, "skipped", "bytes skipped"),
+    (c.CHECKSUM, "checksum", "packets with a wrong checksum"),
+    (c.OUT_OF_RANGE, "outside", "packets with a position beyond the screen"),
 )
 """Which count of a decoder shows which condition."""
 
@@ -339,16 +320,17 @@ class TouchStream:
         calibration: Calibration | None,
         limits: PlausibilityLimits,
     ) -> None:
-        self.decoder: Decoder | None = None if protocol == "auto" else DECODERS[protocol]()
+        self.decoder: Decoder | None = None if protocol == "auto" else decoder_of(protocol)
         self.dropped = 0
         """Bytes dropped undecoded."""
         self.reports = 0
         """Reports taken in."""
         self.extent: tuple[float, float] | None = None
         """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
+        self.looks_like = ""
+        """The protocol that the bytes look like, if that is not the one set; else empty."""
         self._protocol = protocol
-        self._detector = Detector()
-        self._doubt = self._new_doubt()
+        self._detector: Detector | None = Detector()
         self._calibration = calibration
         self._capacity = capacity
         self._limits = limits
@@ -360,14 +342,6 @@ class TouchStream:
         self._deaf: float | None = None
         self._window = (-math.inf, 0)
         self._times: deque[float] = deque(maxlen=60)
-
-    def _new_doubt(self) -> Doubt | None:
-        return Doubt(self._protocol) if self._protocol in DECODERS else None
-
-    @property
-    def looks_like(self) -> str:
-        """The protocol that the bytes look like, if that is not the one set; else empty."""
-        return self._doubt.looks_like if self._doubt else ""
 
     @property
     def sample(self) -> Sample | None:
@@ -384,7 +358,8 @@ class TouchStream:
     @property
     def stats(self) -> DecoderStats:
         """What the decoder has met so far."""
-        return self.decoder.stats if self.decoder else DecoderStats(bytes=self._detector.listened)
+        heard = self._detector.listened if self._detector else 0
+        return self.decoder.stats if self.decoder else DecoderStats(bytes=heard)
 
     def report_fault(self, condition: Condition, detail: str) -> None:
         """Note a condition detected; any thread may."""
@@ -398,7 +373,7 @@ class TouchStream:
         """Read with the decoder that an opened port asks for, if it does."""
         if decoder is None:
             return
-        self.decoder, self._doubt = decoder, None
+        self.decoder, self._detector = decoder, None
         self._seen = replace(decoder.stats)
         self.extent = decoder.extent
         if self._calibration is None and self.extent is not None:
@@ -408,7 +383,8 @@ class TouchStream:
         """Forget the ball and half a packet, as after the port was reopened."""
         self._tracker.forget()
         self._deaf = None
-        self._doubt = self._new_doubt()
+        self.looks_like = ""
+        self._detector = Detector()
         if self.decoder:
             self.decoder.reset()
             self._seen = replace(self.decoder.stats)
@@ -429,14 +405,18 @@ class TouchStream:
         self._compare(time)
 
     def _decode(self, time: float, data: bytes) -> list[Report]:
-        reports: list[Report] = []
-        if self.decoder:
-            reports = self.decoder.feed(data)
-        elif found := self._detector.feed(data):
-            self.decoder, reports = found
-            self._seen = replace(self.decoder.stats)
-        if self._doubt:
-            self._doubt.feed(data)
+        reports = self.decoder.feed(data) if self.decoder else []
+        found = self._detector.feed(data) if self._detector else None
+        if found:
+            # Only bytes recognised end the listening: reports of the decoder set prove nothing, as
+            # bytes of one protocol can look like now and then a packet of another.
+            decoder, heard = found
+            if self.decoder is None:
+                self.decoder, reports = decoder, heard
+                self._seen = replace(decoder.stats)
+            wrong = self._protocol not in {"auto", decoder.name}
+            self.looks_like = decoder.name if wrong else ""
+            self._detector = Detector() if wrong else None
         self._recognise(time)
         return reports
 
@@ -445,11 +425,11 @@ class TouchStream:
         self._deaf = time if self._deaf is None else self._deaf
         if self.looks_like:
             heard = f"the bytes are of {self.looks_like}, not of {self._protocol}"
-            self._report_rate_limited(time, UNKNOWN_PROTOCOL, heard)
+            self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
         elif not self.stats.reports and time - self._deaf > self.DEAF:
             wanted = "no known protocol" if self._protocol == "auto" else f"no {self._protocol}"
             heard = f"{self.stats.bytes} bytes are of {wanted}"
-            self._report_rate_limited(time, UNKNOWN_PROTOCOL, heard)
+            self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
 
     def _measure(self, time: float, count: int) -> None:
         """Notice a line that is full, on which samples queue up and arrive late."""
@@ -459,7 +439,7 @@ class TouchStream:
         self._window = begin, total + count
         if total + count > self._capacity * self.WINDOW:
             self._report_rate_limited(
-                time, FLOOD, f"{total + count} bytes within {self.WINDOW:g} s"
+                time, c.FLOOD, f"{total + count} bytes within {self.WINDOW:g} s"
             )
 
     def _compare(self, time: float) -> None:

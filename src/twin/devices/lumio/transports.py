@@ -23,7 +23,8 @@ from twin.devices.lumio.hid import (
     application,
     parse,
 )
-from twin.devices.lumio.protocols import Decoder, Hid0006Decoder, Hid0007Decoder
+from twin.devices.lumio.protocols import Decoder
+from twin.devices.ports import claim
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 
 
 VENDOR = 0x202E
-PRODUCTS = {0x0006: Hid0006Decoder.name, 0x0007: Hid0007Decoder.name}
-"""Protocols of the products whose reports are known."""
+PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
+"""Protocols of the products whose report descriptors are in ``panels.toml``."""
 HIDRAW_CLASS = Path("/sys/class/hidraw")
 """Where Linux describes raw HID devices; anyone may read it."""
 UDEV_RULES = Path(__file__).with_name("70-ballplate-touch.rules")
@@ -306,15 +307,7 @@ class HidrawDevice(Transport):
         return bytes(whole[4 : 4 + int.from_bytes(size, sys.byteorder)])
 
     def _open(self) -> int:
-        import fcntl  # noqa: PLC0415  POSIX only
-
-        handle = os.open(self.port, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(handle)
-            raise
-        return handle
+        return claim(self.port, os.O_RDONLY)
 
     def close(self) -> None:
         """Close the device."""

@@ -116,15 +116,11 @@ class BallMotion:
             grip = model.c1 * (np.asarray(friction.rolling) / model.radius)
             self._grip = grip.item() if self.single else grip
 
-    def start(self, x: Array) -> None:
-        """Begin with the state x, (N, 8); a ball at rest is taken to have rested long."""
-        self.settle(x)
-        self.straighten()
-
     def begin(self, rigs: NDArray[np.integer], x: Array) -> None:
-        """Begin with some rigs of the state x, (N, 8), anew."""
-        if self.age is not None:
-            self.age = put(self.age, rigs, self._settled(x)[rigs])
+        """Begin with some rigs of the state x, (N, 8); a ball at rest has rested long."""
+        if self._ageing:
+            age = self._settled(x)
+            self.age = age if self.age is None else put(self.age, rigs, age[rigs])
         self.bend = put(self.bend, rigs, np.zeros((len(rigs), 2)))
 
     def go_on(self, before: BallMotion, x: Array) -> None:
@@ -265,6 +261,8 @@ class ExactPlant:
         self.rigs = rigs
         self.step = step
         self._equip(model or BallPlate(), friction, level)
+        self._x: Array = np.zeros((rigs, 8))
+        self._fallen = np.zeros(rigs, bool)
         self.start(np.zeros((rigs, 4)))
 
     def change(self, model: BallPlate, friction: Friction | None, level: ArrayLike) -> None:
@@ -288,12 +286,7 @@ class ExactPlant:
         Raises:
             ModelError: If a ball is to spin.
         """
-        if np.any(spin):
-            raise ModelError("the exact equations have a ball that never spins")
-        self._x: Array = np.zeros((self.rigs, 8))
-        self._x[:, (0, 1, 4, 5)] = ball
-        self._balls.start(self._x)
-        self._fallen = np.zeros(self.rigs, bool)
+        self.begin(np.arange(self.rigs), ball, spin)
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
         """Put some rigs to the start as ``start`` does, the others as they are.

@@ -359,26 +359,25 @@ class Mechanism:
         Positions in m, speeds in m/s, in plate axes; ``spin`` is the ball's rate about the
         vertical in rad/s.
         """
-        batch = self._batch
-        batch.reset(keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._placing.level(slice(None), np.broadcast_to(ball, (self.rigs, 4)), spin)
-        batch.forward()
-        self._sensed = self._live
-        self._look()
+        self._put_level(None, np.broadcast_to(ball, (self.rigs, 4)), spin)
         if self._contact is not None:
             self._contact.start(self.state)
 
     def begin(self, rigs: NDArray[np.integer], ball: Array, spin: Number = 0.0) -> None:
         """Put some rigs to the start as ``start`` does, the others as they are."""
+        self._batch.warning[rigs] = 0
+        self._put_level(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
+        if self._contact is not None:
+            self._contact.begin(rigs, self.state)
+
+    def _put_level(self, rigs: NDArray[np.integer] | None, ball: Array, spin: Number) -> None:
+        """Put rigs, all by default, level and at rest with their balls as ``start`` says."""
         batch = self._batch
         batch.reset(rigs, keyframe=self._at.level, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        self._placing.level(rigs, np.broadcast_to(ball, (len(rigs), 4)), spin)
-        batch.warning[rigs] = 0
+        self._placing.level(slice(None) if rigs is None else rigs, ball, spin)
         batch.forward(rigs)
         self._sensed = self._live
         self._look()
-        if self._contact is not None:
-            self._contact.begin(rigs, self.state)
 
     def place(self, ball: Array) -> None:
         """Put the balls, rolling, at (x, x', y, y') on plates that stay as they are, (N, 4)."""

@@ -1,0 +1,67 @@
+"""What the scripts of this folder share: templates, results that are kept, and points of laws."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+import numpy as np
+
+from twin.writing import write_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HERE = Path(__file__).parent
+
+
+def filled(name: str, **parts: Any) -> str:
+    """The page of a template in this folder."""
+    text = (HERE / f"{name}.template.md").read_text(encoding="utf-8")
+    strict = jinja2.StrictUndefined
+    how = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=strict)
+    return how.from_string(text).render(parts)
+
+
+def kept(name: str, key: str, make: Callable[[], Any], *, simulate: bool = True) -> Any:
+    """What is kept in runs/NAME under a key, else what is made and then kept; None if not made."""
+    file = HERE.parent / "runs" / name / f"{key}.json"
+    if file.is_file():
+        return json.loads(file.read_text(encoding="utf-8"))
+    if not simulate:
+        return None
+    found = make()
+    write_json(file, found)
+    return found
+
+
+def points(
+    axis: Axes,
+    found: Sequence[float | None],
+    beyond: float,
+    words: tuple[str, str],
+    *,
+    full: bool,
+    large: bool,
+) -> None:
+    """A law's numbers from below upwards, and red crosses where there is none.
+
+    Args:
+        axis: Where.
+        found: One per law.
+        beyond: Where the crosses are.
+        words: For the legend: what points are, and crosses.
+        full: Whether points are filled, else open.
+        large: Whether crosses are.
+    """
+    rows, gone = np.arange(len(found)), np.array([value is None for value in found])
+    x = np.array([beyond if value is None else value for value in found])
+    face = "tab:blue" if full else "none"
+    look: dict[str, Any] = {"facecolors": face, "edgecolors": "tab:blue", "label": words[0]}
+    axis.scatter(x[~gone], rows[~gone], s=30, **look)
+    axis.scatter(
+        x[gone], rows[gone], s=40 if large else 15, marker="x", c="tab:red", label=words[1]
+    )

@@ -1,0 +1,325 @@
+"""N rigs as environments of Gymnasium: one, or a batch of which any rig may begin anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from gymnasium.utils.seeding import np_random
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from ballplate.gym.task import HOLD, PREVIEW, REWARD_SCALE, Task
+from ballplate.stepping import shaped
+from controllers.arrays import Array, Mask, put
+from twin.errors import TwinError
+from twin.run.batch import Episodes
+
+
+class Transition(NamedTuple):
+    """What a step brought N rigs; each shape (N,)."""
+
+    reward: Array
+    terminated: Mask
+    truncated: Mask
+
+
+class Rigs:
+    """N rigs side by side; ``begin`` first.
+
+    Args:
+        task: What their episodes are.
+        count: How many.
+        threads: Threads of the engine; 0 for one per processor.
+    """
+
+    def __init__(self, task: Task, count: int, threads: int = 0) -> None:
+        self.task, self.count = task, count
+        self._threads = threads
+        self._rows = np.arange(count)
+        self._low, self._high = task.observation_space.low, task.observation_space.high
+        self._ended = np.zeros(count, bool)
+        self._episodes: Episodes | None = None
+        self._followed: str | None = None
+        """The one reference that all follow, if there is one."""
+
+    @property
+    def episodes(self) -> Episodes:
+        """The rigs themselves.
+
+        Raises:
+            TwinError: If none has begun.
+        """
+        if self._episodes is None:
+            raise TwinError("reset: all rigs must be reset once before anything else")
+        return self._episodes
+
+    def begin(self, rigs: NDArray[np.integer], seeds: Sequence[int]) -> None:
+        """Let some rigs begin an episode of a seed each.
+
+        Raises:
+            TwinError: If the first time it is not all of them, or what is drawn cannot be.
+        """
+        scenarios = [self.task.episode(seed) for seed in seeds]
+        if self._episodes is None and len(rigs) == self.count:
+            self._episodes = Episodes(scenarios, threads=self._threads)
+        else:
+            self.episodes.begin(rigs, scenarios)
+        self._ended[rigs] = False
+        followed = {scenario.reference.model_dump_json(): scenario for scenario in scenarios}
+        if len(rigs) < self.count and followed.keys() == {self._followed}:
+            return
+        every = [scenario.reference.model_dump_json() for scenario in self.episodes.scenarios]
+        distinct = list(dict.fromkeys(every))
+        self._which = np.array([distinct.index(each) for each in every])
+        firsts = [self.episodes.scenarios[every.index(each)] for each in distinct]
+        self._paths = np.stack([self.task.path(scenario) for scenario in firsts])
+        self._followed = distinct[0] if len(distinct) == 1 else None
+
+    def step(self, actions: ArrayLike) -> Transition:
+        """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
+
+        Raises:
+            TwinError: If they are of another shape.
+        """
+        hold, episodes = self.task.hold, self.episodes
+        before = episodes.ticks
+        given = shaped("actions", actions, (self.count, 2))
+        rate = self.task.rate * np.clip(given, -1.0, 1.0)
+        ball = episodes.advance(rate, hold)
+        error = ball - self._goal(before + np.arange(1, hold + 1)[:, None])
+        each = 1 / (1 + (error[..., 0] ** 2 + error[..., 1] ** 2) / REWARD_SCALE**2)
+        # one after the other: how numpy adds up depends on how many rigs there are
+        reward = np.asarray(sum(each)) / hold
+        reward = np.where(self._ended | ~np.isfinite(reward), 0.0, reward)
+        terminated = episodes.over
+        truncated = ~terminated & (episodes.ticks >= self.task.ticks)
+        self._ended = terminated | truncated
+        return Transition(reward, terminated, truncated)
+
+    def observation(self) -> Array:
+        """What is seen now, shape (N, numbers)."""
+        now, ticks = self.episodes.measurement, self.episodes.ticks
+        goals = self._goal(ticks + self.task.leads[:, None])
+        seen = np.concatenate(
+            (
+                now.y,
+                self.episodes.applied,
+                np.stack((now.age, now.touched), axis=-1),
+                goals.swapaxes(0, 1).reshape(self.count, -1),
+            ),
+            axis=1,
+        )
+        return np.clip(np.nan_to_num(seen), self._low, self._high)
+
+    def info(self) -> dict[str, Any]:
+        """What no controller sees, each with one entry per rig."""
+        state, ticks = self.episodes.state.copy(), self.episodes.ticks
+        return {
+            "state": state,
+            "time": ticks * self.task.period,
+            "error": np.hypot(*(state[:, 0::4] - self._goal(ticks)).T),
+        }
+
+    def _goal(self, ticks: NDArray[np.integer]) -> Array:
+        """Goal (x, y) in m at ticks of each rig, shape (..., N), as (..., N, 2)."""
+        last = self._paths.shape[1] - 1  # rigs whose episode is over are past it
+        found: Array = self._paths[self._which, np.minimum(ticks, last)]
+        return found
+
+
+class RigEnv(gymnasium.Env[Array, Array]):
+    """One rig, as ``ballplate.gym.task`` tells; arguments are those of ``Task``.
+
+    ``reset(seed=n)`` begins the episode of seed n, that of ``ballplate run SCENARIO --set seed=n``;
+    ``reset()`` draws the next seed.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  as the base class has it
+
+    def __init__(
+        self,
+        scenario: str | Path,
+        settings: Mapping[str, Any] | Sequence[str] = (),
+        family: str | None = None,
+        hold: int = HOLD,
+        rate: float | None = None,
+        preview: Sequence[float] = PREVIEW,
+        render_mode: str | None = None,
+    ) -> None:
+        task = Task(scenario, settings, family, hold, rate, preview)
+        self.render_mode = render_mode
+        self.observation_space, self.action_space = task.observation_space, task.action_space
+        self.rigs = Rigs(task, 1)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Of its noise, its rig and all that follow; None for the next.
+            options: None are known.
+        """
+        super().reset(seed=seed)
+        of_episode = int(self.np_random.integers(2**31)) if seed is None else seed
+        self.rigs.begin(np.arange(1), [of_episode])
+        return self.rigs.observation()[0], self._info()
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Hold an action, shape (2,), for a step."""
+        given = shaped("action", action, (2,))
+        reward, terminated, truncated = self.rigs.step(given[None])
+        info = self._info()
+        if terminated[0]:
+            (info["reason"],) = self.rigs.episodes.reasons(np.arange(1))
+        seen = self.rigs.observation()[0]
+        return seen, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def _info(self) -> dict[str, Any]:
+        about = {name: values[0] for name, values in self.rigs.info().items()}
+        return about | {"time": float(about["time"]), "error": float(about["error"])}
+
+
+class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
+    """N rigs, as ``ballplate.gym.task`` tells; the first arguments are those of ``Task``.
+
+    Seeds are those of ``SyncVectorEnv``: ``reset(seed=n)`` gives rig i the episodes of an
+    environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
+    episodes of some rigs; the others do not notice, to the last bit. From 16 rigs on the engine's
+    are seen in another way than fewer, as in studies, so that the last bits of the mechanism differ
+    from those of one rig; and see ``twin.run.batch.Episodes`` on episodes that begin at moments
+    that are no multiple of 40 ms.
+
+    Args:
+        num_envs: How many rigs.
+        autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, in
+            the same step, or when it is reset; until then it gets nothing.
+        threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
+        scenario: As for ``Task``, and those that follow.
+        settings: What is changed of it.
+        family: What each episode draws its rig from.
+        hold: Control periods for which an action is held.
+        rate: Plate rate in rad/s that an action of 1 means.
+        preview: How far ahead the goal is seen besides now, s.
+        render_mode: None are known.
+
+    Raises:
+        TwinError: If anything is unknown or out of range.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path,
+        settings: Mapping[str, Any] | Sequence[str] = (),
+        family: str | None = None,
+        hold: int = HOLD,
+        rate: float | None = None,
+        preview: Sequence[float] = PREVIEW,
+        *,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        render_mode: str | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise TwinError(f"num_envs: must be at least 1, got {num_envs}")
+        task = Task(scenario, settings, family, hold, rate, preview)
+        self.mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.single_observation_space = task.observation_space
+        self.single_action_space = task.action_space
+        self.observation_space = batch_space(task.observation_space, num_envs)
+        self.action_space = batch_space(task.action_space, num_envs)
+        self.rigs = Rigs(task, num_envs, threads)
+        self._random = [np_random()[0] for _ in range(num_envs)]
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin the episodes of all rigs, or of those of ``options["reset_mask"]``.
+
+        Args:
+            seed: One for the first rig, the next one for the second, and so on; or one each, None
+                for the next of that rig.
+            options: ``reset_mask``: which rigs begin, shape (num_envs,).
+
+        Raises:
+            TwinError: If there are not as many seeds as rigs, the mask is none, or the first time
+                leaves out rigs.
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        seeds: Sequence[int | None]
+        if seed is None:
+            seeds = [None] * self.num_envs
+        else:
+            seeds = [seed + rig for rig in range(self.num_envs)] if isinstance(seed, int) else seed
+        if len(seeds) != self.num_envs:
+            raise TwinError(f"seed: must be one for each of {self.num_envs} rigs, got {len(seeds)}")
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)))
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise TwinError(
+                f"reset_mask: must be {self.num_envs} truth values, one of them true, got {mask}"
+            )
+        self._begin(mask, seeds)
+        return self.rigs.observation(), self._told(self.rigs.info(), mask)
+
+    def step(
+        self, actions: Array
+    ) -> tuple[Array, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Hold actions, shape (num_envs, 2), for a step."""
+        due, everyone = self._over, np.ones(self.num_envs, bool)
+        reward, terminated, truncated = self.rigs.step(actions)
+        if self.mode is AutoresetMode.NEXT_STEP and due.any():
+            terminated, truncated = terminated & ~due, truncated & ~due
+            self._begin(due)
+        over = terminated | truncated
+        info = self._told(self.rigs.info(), everyone) | self._reasons(terminated)
+        if self.mode is AutoresetMode.SAME_STEP and over.any():
+            final = np.full(self.num_envs, None, dtype=object)
+            last = self.rigs.observation()
+            for rig in np.flatnonzero(over).tolist():
+                final[rig] = last[rig].copy()
+            told = self._told(self.rigs.info(), over) | self._reasons(terminated)
+            self._begin(over)
+            info = self._told(self.rigs.info(), everyone)
+            info |= {"final_obs": final, "_final_obs": over.copy()}
+            info |= {"final_info": told, "_final_info": over.copy()}
+        self._over = over
+        return self.rigs.observation(), reward, terminated, truncated, info
+
+    def _begin(self, which: Mask, seeds: Sequence[int | None] | None = None) -> None:
+        """Let some rigs begin, of seeds or of those that are next for them."""
+        chosen = []
+        for rig in np.flatnonzero(which).tolist():
+            seed = None if seeds is None else seeds[rig]
+            if seed is None:
+                seed = int(self._random[rig].integers(2**31))
+            else:
+                self._random[rig] = np_random(seed)[0]
+            chosen.append(seed)
+        self.rigs.begin(np.flatnonzero(which), chosen)
+        self._over = self._over & ~which
+
+    def _reasons(self, terminated: Mask) -> dict[str, Any]:
+        """Why episodes were terminated, for those that were."""
+        if not terminated.any():
+            return {}
+        told = np.full(self.num_envs, None, dtype=object)
+        told[terminated] = self.rigs.episodes.reasons(np.flatnonzero(terminated))
+        return {"reason": told, "_reason": terminated.copy()}
+
+    @staticmethod
+    def _told(about: dict[str, Any], which: Mask) -> dict[str, Any]:
+        """Infos of some rigs as Gymnasium has them: each beside a mask of whose there are."""
+        own = {name: put(values, np.flatnonzero(~which), 0) for name, values in about.items()}
+        return own | {f"_{name}": which.copy() for name in about}

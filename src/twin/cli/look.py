@@ -1,0 +1,215 @@
+"""The commands view, report and export: recorded runs, seen."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twin.cli import options as tab
+from twin.cli.options import AGAINST, SERVE, SETTING
+from twin.cli.options import opened as open_all
+from twin.cli.output import console, warn
+from twin.errors import RecordError, TwinError, ViewError
+from twin.run.files import run_folder
+
+if TYPE_CHECKING:
+    from twin.run.finished import Run
+
+
+@click.command()
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
+@AGAINST
+@SETTING
+@click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
+@click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
+@click.option("--at", type=float, help="Simulated time of the picture in s [the middle].")
+@SERVE
+@click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
+def view(
+    runs: tuple[Path, ...],
+    against: str | None,
+    overrides: tuple[str, ...],
+    rrd: Path | None,
+    picture: Path | None,
+    at: float | None,
+    serve: int | None,
+    connect: str | None,
+) -> int:
+    """Open run folders in the Rerun viewer, several side by side on one time line.
+
+    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
+    there is none.
+    """
+    opened = open_all(runs, against, overrides)
+    from twin.view.recording import (  # heavy: after a wrong name was told
+        address,
+        forward,
+        reach,
+        screenshot,
+        write,
+    )
+
+    if connect is not None:
+        forward(reach(address(connect)), opened)
+        console.print(f"sent to {connect}")
+        return 0
+    if rrd is not None:
+        write(rrd, opened)
+        console.print(f"written to {rrd}")
+        if picture is None:
+            return 0
+    with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
+        recording = rrd or Path(folder) / "view.rrd"
+        if rrd is None:
+            write(recording, opened)
+        if picture is not None:
+            screenshot(recording, picture, _instant(opened, at))
+            console.print(f"written to {picture}")
+            return 0
+        return _show(recording, serve)
+
+
+def _show(recording: Path, serve: int | None) -> int:
+    """Keep a viewer open until it is closed."""
+    from twin.view import viewer
+
+    opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
+    if opened.page:
+        console.print(f"open {opened.page} in a browser; Ctrl-C ends it", soft_wrap=True)
+    try:
+        code = opened.process.wait()
+    except KeyboardInterrupt:
+        opened.close()
+        return 0
+    if code:
+        raise ViewError("the viewer ended with an error; use --rrd FILE or --serve")
+    return 0
+
+
+def _instant(opened: list[Run], at: float | None) -> float:
+    """The instant to show, within the run."""
+    end = max(float(run.rows["time"][-1]) for run in opened)
+    if at is not None and not 0 <= at <= end:
+        raise TwinError(f"--at {at:g}: the run goes from 0 to {end:g} s")
+    return end / 2 if at is None else at
+
+
+ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}
+"""Format to the ending of its file."""
+
+
+def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
+    """What is added to the stem of each file of a format, and the file's content."""
+    from twin.report.numbers import as_csv, as_latex
+
+    match kind:
+        case "png" | "pdf":
+            from twin.report.html import details, encoded, overview
+
+            return {
+                "": encoded(overview(runs), kind),
+                "-details": encoded(details(runs), kind),
+            }
+        case "csv":
+            return {"": as_csv(runs).encode()}
+        case "latex":
+            return {"": as_latex(runs).encode()}
+    from twin.report.html import html
+
+    return {"": html(runs).encode()}
+
+
+class Formats(click.ParamType[tuple[str, ...]]):
+    """A list of formats with commas between."""
+
+    name = "formats"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The formats named."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in str(value).split(","))
+        wrong = [name for name in names if name not in ENDINGS]
+        if wrong:
+            self.fail(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})", param, ctx)
+        return names
+
+
+@click.command()
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
+@AGAINST
+@SETTING
+@click.option(
+    "--format", "formats", type=Formats(), default="html", metavar="html,png,pdf,csv,latex"
+)
+@click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
+def report(
+    runs: tuple[Path, ...],
+    against: str | None,
+    overrides: tuple[str, ...],
+    formats: tuple[str, ...],
+    out: Path | None,
+) -> int:
+    """Report on one run folder, or compare several: a page, pictures, a table.
+
+    RUNS are run folders, folders of such, CSV logs with --against, or `last`; the newest run if
+    there is none.
+    """
+    opened = open_all(runs, against, overrides)
+    folder = opened[0].folder
+    if folder is None:
+        stem = out or run_folder(f"{opened[0].name}-against-{against}", overrides) / "report"
+    else:
+        stem = out or (folder if len(opened) == 1 else folder.parent) / "report"
+    if stem.suffix in ENDINGS.values():
+        stem = stem.with_suffix("")
+    if stem.is_dir():
+        raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
+    for name in formats:
+        for more, content in _contents(name, opened).items():
+            path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
+            _write(path, content)
+            console.print(f"written to {path}")
+    return 0
+
+
+def _write(path: Path, content: bytes) -> None:
+    from twin.writing import write_whole
+
+    write_whole(path, lambda target: target.write_bytes(content))
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--every", type=click.IntRange(min=1), default=1, help="Take every N-th row only.", metavar="N"
+)
+@click.option("--columns", help="Columns to take, with commas between [all]; time comes first.")
+def export(run: Path, file: Path, every: int, columns: str | None) -> int:
+    """Export the signals of a run to a .csv, .mat or .parquet file."""
+    from twin.errors import nearest
+    from twin.run.files import check_no_scenario
+    from twin.run.files import export as write
+    from twin.run.finished import open_run
+
+    check_no_scenario(run)
+    (opened,) = open_run(run)
+    if opened.lacking:
+        warn(opened.lacking)
+    names = list(opened.rows)
+    if columns is not None:
+        wanted = [name.strip() for name in columns.split(",")]
+        for name in wanted:
+            if name not in names:
+                raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
+        names = list(dict.fromkeys(("time", *wanted)))
+    write(file, {name: opened.rows[name][::every] for name in names}, opened.units)
+    rows = len(opened.rows["time"][::every])
+    console.print(f"written to {file}: {rows} rows of {len(names)} columns")
+    return 0

@@ -1,0 +1,311 @@
+"""The commands doctor, emulate, safety and play: a rig, real, virtual or driven by hand."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from twin.cli import options as tab
+from twin.cli.options import (
+    EMULATED,
+    JSON,
+    LAW,
+    PLANT,
+    PROCESSES,
+    SETTING,
+    load_scenario,
+    with_plant,
+)
+from twin.cli.output import console, errors, progress, show, warn
+from twin.doctor.check import CheckStatus
+from twin.emulator.screen_bytes import Protocol
+from twin.jobs import cores
+from twin.page import Table
+from twin.shipped import find
+from twin.writing import check_writable, write_whole
+
+if TYPE_CHECKING:
+    from twin.doctor.check import Ask, CheckResult
+    from twin.emulator.serve import VirtualRig
+    from twin.safety.row import FaultRow
+    from twin.scenario import Scenario
+    from twin.scenario.rig import RigFile
+
+
+COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
+
+
+@click.command()
+@click.option(
+    "--rig",
+    metavar="FILE",
+    default=EMULATED,
+    help="Rig file [`emulated`, the virtual rig].",
+)
+@click.option("--scenario", default="circle", help="Scenario that the rig is to run [circle].")
+@click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
+@click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
+@click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
+@SETTING
+@JSON
+def doctor(
+    rig: str,
+    scenario: str,
+    overrides: tuple[str, ...],
+    *,
+    move: bool,
+    reset: bool,
+    udev: bool,
+    as_json: bool,
+) -> int:
+    """Check everything that a rig needs before it is brought up, and say what to do."""
+    if udev:
+        from twin.devices.lumio.transports import UDEV_RULES
+
+        click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
+        return 0
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.doctor.check import next_step
+    from twin.doctor.examine import examine
+    from twin.scenario import load
+
+    chosen = load(scenario, overrides)
+    found: list[CheckResult] = []
+    with rig_file(rig, chosen) as (file, ask):
+        for result in examine(chosen, file, ask, move=move, reset=reset):
+            found.append(result)
+            if not as_json:
+                _print(result)
+    counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
+    told = ", ".join(f"{count} {status}" for status, count in counts.items())
+    shown = (told, next_step(found, rig, move=move))
+    show([each.as_dict() for each in found], as_json, shown)
+    return 1 if counts[CheckStatus.FAIL] else 0
+
+
+def _print(result: CheckResult) -> None:
+    colour = COLOURS[result.status]
+    console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
+    advice = f" -> {result.advice}" if result.advice else ""
+    console.print(f"{result.seen}{advice}", markup=False, soft_wrap=True)
+
+
+@contextmanager
+def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
+    """The rig file, and who puts and lifts the ball."""
+    from twin.emulator.process import emulated
+    from twin.scenario.rig import check_rig, read_rig
+
+    if name != EMULATED:
+        yield read_rig(Path(name)), _ask
+        return
+    with emulated(scenario) as virtual:
+        yield check_rig(virtual.tables, EMULATED), virtual.tell
+        errors.print(virtual.lag(), style="dim", highlight=False)
+
+
+def _ask(word: str) -> str:
+    from twin.doctor.touch import EDGES
+
+    if word == "edge":
+        question = "which edges of the plate dipped, the short or the long ones?"
+        answer: str = click.prompt(question, type=click.Choice(list(EDGES)), err=True)
+        return answer
+    if word == "watch":
+        ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
+        click.prompt(ready, default="", show_default=False, err=True)
+        return ""
+    click.echo(f"please {request(word)} now", err=True)
+    return ""
+
+
+def request(word: str) -> str:
+    """What a person is asked to do, in words."""
+    match word.split():
+        case ["touch", x, y]:
+            return f"touch the plate at x {float(x):+g}, y {float(y):+g} mm and hold"
+        case ["put"]:
+            return "put the ball on the plate"
+    return "lift the ball or the finger off"
+
+
+@click.command()
+@click.argument("scenario", default="circle", shell_complete=tab.scenarios)
+@SETTING
+@click.option(
+    "--protocol",
+    type=click.Choice([str(protocol) for protocol in Protocol]),
+    default=str(Protocol.MICROTOUCH),
+    help="Protocol of the touch screen [microtouch].",
+)
+@click.option(
+    "--write",
+    "file",
+    type=click.Path(path_type=Path),
+    default=Path("emulated.toml"),
+    help="Where to write the rig file [emulated.toml].",
+)
+def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path) -> int:
+    """Serve a virtual rig: two AKD drives on a USB-CAN adapter and a touch screen, both on ptys.
+
+    It simulates a scenario's plant in real time. Type sto and release for its STO button, lift
+    and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
+    far it is behind the clock; Ctrl-C ends it.
+    """
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.emulator.process import come_forward
+    from twin.emulator.serve import VirtualRig
+    from twin.scenario import load
+
+    with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
+        text = toml(rig.tables())
+        write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))
+        console.print(text, markup=False)
+        console.print(f"written to {file}; use it with: ballplate run circle --rig {file}")
+        come_forward()
+        threading.Thread(target=_listen, args=(rig,), daemon=True).start()
+        try:
+            rig.server.run()
+        except KeyboardInterrupt:
+            console.print("ended")
+    return 0
+
+
+def toml(tables: dict[str, Any]) -> str:
+    """A rig file's text; its values are texts, numbers and tables of those."""
+    plain = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
+    for key, table in tables.items():
+        if isinstance(table, dict):
+            plain += ["", f"[{key}]"]
+            plain += [f"{name} = {_value(value)}" for name, value in table.items()]
+    return "\n".join(plain) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        inner = ", ".join(f"{name} = {_value(each)}" for name, each in value.items())
+        return f"{{ {inner} }}"
+    return json.dumps(value)
+
+
+def _listen(rig: VirtualRig) -> None:
+    for line in sys.stdin:
+        if line.strip():
+            console.print(rig.obey(line.strip()))
+
+
+@click.command()
+@click.option(
+    "--doc",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the safety case as Markdown.",
+)
+@PROCESSES
+@JSON
+def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
+    """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
+    from twin.safety.cases import CASES
+    from twin.safety.doc import write_doc
+    from twin.safety.trial import run_all
+
+    if doc is not None:
+        check_writable(doc.parent, "--doc")
+    with progress("fault matrix", len(CASES)) as advance:
+        rows = run_all(processes or cores(), advance)
+    if doc is not None:
+        write_doc(doc, rows)
+    good = sum(row.good for row in rows)
+    shown = [
+        _table(rows),
+        f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
+        *([] if doc is None else [f"written to {doc}"]),
+    ]
+    show([row.as_dict() for row in rows], as_json, shown)
+    return int(good < len(rows))
+
+
+def _table(rows: list[FaultRow]) -> Table:
+    from twin.safety.row import HEADING, cells
+
+    lines = [
+        (*cells(row), "good" if row.good else f"BAD: {', '.join(row.failures)}") for row in rows
+    ]
+    return Table("", (*HEADING, "verdict"), lines, words=range(len(HEADING) + 1))
+
+
+PORT = 8090
+
+
+@click.command()
+@click.argument("scenario", default="hold", shell_complete=tab.scenarios)
+@LAW
+@SETTING
+@PLANT
+@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/play-SCENARIO].")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port of the page; 0 for a free one.",
+)
+@click.option(
+    "--address",
+    default="127.0.0.1",
+    show_default=True,
+    help="Serve there, behind a token; otherwise on this machine alone.",
+)
+@click.option("--no-browser", is_flag=True, help="Open no window; print the address only.")
+@click.option("--seconds", type=click.FloatRange(min=0), help="End by itself after this time, s.")
+def play(
+    scenario: str,
+    overrides: tuple[str, ...],
+    plant: str | None,
+    out: Path | None,
+    port: int,
+    address: str,
+    seconds: float | None,
+    *,
+    no_browser: bool,
+) -> int:
+    """Drive the rig yourself, in real time, in a browser window.
+
+    Drag the goal, push the ball, move friction, dead time, level and gains by sliders, choose
+    another law or observer, pause, go back; the clean model goes beside. A saved run is a run
+    folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
+    saved is saved then.
+    """
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.play.serve import Server, folder_of, library, open_browser
+
+    library()
+    chosen = load_scenario(scenario, with_plant(overrides, plant))
+    folder = out or folder_of(scenario)
+    check_writable(folder)
+    server = Server(chosen, folder, address=address, port=port, seconds=seconds)
+    if server.token:
+        warn(f"the page can be reached from other machines, by whoever has this address: {address}")
+
+    def begun() -> None:
+        console.print(f"open {server.url} in a browser; Ctrl-C ends it", soft_wrap=True)
+        if not no_browser:
+            open_browser(server.url)
+
+    server.run(begun)
+    if server.failure is not None:
+        lost = "what was driven since it was last saved is lost"
+        click.echo(f"ballplate: {server.failure}; {lost}", err=True)
+        return 1
+    if server.lost:
+        click.echo(f"ballplate: {server.kept}", err=True)
+        return 1
+    if server.kept:
+        console.print(f"ended without saving, so {server.kept}", soft_wrap=True, markup=False)
+    return 0

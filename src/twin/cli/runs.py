@@ -1,0 +1,311 @@
+"""The commands list, run, compare and sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ballplate.changes import scenarios
+from ballplate.running import CLEAN
+from ballplate.running import run as run_scenario
+from twin.cli import options as tab
+from twin.cli.options import (
+    ALL,
+    JSON,
+    LAW,
+    PLANT,
+    PROCESSES,
+    RESET,
+    RIG,
+    SETTING,
+    VARY,
+    VIEWING,
+    Viewing,
+    load_scenario,
+    with_plant,
+)
+from twin.cli.output import (
+    Shown,
+    Terminal,
+    bold,
+    dim,
+    indicators,
+    progress,
+    reasons,
+    show,
+    titled,
+    warn,
+)
+from twin.errors import LogError
+from twin.page import Table
+from twin.report.numbers import own_settings, ranking
+from twin.shipped import find
+
+if TYPE_CHECKING:
+    from ballplate.studies import Sweep
+    from twin.shadow.examine import Examined
+
+
+@click.command("list")
+@JSON
+def list_scenarios(*, as_json: bool) -> None:
+    """List the scenarios that can be run by name."""
+    found = scenarios()
+    show(found, as_json, titled(found))
+
+
+@click.command()
+@click.argument("scenario", shell_complete=tab.scenarios)
+@LAW
+@SETTING
+@PLANT
+@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO-CHANGES].")
+@click.option(
+    "--beside",
+    multiple=True,
+    metavar="SCENARIO",
+    help="Run this one as well, simulated, for table and picture; may be repeated.",
+)
+@RIG
+@RESET
+@click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
+@VIEWING
+@ALL
+@JSON
+def run(
+    scenario: str,
+    overrides: tuple[str, ...],
+    plant: str | None,
+    out: Path | None,
+    beside: tuple[str, ...],
+    rig: str | None,
+    viewing: Viewing,
+    *,
+    reset: bool,
+    everything: bool,
+    shadow: bool,
+    as_json: bool,
+) -> int:
+    """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.run.files import former, free, run_folder
+    from twin.run.finished import of_other_class
+
+    changed = with_plant(overrides, plant)
+    named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
+    own = out is None and rig is None
+    other = own and of_other_class(named, lambda: load_scenario(scenario, changed))
+    folder = out or (free(named) if other or rig is not None else named)
+    replaced, named_out = former(folder), folder
+    replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
+    terminal = Terminal()
+    done = run_scenario(
+        scenario,
+        changed,
+        beside=beside,
+        out=folder,
+        on=rig,
+        reset=reset,
+        watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
+        reporter=terminal,
+    )
+    if done.folder != folder and done.folder is not None:
+        folder = done.folder
+        replaced = f" ({named_out}/ keeps its finished run)"
+    examined = _examined(folder) if shadow else None
+    model = done.baseline
+    numbers = {**done.summary(), "verdict": done.verdict}
+    numbers["baseline"] = None if model is None else model.summary()
+    shown: list[Shown] = [bold(done.title)]
+    shown += indicators(
+        {n: each.summary() for n, each in done.shown.items()}, everything=everything
+    )
+    if model is not None:
+        shown += reasons({CLEAN: numbers["baseline"]})
+        shown.append(
+            f"{CLEAN}: the same controller on the frictionless exact equations it was designed on, "
+            "without dead time, noise or mechanism"
+        )
+    shown.append(bold(done.verdict))
+    files = "picture.png, metrics.json, run.parquet"
+    if examined is not None:
+        numbers["shadow"] = examined.numbers
+        shown += examined.sentences
+        files += ", shadow.html, shadow.json, shadow.parquet"
+    shown.append(
+        dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
+    )
+    show(numbers, as_json, shown, folder, files, replaced)
+    viewing.keep(folder)
+    return int(not done.finished)
+
+
+def _examined(folder: Path) -> Examined | None:
+    """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
+    from twin.shadow.examine import examine
+
+    try:
+        with progress("the twin beside the whole run", 1.0) as advance:
+            return examine(folder, folder, progress=advance)
+    except LogError as error:
+        warn(f"{error}; the run itself is in {folder}/")
+        return None
+
+
+@click.command()
+@click.argument("sources", nargs=-1, required=True, shell_complete=tab.sources)
+@LAW
+@SETTING
+@PLANT
+@VARY
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder [runs/compare-SOURCES-CHANGES]."
+)
+@PROCESSES
+@ALL
+@JSON
+def compare(
+    sources: tuple[str, ...],
+    overrides: tuple[str, ...],
+    plant: str | None,
+    vary: tuple[str, ...],
+    out: Path | None,
+    processes: int | None,
+    *,
+    everything: bool,
+    as_json: bool,
+) -> int:
+    """Run several scenarios, or variants of one, side by side: one table, one picture.
+
+    SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
+    what the twin predicts for the scenario beside them.
+    """
+    from twin.run.files import sorted_out
+
+    for name in sorted_out(sources).scenarios:
+        find(name)  # a wrong name is told before anything heavy is imported
+    from ballplate.comparing import compare as compare_sources
+    from twin.run.files import run_folder
+    from twin.run.logs import distances
+    from twin.scenario.variants import parsed, varied
+
+    over, changed = parsed(vary), with_plant(overrides, plant)
+
+    def folder_of(names: Sequence[str]) -> Path:
+        stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
+        return run_folder(f"compare-{'-'.join(stems)}", (*varied(over), *changed))
+
+    found = compare_sources(
+        *sources,
+        vary=over,
+        settings=changed,
+        out=out or folder_of,
+        processes=processes,
+        reporter=Terminal(),
+    )
+    summaries = found.summaries()
+    by_heading = {found.headings[label]: each for label, each in summaries.items()}
+    finished = [label for label in found if label not in found.folders]
+    measured = {label: found[label] for label in found.logs}
+    shown = (
+        bold(found.title),
+        *indicators(by_heading, everything=everything),
+        *reasons(by_heading),
+        *own_settings({found.headings[each]: found[each] for each in finished}),
+        *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
+    )
+    files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
+    show(summaries, as_json, shown, found.folder, files, found.replaced)
+    early = (not found[label].finished for label in found.folders)
+    return int(found.interrupted or any(early))
+
+
+@click.command()
+@click.argument("scenario", shell_complete=tab.scenarios)
+@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
+@LAW
+@SETTING
+@PLANT
+@VARY
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/sweep-...].")
+@PROCESSES
+@JSON
+def sweep(
+    scenario: str,
+    values: str,
+    overrides: tuple[str, ...],
+    plant: str | None,
+    vary: tuple[str, ...],
+    out: Path | None,
+    processes: int | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Run a scenario over the values of a key: a table and a curve.
+
+    KEY=0:0.5:6 takes 6 values from 0 to 0.5, KEY=[1, 2, 5] those of the list. --vary gives a curve
+    for each value of another key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
+    kept, in sweep.csv.
+    """
+    changed = with_plant(overrides, plant)
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from ballplate.studies import sweep as run_sweep
+    from twin.run.files import run_folder
+    from twin.scenario.variants import parsed, swept, varied
+
+    (key, points), curves = swept(values), parsed(vary)
+    named = (values.replace(":", ".."), *varied(curves), *changed)
+    folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
+    done = run_sweep(
+        scenario,
+        {key: points, **curves},
+        settings=changed,
+        out=folder,
+        processes=processes,
+        reporter=Terminal(),
+    )
+    numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
+    show(numbers, as_json, _table(done), folder, "sweep.png, sweep.csv")
+    if not as_json:
+        _tell(done)
+    return int(not done.finished)
+
+
+def _tell(done: Sweep) -> None:
+    """Why runs failed, each reason once."""
+    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
+        warn(reason)
+    if any(row["outcome"] == "not run" for row in done.rows):
+        warn("interrupted: what had not ended is not in the table")
+
+
+def _table(done: Sweep) -> Iterator[Shown]:
+    """The first indicator that applies of every curve, or all of the only one."""
+    from ballplate.studies import named
+    from twin.page import digits
+    from twin.report.numbers import FIRST, LABELS
+
+    keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
+    curves = done.curves
+    several = len(curves) > 1
+
+    def cell(run: Mapping[str, Any], key: str) -> str:
+        if run["outcome"] == "finished":
+            return digits(run.get(key), LABELS[key][1])
+        when = f" at {run['outcome_time']:.3g} s" if run["outcome_time"] else ""
+        return f"{run['outcome']}{when}"
+
+    chosen = keys[:1] if several else keys
+    heads = curves if several else [f"{LABELS[key][0]} [{LABELS[key][1]}]" for key in keys]
+    rows = [
+        [named(value), *(cell(runs[at], key) for runs in curves.values() for key in chosen)]
+        for at, value in enumerate(done.values)
+    ]
+    yield bold(done.title)
+    yield Table("", (done.keys[0], *(heads if keys else ())), rows, words=())
+    if several and keys:
+        label, unit = LABELS[keys[0]]
+        yield dim(f"{label} in {unit}")

@@ -1,0 +1,249 @@
+"""The commands study and tune: many runs, and what they say."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.filesize import decimal
+
+from ballplate.studies import study as run_study
+from ballplate.studies import work_of
+from twin.cli import options as tab
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
+from twin.cli.output import Terminal, bold, duration, progress, show, titled
+from twin.jobs import cores
+from twin.page import Table
+from twin.shipped import chosen, shipped_in, titles
+from twin.writing import check_writable
+
+if TYPE_CHECKING:
+    from twin.study.answers import Answer
+    from twin.study.schema import Study
+    from twin.study.work import Work
+    from twin.tune.schema import Tune
+    from twin.tune.trials import Trials
+
+
+BYTES = 800
+"""Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
+
+
+@click.command()
+@click.argument("study", required=False, shell_complete=tab.studies)
+@click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
+@click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
+@click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
+@PROCESSES
+@SCHEDULER
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
+@LAW
+@JSON
+def study(
+    study: str | None,
+    samples: int | None,
+    seeds: int | None,
+    processes: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    *,
+    plan: bool,
+    as_json: bool,
+) -> int:
+    """Run a study: a shipped one by name, or a TOML file; without a name, list them.
+
+    Finished runs are kept: an interrupted study continues where it stopped, a finished one answers
+    at once, a changed one runs only what changed.
+    """
+    known = shipped_in("studies")
+    if study is None:
+        show(titles(known), as_json, titled(titles(known)))
+        return 0
+    chosen("study", study, known)  # a wrong name is told before anything heavy is imported
+    folder = out or Path("runs") / f"study-{Path(study).stem}"
+    if plan:
+        work = work_of(study, {"samples": samples, "seeds": seeds})
+        check_writable(folder)
+        return _plan_study(work, folder, processes, scheduler, as_json=as_json)
+    done = run_study(
+        study,
+        out=folder,
+        processes=processes,
+        scheduler=scheduler,
+        reporter=Terminal(),
+        samples=samples,
+        seeds=seeds,
+    )
+    from twin.study.report import compared, endings, grids
+
+    about, found = done.work.study, done.answers
+    shown = (
+        bold(f"{done.title}: {about.metrics[0]}"),
+        *grids(about, found),
+        compared(about, found),
+        *done.sentences,
+        *endings(done.work, done.rows),
+    )
+    files = "report.html, figures/, rows.parquet, rows.csv"
+    show(_numbers(about, found), as_json, shown, folder, files)
+    return 0
+
+
+def _plan_study(
+    work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
+) -> int:
+    from twin.study.cluster import Cluster
+    from twin.study.experiments import Store, remaining, seconds
+
+    with nullcontext() if scheduler is None else Cluster(scheduler) as cluster:
+        processes = processes or (cluster.workers if cluster else cores())
+    store = Store(folder)
+    known, chunks = remaining(work.tasks, store, processes)
+    total = work.different
+    left = total - known.num_rows
+    each = seconds(work.jobs(chunks[0])) if chunks else 0.0
+    counts = {"runs": total, "finished": known.num_rows, "left": left, "batches": len(chunks)}
+    cost = {"processes": processes, "duration": left * each / processes, "size": left * BYTES}
+    told = (
+        f"{total} runs, {known.num_rows} of them finished; {left} left in {len(chunks)} "
+        f"batches take about {duration(left * each / processes)} on {processes} processors "
+        f"({each:.2f} s per run, measured here on one) and {decimal(left * BYTES)} on disk"
+        if chunks
+        else f"{total} runs, all of them finished"
+    )
+    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, as_json, [told])
+    return 0
+
+
+def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
+    from twin.study.report import sentences
+
+    def number(value: float) -> float | None:
+        return value if value == value else None  # noqa: PLR0124
+
+    return {
+        "study": about.title,
+        "metric": about.metrics[0],
+        "variants": {
+            answer.variant: {
+                "median": number(answer.whole.median),
+                "low": number(answer.whole.low),
+                "high": number(answer.whole.high),
+                "runs": answer.whole.runs,
+                "failed": answer.whole.failed,
+                "chance_to_fail": answer.whole.chance,
+                "indices": {
+                    index.key: {
+                        "value": number(index.value) if index.decided else None,
+                        "half_width": number(index.half),
+                        "decided": index.decided,
+                    }
+                    for index in answer.indices
+                },
+                "slopes": [
+                    {"parameter": curve.key, "where": curve.where, "slope": curve.slope}
+                    for curve in answer.curves
+                ],
+                "notes": answer.notes,
+            }
+            for answer in found
+        },
+        "answer": sentences(about, found),
+    }
+
+
+@click.command()
+@click.argument("tune", required=False)
+@SETTING
+@click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
+@click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
+@click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
+@PROCESSES
+@SCHEDULER
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/tune-NAME].")
+@LAW
+@JSON
+def tune(
+    tune: str | None,
+    overrides: tuple[str, ...],
+    candidates: int | None,
+    certificate: int | None,
+    processes: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    *,
+    plan: bool,
+    as_json: bool,
+) -> int:
+    """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
+
+    Without a name, list the shipped ones. The search is on one draw of the family, the certificate
+    on fresh rigs of another. Finished runs are kept: an interrupted tune continues where it
+    stopped. Writes report.html, tune.json and tuned.toml, which `--set parameters=FILE` lays over
+    any scenario; exit code 1 if a constraint is not kept or a fresh rig is lost.
+    """
+    known = shipped_in("tunes")
+    if tune is None:
+        show(titles(known), as_json, titled(titles(known)))
+        return 0
+    chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
+    from twin.tune.schema import read
+
+    about = read(tune, candidates=candidates, certificate=certificate, set=overrides)
+    from twin.study.experiments import Store, executors
+    from twin.tune.report import fields_table, sentences, task_table, write
+    from twin.tune.search import library
+    from twin.tune.trials import Trials
+    from twin.tune.tune import tuned
+
+    library()
+    folder = out or Path("runs") / f"tune-{Path(tune).stem}"
+    check_writable(folder)
+    store = Store(folder)
+    with executors(processes, scheduler) as (executor, count):
+        trials = Trials(about, store, executor=executor, processes=count)
+        if plan:
+            _plan_tune(about, trials, count, as_json=as_json)
+            return 0
+        with progress(about.title, 1.0) as advance:
+            found = tuned(trials, advance)
+    write(trials, found, folder)
+    fields = ("field", "searched", "before", "after", "unit")
+    tasks = (
+        "task",
+        "",
+        "judged by",
+        "median",
+        "90 %",
+        "largest",
+        "cost 1 at",
+        "finished",
+        "effort",
+    )
+    shown = (
+        Table("", fields, fields_table(found), words=range(len(fields))),
+        Table("", tasks, task_table(found), words=range(len(tasks))),
+        *sentences(found),
+    )
+    then = f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}"
+    files = f"report.html, tune.json, tuned.toml; {then}"
+    show(found.as_dict(), as_json, shown, folder, files)
+    return int(not found.good)
+
+
+def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None:
+    from twin.tune.tune import planned_runs
+
+    search, verdict, fresh = planned_runs(about)
+    seconds = trials.seconds(search, verdict + fresh) / processes
+    counts = {"search": search, "verdict": verdict, "certificate": fresh}
+    cost = {"processes": processes, "duration": seconds, "units": {"duration": "s"}}
+    told = (
+        f"about {search} runs of the search ({about.candidates} candidates on "
+        f"{', '.join(map(str, about.rigs))} rigs in {len(about.tasks)} tasks), "
+        f"{verdict} of the verdict and {fresh} of the certificate take about "
+        f"{duration(seconds)} on {processes} processors (measured here on one)"
+    )
+    show({**counts, **cost}, as_json, [told])

@@ -1,0 +1,324 @@
+"""The commands explain, identify, fit, shadow and whatif: what a run or a log says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twin.cli import options as tab
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
+from twin.cli.output import Shown, bold, indicators, progress, show, titled, warn
+from twin.identify.parameters import CHOICES, DEFAULT, SHARE
+from twin.identify.parameters import chosen as chosen_parameters
+from twin.page import Table
+from twin.shipped import chosen, find, shipped_in, titles
+from twin.writing import check_writable, write_json
+
+if TYPE_CHECKING:
+    from twin.explain.attribution import EffectCase, Explanation
+
+
+@click.command()
+@click.argument("scenario", shell_complete=tab.scenarios)
+@LAW
+@SETTING
+@click.option(
+    "--typical",
+    is_flag=True,
+    help="Add the effects that the scenario lacks, at the size a real rig may have.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/explain-SCENARIO].")
+@PROCESSES
+@JSON
+def explain(
+    scenario: str,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    processes: int | None,
+    *,
+    typical: bool,
+    as_json: bool,
+) -> int:
+    """Attribute the tracking error to effects: run with all, without each, and with each alone."""
+    find(scenario)  # a wrong name is told before anything heavy is imported
+    from twin.explain.attribution import explain as explain_scenario
+    from twin.explain.attribution import plan, summary
+    from twin.explain.effects import with_typical
+    from twin.explain.plot import draw
+    from twin.scenario import load
+    from twin.scenario.load import titled
+
+    chosen = titled(load(scenario, overrides), overrides)
+    if typical:
+        chosen = with_typical(chosen)
+    folder = out or Path("runs") / f"explain-{Path(scenario).stem}"
+    check_writable(folder)
+    runs = len({case.model_dump_json() for case in plan(chosen).values()})
+    with progress(f"{runs} runs of {chosen.title}", runs) as advance:
+        found = explain_scenario(chosen, advance, processes)
+    numbers = summary(found)
+    write_json(folder / "explain.json", numbers)
+    draw(folder / "picture.png", found)
+    show(numbers, as_json, _effects(found), folder, "picture.png, explain.json")
+    return 0 if found.whole.rms is not None else 1
+
+
+def _effects(found: Explanation) -> Iterator[Shown]:
+    from twin.explain.effects import EFFECTS, present
+
+    percent = found.whole.percent is not None
+    what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
+    yield bold(f"{found.scenario.title}: {what}")
+
+    def size(case: EffectCase | None) -> float | None:
+        if case is None:
+            return None
+        return case.percent if percent else None if case.rms is None else 1000 * case.rms
+
+    def shown(case: EffectCase, base: EffectCase) -> tuple[str, str]:
+        value, start = size(case), size(base)
+        if value is None:
+            return case.outcome.split(" at ", maxsplit=1)[0], "-"
+        return f"{value:.2f}", "-" if start is None else f"{value - start:+.2f}"
+
+    def percentage(share: float | None) -> str:
+        return "-" if share is None else f"{100 * share:z.1f} %"
+
+    rows = [
+        (
+            part.effect.label,
+            *shown(part.without, found.whole),
+            *shown(part.alone, found.none),
+            percentage(part.share),
+        )
+        for part in found.contributions
+    ]
+    for label, share in (("effects on one another", found.rest), ("left with none", found.base)):
+        if share is not None:
+            rows.append((label, "", "", "", "", percentage(share)))
+    heads = ("effect", "all but this", "change", "this alone", "change", "share")
+    yield Table("", heads, rows)
+    for label, case in (
+        ("all effects", found.whole),
+        ("none of them", found.none),
+        ("none, on the exact equations", found.exact),
+    ):
+        if case is not None:
+            value = size(case)
+            yield f"{label}: {case.outcome if value is None else f'{value:.2f}'}"
+    has = present(found.scenario)
+    lacking = [effect.label for effect in EFFECTS if effect not in has]
+    if lacking:
+        yield f"not in this scenario: {', '.join(lacking)}"
+
+
+PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path), shell_complete=tab.runs)
+@click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
+@click.option(
+    "--hold-out",
+    type=click.FloatRange(0, 0.8),
+    default=round(1 - SHARE, 2),
+    show_default=True,
+    help="Share of the log held out from the fit.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/identify-LOG].")
+@JSON
+def identify(
+    log: Path, names: str | None, hold_out: float, out: Path | None, *, as_json: bool
+) -> int:
+    """Fit friction, dead time, drives and level to a recorded run.
+
+    LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
+    the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
+    be identified.
+    """
+    from twin.run.files import ROOT, log_file, run_name
+
+    wanted = chosen_parameters(names)
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    folder = out or ROOT / f"identify-{run_name(log)}"
+    from twin.identify.identify import identify as identify_log
+    from twin.identify.log import read
+    from twin.identify.report import HEADS, rows, sentences, write
+    from twin.identify.verdict import IDENTIFIED
+
+    recorded = read(log)
+    check_writable(folder)
+    with progress(f"identifying from {recorded.source}", 1.0) as advance:
+        found = identify_log(recorded, wanted, 1 - hold_out, advance)
+    write(found, folder)
+    why = (f"{each.about.name}: {each.why}" for each in found.verdicts if each.why)
+    notes = (f"note: {note}" for note in found.notes)
+    table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
+    shown = (table, *why, *sentences(found), *notes)
+    show(found.as_dict(), as_json, shown, folder, "report.html, parameters.toml")
+    return int(all(each.word != IDENTIFIED for each in found.verdicts))
+
+
+@click.command()
+@click.argument("table", required=False)
+@click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
+@PROCESSES
+@SCHEDULER
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
+@JSON
+def fit(
+    table: str | None,
+    processes: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    *,
+    no_leave_out: bool,
+    as_json: bool,
+) -> int:
+    """Fit parameters to measured indicators of many experiments, where no logs were kept.
+
+    TABLE is a shipped name, without one those are listed, or a TOML file: scenarios with what was
+    measured and how certain that is, and the parameters to find, with their ranges. Finished runs
+    are kept: an interrupted fit continues where it stopped. Writes report.html and fit.json; exit
+    code 1 if no parameter is seen.
+    """
+    known = shipped_in("fits")
+    if table is None:
+        show(titles(known), as_json, titled(titles(known)))
+        return 0
+    chosen("table", table, known)  # a wrong name is told before anything heavy is imported
+    from twin.fit.fit import fit as fit_table
+    from twin.fit.report import row, sentences, write
+    from twin.fit.runs import Runs
+    from twin.fit.schema import read
+    from twin.study.experiments import Store, executors
+
+    about = read(table)
+    folder = out or Path("runs") / f"fit-{Path(table).stem}"
+    check_writable(folder)
+    store = Store(folder)
+    with executors(processes, scheduler) as (executor, count):
+        runs = Runs(about, store, executor=executor, processes=count)
+        with progress(about.title, 1.0) as advance:
+            found = fit_table(about, runs, leave_out=not no_leave_out, advance=advance)
+    write(found, folder)
+    heads = ("parameter", "value", "95 %", "without one group", "unit", "verdict")
+    told = sentences(found)
+    shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
+    more = told[len(found.estimates) + 1 :]
+    show(found.as_dict(), as_json, (*shown, *more), folder, "report.html, fit.json")
+    return int(all(each.verdict != "seen" for each in found.estimates))
+
+
+HORIZON = click.Choice(["0.5", "1", "2"])
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@SETTING
+@click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
+@click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [RUN, or runs/shadow-LOG].")
+@JSON
+def shadow(
+    log: Path,
+    overrides: tuple[str, ...],
+    horizon: str,
+    out: Path | None,
+    *,
+    no_proposal: bool,
+    as_json: bool,
+) -> int:
+    """Let the twin run beside a recorded run: is it still right, since when not, and why.
+
+    LOG is a run folder, a run.parquet, or a CSV file with named columns and what was commanded.
+    The twin is what the run was simulated with, or believed, changed by --set (parameters=FILE for
+    identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
+    another twin proves better. Exit code 1 after an alarm.
+    """
+    from twin.run.files import ROOT, is_record, log_file, run_name
+
+    log = log_file(log)  # a wrong name is told before anything heavy is imported
+    name = run_name(log)
+    own = is_record(log)
+    folder = out or (log.parent if own else ROOT / f"shadow-{name}")
+    from twin.shadow.examine import FILES, examine
+
+    check_writable(folder)
+    with progress(f"the twin beside {name}", 1.0) as advance:
+        examined = examine(
+            log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
+        )
+    show(examined.numbers, as_json, examined.sentences, folder, FILES)
+    return int(bool(examined.found.alarms))
+
+
+FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
+@click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER)
+@click.option(
+    "--for",
+    "lasting",
+    type=click.FloatRange(0.01, 3600),
+    default=10.0,
+    show_default=True,
+    help="How long it goes on, s.",
+)
+@click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/whatif-RUN].")
+@JSON
+def whatif(
+    run: Path,
+    at: float,
+    settings: tuple[str, ...],
+    branches: tuple[str, ...],
+    lasting: float,
+    scenario: str | None,
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> int:
+    """Simulate other futures from a moment of a run: what would have happened.
+
+    RUN is a run folder or a CSV log. A simulated run is gone on with exactly, a real one from its
+    estimated state. Without --set and --branch nothing is changed.
+    """
+    from twin.run.files import ROOT, log_file, run_name
+
+    run = log_file(run)  # a wrong name is told before anything heavy is imported
+    folder = out or ROOT / f"whatif-{run_name(run)}"
+    from twin.jobs import SecondProcess, cores
+    from twin.run.finished import load_drawing
+    from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
+
+    with SecondProcess(wanted=cores() > 1) as beside:
+        beside.begin(load_drawing)
+        moment = moment_of(run, at, scenario)
+        found = futures(moment, lasting, branches_of(settings, branches))
+        if any(each.run.interrupted for each in found):
+            raise KeyboardInterrupt  # a future cut short is none
+        check_writable(folder)
+        write(moment, found, folder, beside)
+    for note in moment.notes:
+        warn(note)
+    apart = (
+        f"{each.label}: {1000 * each.max_difference:.3g} mm from the record at most"
+        for each in found
+        if each.max_difference is not None
+    )
+    tables = indicators({each.label: each.run.metrics for each in found})
+    files = (
+        "picture.png, report.html and a run folder per branch for "
+        f"`ballplate view {folder}` and `ballplate report {folder}`"
+    )
+    shown = (agreement(moment), *tables, *apart)
+    show(summary(moment, found), as_json, shown, folder, files)
+    return 0

@@ -1,0 +1,657 @@
+"""Tables 8.1 to 8.21, which the thesis simulated: run again, and every cell laid beside.
+
+A row is a scenario: what the data files say is laid over ``IDEAL``. *sampled* runs it on the exact
+equations, *mujoco* on the mechanism without rolling friction, both at 2 ms through the seam.
+*exact* is the same under continuous control, integrated once by commit eda4a26 and kept as data:
+full state feedback by LSODA at a relative tolerance of 1e-9; plant, observer in continuous time,
+dead time and held noise together by RK4 at 10 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controllers.arrays import Array, Mask
+from controllers.interfaces import Measurement
+from twin.errors import TwinError
+from twin.hal.cams import FixedRatio
+from twin.hal.interface import Transmission
+from twin.jobs import cores, results
+from twin.run.assemble import assemble
+from twin.run.loop import Ending, Outcome, drive
+from twin.run.metrics import Motion, measure
+from twin.run.plants import PlantKind, register
+from twin.run.record import Recorder
+from twin.scenario.load import check, laid_over, put
+from twin.scenario.schema import Scenario
+from twin.sim.plant.exact import ExactPlant
+from twin.sim.plant.interface import Plant
+
+FILES = {"full_state": 4.0, "observers": 5.0, "tracking": 5.0}
+"""Data file to the deviation in % that a value may have from the thesis's."""
+WAYS = ("exact", "sampled", "mujoco")
+PERIOD = 0.002
+FINE, COARSE = 0.0005, 0.002
+"""Physics steps of the mechanism in s: the steady errors of full state feedback, 0.1 mm and less,
+shrink with the step; with noise nothing changes by more than 0.01 % between 0.5 and 2 ms."""
+SILENT = (0.0, 0.0)
+IDEAL: dict[str, Any] = {
+    "title": "chapter 8",
+    "plant": {"friction": {"rolling_mm": 0.0}},
+    "sensors": {
+        "touch": {"dead_time": 0.0, "grid": 0, "variance": SILENT},
+        "encoders": {"counts": 0, "variance": SILENT},
+    },
+    "rig": {"limits": {"rate_deg": 5000.0, "acceleration": 1e4, "area": (10.0, 10.0)}},
+}
+"""A rig with the imperfections that a row gives, and no others; nothing saturates."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRow:
+    """A row: one simulation of the thesis.
+
+    Attributes:
+        name: What distinguishes it from the table's other rows.
+        detail: Its settings in words.
+        setup: The tables of its scenario, without those of ``IDEAL``.
+        seeds: Number of runs that differ in their noise.
+        bands: Settling band in %, then the narrowest and the widest it may have been read with.
+        cells: Column to the thesis's value.
+        notes: Column to a remark on the cell.
+        causes: Column to what made the thesis's values of this kind inexact.
+        exceptions: Column to the reason why this cell cannot be reproduced.
+    """
+
+    name: str
+    detail: str = ""
+    setup: Mapping[str, Any]
+    seeds: int
+    bands: Sequence[float]
+    cells: Mapping[str, float]
+    notes: Mapping[str, str] = field(default_factory=dict)
+    causes: Mapping[str, str]
+    exceptions: Mapping[str, str] = field(default_factory=dict)
+
+    def scenario(self, way: str, period: float = PERIOD) -> Scenario:
+        """What runs, on the plant of ``sampled`` or ``mujoco``, at a control period in s."""
+        mechanism = way == "mujoco"
+        step = COARSE if "disturbance" in self.setup else FINE
+        settings = {
+            "plant.kind": "mujoco" if mechanism else "endless",
+            "plant.step": min(step, period) if mechanism else period,
+            "rig.period": period,
+        }
+        return check(put(laid_over(IDEAL, self.setup), settings.items()), self.name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedTable:
+    """A table of the thesis.
+
+    Attributes:
+        id: Its number.
+        title: What it compares.
+        group: The data file it stands in.
+        bound: Deviation in % that a value may have.
+        shared: How all tables of the group were made, as far as that was found out.
+        own: How this one was made.
+        rows: Its rows.
+    """
+
+    id: str
+    title: str
+    group: str
+    bound: float
+    shared: tuple[str, ...]
+    own: tuple[str, ...]
+    rows: tuple[SimulatedRow, ...]
+
+
+def _read(name: str) -> str:
+    return files("twin.thesis").joinpath("data", name).read_text(encoding="utf-8")
+
+
+@cache
+def tables() -> dict[str, SimulatedTable]:
+    """All tables by number, in the thesis's order."""
+    found = {}
+    for group, bound in FILES.items():
+        content = tomllib.loads(_read(f"{group}.toml"))
+        for entry in content["table"]:
+            found[entry["id"]] = _table(entry, group, bound, content)
+    return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
+
+
+@cache
+def continuous() -> dict[str, Any]:
+    """Table, row and column to the values under continuous control: one, or with its range.
+
+    ``fitted`` of a row is what another reading of the thesis gives, in words.
+    """
+    found: dict[str, Any] = json.loads(_read("chapter_8.json"))
+    return found
+
+
+def _table(
+    entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]
+) -> SimulatedTable:
+    common = {
+        "seeds": content.get("seeds", 1),
+        "bands": entry.get("bands", (5.0,)),
+        "causes": {**content.get("causes", {}), **entry.get("causes", {})},
+    }
+    setup = laid_over(content["setup"], entry.get("setup", {}))
+    return SimulatedTable(
+        id=entry["id"],
+        title=entry["title"],
+        group=group,
+        bound=bound,
+        shared=tuple(content["remarks"]),
+        own=tuple(entry.get("remarks", ())),
+        rows=tuple(
+            SimulatedRow(**{**common, **row, "setup": laid_over(setup, row.get("setup", {}))})
+            for row in entry["row"]
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThesisColumn:
+    """A column of the thesis's tables.
+
+    Attributes:
+        label: What it shows, as the thesis calls it.
+        unit: Its unit.
+        judged: "value" against the bound, "reading" against what was read by eye from a figure,
+            "noise" against the range of the seeds.
+        zero: Absolute bound where the thesis prints 0.
+        metric: The indicator of ``twin.run.metrics`` that it is; empty for one of its own.
+    """
+
+    label: str
+    unit: str
+    judged: str = "value"
+    zero: float = 0.0
+    metric: str = ""
+
+    @property
+    def name(self) -> str:
+        """Label and unit."""
+        return f"{self.label} [{self.unit}]"
+
+
+COLUMNS = {
+    "e_ss": ThesisColumn(label="e_ss", unit="m", metric="steady_error"),
+    "overshoot": ThesisColumn(label="overshoot", unit="%", zero=0.5),
+    "t_ss": ThesisColumn(label="t_ss", unit="s", judged="reading"),
+    "rms_error": ThesisColumn(label="average tracking error", unit="m", metric="rms_error"),
+    "max_steady_error": ThesisColumn(
+        label="max. steady tracking error", unit="m", metric="max_steady_error"
+    ),
+    "e_tt": ThesisColumn(
+        label="tracking error e_tt", unit="%", judged="noise", metric="tracking_error_percent"
+    ),
+    "phi_max": ThesisColumn(label="phi_max", unit="deg", metric="phi_max_deg"),
+    "u1_max": ThesisColumn(label="u1_max", unit="rad/s^2", metric="u1_max"),
+    "theta_max": ThesisColumn(label="theta_max", unit="deg", metric="theta_max_deg"),
+    "u2_max": ThesisColumn(label="u2_max", unit="rad/s^2", metric="u2_max"),
+    **{
+        f"x{number}_error": ThesisColumn(
+            label=f"x{number} estimation error", unit=unit, judged="noise"
+        )
+        for number, unit in enumerate(("m", "m/s", "rad", "rad/s"), start=1)
+    },
+}
+"""The columns by the names the data files use.
+
+The "average tracking error" is not (C.4), but a root mean square over the run. e_tt (C.7) and the
+"max. steady tracking error" are taken from ``metrics.start`` on.
+"""
+
+
+def judge(row: SimulatedRow, motion: Motion, off: Array, start: float) -> dict[str, list[float]]:
+    """A row's columns for one run that lasted; of t_ss also the values of the bands' ends.
+
+    Args:
+        row: The row.
+        motion: What the run did.
+        off: State less estimate, shape (K, 8).
+        start: Time in s from which steady tracking is judged.
+    """
+    last = float(motion.time[-1])
+    found = [
+        measure(motion, Outcome(Ending.FINISHED, last), start=start, band_percent=band)
+        for band in row.bands
+    ]
+    values = found[0].as_dict()
+    values |= {f"x{state + 1}_error": np.sqrt((off[:, state] ** 2).mean()) for state in range(4)}
+    # beyond the end, in % of it
+    values["overshoot"] = max(0.0, 100 * (motion.ball[:, 0].max() / motion.ball[-1, 0] - 1))
+    settled = [last if each.settling_time is None else each.settling_time for each in found]
+    return {
+        column: settled if column == "t_ss" else [float(values[COLUMNS[column].metric or column])]
+        for column in row.cells
+    }
+
+
+RowId = tuple[str, int]
+"""Number of the table and index of the row."""
+FIGURE_STEP = 0.02
+"""Seconds between the points that figures are drawn through."""
+
+
+class ReproductionJob(NamedTuple):
+    """Rows that are simulated as one batch.
+
+    Attributes:
+        way: "sampled" or "mujoco".
+        places: The rows.
+        cost: Simulated seconds of all its runs together.
+    """
+
+    way: str
+    places: tuple[RowId, ...]
+    cost: float
+
+
+class Excerpt(NamedTuple):
+    """The first run of a row until it ended, some instants of it, for a figure.
+
+    Attributes:
+        time: Seconds, shape (K,).
+        state: True state, shape (K, 8).
+        u: Commanded plate accelerations in rad/s^2, shape (K, 2).
+        reference: Desired ball position in m, shape (K, 2).
+        estimate: The observer's state, shape (K, 8).
+    """
+
+    time: Array
+    state: Array
+    u: Array
+    reference: Array
+    estimate: Array
+
+
+class RowResult(NamedTuple):
+    """What one simulation of a row gave.
+
+    Attributes:
+        place: Number of the table and index of the row.
+        way: How it was simulated.
+        values: Column to the values of all runs; none if one ended early.
+        ended: Why a run ended early, in words; empty if all lasted.
+        excerpt: The first run, for a figure.
+    """
+
+    place: RowId
+    way: str
+    values: dict[str, list[float]]
+    ended: str
+    excerpt: Excerpt
+
+
+Results = Mapping[tuple[RowId, str], RowResult]
+
+
+class EndlessPlate(ExactPlant):
+    """The exact model as the thesis simulates it: its plate has no edge."""
+
+    @property
+    def on_plate(self) -> Mask:
+        """Always, shape (N,)."""
+        return np.ones(self.rigs, bool)
+
+
+def _endless(scenarios: Sequence[Scenario], _: int) -> tuple[Plant, Transmission]:
+    return EndlessPlate(rigs=len(scenarios), step=scenarios[0].plant.step), FixedRatio()
+
+
+register("endless", PlantKind(_endless, "exact equations", least=2))
+
+
+def plan(wanted: Iterable[SimulatedTable]) -> list[ReproductionJob]:
+    """The jobs that tables need, the longest first.
+
+    Rows that differ in law and reference only are put together, which is faster than one by one
+    and changes nothing: every row has the same noise.
+    """
+    batches: dict[Any, list[RowId]] = defaultdict(list)
+    for table in wanted:
+        for index, row in enumerate(table.rows):
+            own = {"controller", "reference", "metrics"}
+            common = {key: value for key, value in row.setup.items() if key not in own}
+            for way in WAYS[1:]:
+                batches[way, json.dumps(common), row.seeds].append((table.id, index))
+    jobs = []
+    for (way, _, seeds), places in batches.items():
+        seconds = tables()[places[0][0]].rows[places[0][1]].setup["duration"]
+        jobs.append(ReproductionJob(way, tuple(places), len(places) * seeds * seconds))
+    return sorted(jobs, key=lambda job: -job.cost)
+
+
+WORTH_PROCESSES = 1000.0
+"""Simulated seconds from which starting further processes saves time."""
+MOST_PROCESSES = 8
+
+
+def row_results(
+    jobs: Sequence[ReproductionJob],
+    processes: int | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Iterator[RowResult]:
+    """The results of all jobs' rows, as they come.
+
+    Args:
+        jobs: What to do, the longest first.
+        processes: On how many processors; None for all, or for one if there is little to do.
+        progress: Called with the cost of what is done so far.
+
+    Raises:
+        TwinError: If a job fails.
+    """
+    if processes is None:
+        few = sum(job.cost for job in jobs) < WORTH_PROCESSES
+        processes = 1 if few else min(cores(), MOST_PROCESSES, len(jobs))
+    done = 0.0
+    for index, found in results(_tried, enumerate(jobs), processes):
+        done += jobs[index].cost
+        progress(done)
+        yield from found
+
+
+def _tried(job: ReproductionJob) -> list[RowResult]:
+    """The job's results, or one line that says which job failed."""
+    try:
+        return carry_out(job)
+    except TwinError:
+        raise
+    except Exception as error:
+        where = ", ".join(sorted({table for table, _ in job.places}))
+        raise TwinError(f"table {where}, {job.way}: {type(error).__name__}: {error}") from error
+
+
+def carry_out(job: ReproductionJob, period: float = PERIOD) -> list[RowResult]:
+    """Simulate the rows of a job at a control period in s.
+
+    Raises:
+        KeyboardInterrupt: If the user interrupts.
+    """
+    rows = [tables()[table].rows[index] for table, index in job.places]
+    seeds = rows[0].seeds
+    scenarios = [row.scenario(job.way, period) for row in rows]
+    # the disturbance makes the drives drift, so the rig's sum of all commands goes astray
+    rig, controller = assemble(
+        [each for each in scenarios for _ in range(seeds)],
+        threads=1,
+        seeds=[np.random.SeedSequence(0, spawn_key=(run,)) for _ in rows for run in range(seeds)],
+        anchor=0.0,
+    )
+
+    def from_origin(measurement: Measurement) -> Measurement:
+        """The estimate begins where the thesis's does, whatever is measured."""
+        controller.start(measurement._replace(y=np.zeros_like(measurement.y)))
+        return measurement
+
+    ticks = round(scenarios[0].duration / period) + 1
+    keep = ("state", "applied", "estimate")
+    record = Recorder(ticks, seeds * len(rows), period, keep=keep)
+    outcomes = drive(rig, controller, ticks * period, record, begin=from_origin)
+    if any(outcome.interrupted for outcome in outcomes):
+        raise KeyboardInterrupt
+    desired = controller.reference(record.time)[0].reshape(record.length, -1, 2)
+    every = max(1, round(FIGURE_STEP / period))
+    found = []
+    for number, (place, row, scenario) in enumerate(zip(job.places, rows, scenarios, strict=True)):
+        own = range(seeds * number, seeds * (number + 1))
+        ended = _early([outcomes[rig] for rig in own])
+        values: dict[str, list[float]] = {column: [] for column in row.cells}
+        for rig_number in () if ended else own:
+            motion = Motion.of(record, desired[:, rig_number], rig_number)
+            off = record["state"][:, rig_number] - record["estimate"][:, rig_number]
+            for column, more in judge(row, motion, off, scenario.metrics.start).items():
+                values[column] += more
+        shown = slice(0, np.searchsorted(record.time, outcomes[own[0]].time, "right"), every)
+        state, u, estimate = (record[name][shown, own[0]].copy() for name in keep)
+        excerpt = Excerpt(record.time[shown], state, u, desired[shown, own[0]].copy(), estimate)
+        found.append(RowResult(place, job.way, values, ended, excerpt))
+    return found
+
+
+def _early(outcomes: Sequence[Outcome]) -> str:
+    """Which runs did not last, in words; empty if all did."""
+    early = sorted((end.time, end.ending) for end in outcomes if end.ending != Ending.FINISHED)
+    if not early:
+        return ""
+    time, ending = early[0]
+    return f"{len(early)} of {len(outcomes)} runs ended early, the first {ending} at {time:.1f} s"
+
+
+WORTH_A_NOTE = 1.0
+"""Deviation in % from which a cause of inexact values is named."""
+
+
+class Agreement(StrEnum):
+    """Whether a cell agrees with the thesis.
+
+    AGREES: within its bound. EXCEPTION: not, for a reason that is known and noted. DIFFERS: not.
+    """
+
+    AGREES = "agrees"
+    EXCEPTION = "exception"
+    DIFFERS = "differs"
+
+
+class Value(NamedTuple):
+    """A computed cell: its value, and the range of the seeds or of the reading, if there is one."""
+
+    value: float
+    range: tuple[float, float] | None = None
+
+    def deviation(self, thesis: float) -> float | None:
+        """Percent from the thesis's value; None where that is 0."""
+        return 100 * (self.value / thesis - 1) if thesis else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A numeric cell of the thesis and what it came to here.
+
+    Attributes:
+        table: The table's number.
+        row: The row's name.
+        column: The column's key in ``COLUMNS``.
+        thesis: The thesis's value.
+        exact: Exact model, continuous control, as kept.
+        sampled: Exact model, sampled loop through the seam; None if it ended early.
+        mujoco: The mechanism without rolling friction, through the seam; None if it ended early.
+        note: What is known of the cell.
+        verdict: Whether exact and sampled value agree with the thesis's.
+    """
+
+    table: str
+    row: str
+    column: str
+    thesis: float
+    exact: Value
+    sampled: Value | None
+    mujoco: Value | None
+    note: str
+    verdict: Agreement
+
+    @property
+    def deviation_percent(self) -> float | None:
+        """Deviation of the exact value from the thesis's in %."""
+        return self.exact.deviation(self.thesis)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints of a cell."""
+        values: dict[str, Value | None] = {way: getattr(self, way) for way in WAYS}
+        ranges = {
+            f"{way}_range": list(value.range)
+            for way, value in values.items()
+            if value is not None and value.range is not None
+        }
+        return {
+            "table": self.table,
+            "row": self.row,
+            "column": COLUMNS[self.column].name,
+            "thesis": self.thesis,
+            **{way: None if value is None else value.value for way, value in values.items()},
+            "deviation_percent": self.deviation_percent,
+            "note": self.note,
+            "verdict": self.verdict.value,
+            **ranges,
+        }
+
+
+def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[Cell]:
+    """Every cell of the tables."""
+    return [
+        _cell(table, index, row, column, found)
+        for table in wanted
+        for index, row in enumerate(table.rows)
+        for column in row.cells
+    ]
+
+
+def _cell(
+    table: SimulatedTable, index: int, row: SimulatedRow, column: str, found: Results
+) -> Cell:
+    thesis, known = row.cells[column], continuous()[table.id][row.name]
+    exact, *span = known[column]
+    mine = {way: found[(table.id, index), way] for way in WAYS[1:]}
+    values = {way: _value(result.values[column], column) for way, result in mine.items()}
+    of_exact = Value(exact, (span[0], span[1]) if span else None)
+    agrees = all(_agrees(v, thesis, column, table.bound) for v in (of_exact, values["sampled"]))
+    excused = column in row.exceptions
+    remarks = [row.notes.get(column), row.exceptions.get(column)]
+    deviation = of_exact.deviation(thesis)
+    if deviation is not None and abs(deviation) > WORTH_A_NOTE and not excused:
+        remarks.append(row.causes.get(column))
+    if not agrees and COLUMNS[column].judged == "noise":
+        remarks.append("The thesis's value is outside the 5 to 95 % range of the seeds.")
+    if column == "e_tt":
+        remarks.append(known["fitted"])
+    remarks += [f"{way}: {result.ended}." for way, result in mine.items() if result.ended]
+    differs = Agreement.EXCEPTION if excused else Agreement.DIFFERS
+    return Cell(
+        table=table.id,
+        row=row.name,
+        column=column,
+        thesis=thesis,
+        exact=of_exact,
+        **values,
+        note=" ".join(filter(None, remarks)),
+        verdict=Agreement.AGREES if agrees else differs,
+    )
+
+
+def _value(values: list[float], column: str) -> Value | None:
+    """One value of all runs of a row."""
+    if not values:
+        return None
+    if COLUMNS[column].judged == "reading":
+        return Value(values[0], (min(values), max(values)))
+    if len(values) == 1:
+        return Value(values[0])
+    low, middle, high = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
+    return Value(middle, (low, high))
+
+
+def _agrees(value: Value | None, thesis: float, column: str, bound: float) -> bool:
+    if value is None:
+        return False
+    kind = COLUMNS[column]
+    if kind.judged != "value" and value.range is not None:
+        low, high = value.range
+        if low <= thesis <= high:
+            return True
+        if kind.judged == "reading":
+            return False
+    deviation = value.deviation(thesis)
+    return value.value <= kind.zero if deviation is None else abs(deviation) <= bound
+
+
+HEADINGS = ("row", "quantity", "thesis", "exact", "sampled", "MuJoCo", "exact − thesis", "")
+MARKS = {Agreement.AGREES: "", Agreement.EXCEPTION: "(!)", Agreement.DIFFERS: "!!"}
+STEPS = (1.0, 2.0, 4.0, 5.0)
+"""Deviations in % by which cells are counted."""
+
+
+def shown(value: Value | None) -> str:
+    """A computed value in the digits worth reading, with its range."""
+    if value is None:
+        return "-"
+    if value.range is None or value.range[1] - value.range[0] < 1e-3 * value.value:
+        return f"{value.value:.5g}"
+    low, high = value.range
+    return f"{value.value:.4g} ({low:.3g} to {high:.3g})"
+
+
+def lines(cells: Iterable[Cell]) -> tuple[list[tuple[str, ...]], list[str]]:
+    """A table's cells under ``HEADINGS``, each row named once, and the numbered notes."""
+    numbers: dict[str, int] = {}
+    found: list[tuple[str, ...]] = []
+    last = ""
+    for cell in cells:
+        off = cell.deviation_percent
+        note = f"[{numbers.setdefault(cell.note, len(numbers) + 1)}]" if cell.note else ""
+        found.append(
+            (
+                "" if cell.row == last else cell.row,
+                COLUMNS[cell.column].name,
+                f"{cell.thesis:.5g}",
+                *(shown(getattr(cell, way)) for way in WAYS),
+                "-" if off is None else f"{off:+.1f} %",
+                f"{MARKS[cell.verdict]} {note}".strip(),
+            )
+        )
+        last = cell.row
+    return found, [f"[{number}] {note}" for note, number in numbers.items()]
+
+
+def summary(cells: Sequence[Cell]) -> dict[str, Any]:
+    """How many cells agree how well.
+
+    Those with noise are judged by the range of the seeds; the worst is sought among the others
+    that agree.
+    """
+    plain = [
+        (abs(cell.deviation_percent), cell)
+        for cell in cells
+        if cell.deviation_percent is not None and COLUMNS[cell.column].judged == "value"
+    ]
+    agreeing = [each for each in plain if each[1].verdict is Agreement.AGREES]
+    worst = max(agreeing, key=lambda each: each[0], default=None)
+    return {
+        "cells": len(cells),
+        "values": len(plain),
+        "within": {step: sum(off <= step for off, _ in plain) for step in STEPS},
+        "worst": worst and worst[1],
+        **{kind.value: sum(cell.verdict is kind for cell in cells) for kind in Agreement},
+    }
+
+
+def sentence(cells: Sequence[Cell]) -> str:
+    """The summary in one line."""
+    found = summary(cells)
+    within = ", ".join(f"{count} within {step:g} %" for step, count in found["within"].items())
+    text = f"{found['cells']} cells: {found['agrees']} agree, {found['exception']} are exceptions"
+    text += f" with a known reason, {found['differs']} differ. "
+    text += f"Of {found['values']} values without spread {within}"
+    worst: Cell | None = found["worst"]
+    if worst is None:
+        return f"{text}."
+    where = f"Table {worst.table}, {worst.row}, {COLUMNS[worst.column].name}"
+    return f"{text}; the worst that agrees: {worst.deviation_percent:+.2f} % ({where})."

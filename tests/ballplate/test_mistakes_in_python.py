@@ -1,0 +1,90 @@
+"""A mistake in Python is the line of the command as an exception, before anything runs."""
+
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+import ballplate as bp
+import ballplate.gym
+
+IDEAL = {"observer": "ideal", "predictor": None, "sensors": {"ideal": True}}
+
+
+def vary(**how):
+    """Two ways to vary the circle."""
+    for call in (bp.compare, bp.sweep):
+        yield lambda call=call: call("circle", vary=how.get("all", how), duration=0.01)
+
+
+def env(**how):
+    return lambda: gymnasium.make_vec("ballplate.gym:ballplate/Step-v0", 2, **how)
+
+
+def heavy():
+    return bp.model("circle", plant={"ball": {"mass": 0.1}})
+
+
+CALLS = {
+    "did you mean 'circle'": [lambda: bp.run("cirle"), lambda: bp.systems.sampled("cirle")],
+    "did you mean 'rho'": [lambda: bp.run("hold", controller={"kind": "lqr", "rh": 1})],
+    "did you mean 'period'": [lambda: bp.systems.exact("circle", rig={"perod": 1})],
+    "did you mean 'uncertain'": [env(family="uncertan")],
+    "did you mean 'kind'": [env(settings=["plant.kin=lagrange"])],
+    "nothing called 'roling_mm'; did you mean": [lambda: bp.describe("roling_mm")],
+    "describe: give a key": [lambda: bp.describe(None)],
+    "must be a table, the name of a kind": [lambda: bp.run("hold", controller=3)],
+    "taken by LQR": [
+        lambda: bp.run("hold", controller=type("LQR", (bp.laws.AFL,), {"name": "lqr"}))
+    ],
+    r"controller\.model": [lambda: bp.run("circle", controller=bp.laws.LQR(model=heavy()))],
+    "must take": [
+        lambda: bp.law(lambda t, x: x),
+        lambda: bp.law(lambda t, x, r, *, kp: x),  # no default
+    ],
+    "settings: must be a table or a list of texts": [
+        lambda: bp.run("hold", "duration=1"),
+        lambda: bp.run("circle", 5),
+    ],
+    "5": [lambda: bp.run("circle", [5])],
+    "must be a number": [lambda: bp.run("hold", {"duration": object()})],
+    "out /proc/nowhere: cannot be": [lambda: bp.run("hold", out="/proc/nowhere")],
+    "reset: a simulated rig .* needs on": [lambda: bp.run("hold", reset=True)],
+    "mujoco": [lambda: bp.run("hold", {"plant.kind": "x"}, on="r.toml")],
+    "no such record": [lambda: bp.load("nowhere")],
+    "log nowhere: not found": [lambda: bp.identify("nowhere")],
+    "study 'nowhere': not found": [lambda: bp.study("nowhere")],
+    "at least one key": [lambda: bp.sweep("hold", {})],
+    "vary: give a table": [lambda: bp.sweep("circle", None)],
+    "vary seed: give at least one value": [*vary(seed=[])],
+    "seed: 1 is given twice": [*vary(seed=[1, 2, 1])],
+    r"vary controller\.kind: give a list of values": [
+        call
+        for values in ("afl", {"kind": "afl"}, 5)
+        for call in vary(all={"controller.kind": values})
+    ],
+    "names, files and results, got <": [lambda: bp.compare(object())],
+    "count: must be at least 1": [
+        lambda: bp.rig("hold", count=0),
+        lambda: bp.rig("hold", count="3"),
+        lambda: bp.rig("hold", count=2.5),
+    ],
+    "name at least one": [lambda: bp.rig([])],
+    "has no linearisation": [lambda: bp.systems.law("circle", controller="sliding_mode")],
+    "systems.law is the law with": [lambda: bp.systems.controller("circle", **IDEAL)],
+    "by its attitude": [lambda: bp.systems.mechanism("circle", plant={"ball": {"oval_mm": 0.1}})],
+    "hold: must divide the 5000 control periods": [env(hold=7)],
+    "rate: must be more than 0": [env(rate=0.0)],
+    "preview: must be times": [env(preview=(-1.0,))],
+}
+"""Words of what is told to calls that are told it."""
+
+
+@pytest.mark.parametrize("words", CALLS)
+def test_a_mistake_is_one_line_and_writes_nothing(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for call in CALLS[words]:
+        with pytest.raises(bp.TwinError, match=words) as caught:
+            call()
+        assert "\n" not in str(caught.value)
+    assert not list(Path().iterdir())

@@ -1,0 +1,141 @@
+"""What a command cannot do is one line and exit code 2; nothing is printed, run or written."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from twin.run.finished import record_run, run
+from twin.scenario import load
+
+LOG = "time [s],measured_x [m],measured_phi [rad],measured_y [m],measured_theta [rad]\n"
+LAW = """
+from controllers.linear import LQR
+class Mine(LQR):
+    name = "afl"
+"""
+FILES = {
+    "log.csv": LOG + "".join(f"{0.002 * k:.3f},0.15,0,0,0\n" for k in range(200)),
+    "german.csv": LOG.replace(",", ";") + "0;0,1;0;0;0\n",
+    "twice.csv": LOG.replace("measured_y [m]", "measured_x [mm]") + "0,0,0,0,0\n",
+    "rig.toml": '[touch]\nport = "/dev/null"\ncalibration_file = "not-yet.json"\n',
+    "there.toml": "",
+    "notes.txt": "words",
+    "wrong.py": "x = 1\nx = (",
+    "empty.py": "",
+    "twice.py": LAW,
+    "a_file": "",
+}
+"""What lies in the folder, beside a run of the circle in ``made``."""
+
+CIRCLE = {
+    "durration=1": "did you mean 'duration'",
+    "controller.gain=[1]": "did you mean 'gains'",
+    "amplitude=0.1": "did you mean 'reference.amplitude'",
+    "rolling_mm=0": "did you mean 'plant.friction.rolling_mm'",
+    "friction=0": "did you mean 'plant.friction.rolling_mm' or",
+    "plant.ball.mass=-1": "greater than 0",
+    "plant.start.y=0.3": "0.1975",
+    "rig.period=0.0013": "multiple of plant.step",
+    "reference.omega=1e-300": "no finite number",
+    "reference.amplitude=0.2": "rig.limits.area allows 0.25",
+}
+"""What is changed of the circle to what is told."""
+CHANGES = {
+    "plant.ball.radius=0.03": "plant.ball.radius: cannot change while",
+    "duration=3": "duration: cannot change while a plant runs",
+    "controller.kind=pod": "no 'pod'",
+    "plant.friction.rolling_mm=-1": "must be greater than or equal",
+}
+"""The same of a run that goes on from a moment."""
+POINTS = {
+    "--at 1,2 --at 30,40": "2 points; 4 or more are needed",
+    "--at 0,0 --at 10,10 --at 20,20 --at 90,90": "not lie on one line",
+    "--at middle": "--at middle: must be X,Y in mm",
+    "--at 1,2,3": "must be X,Y in mm",
+    "--at 1000,0": "from the plate's middle",
+    "--at nan,0": "must be X,Y in mm",
+    "": "/dev/null: not a serial port",
+}
+ADDRESSES = ("viewer", "host:", ":9876", "host:99999", "http://a:1/b")
+VALUES = ("a", "a=", "a=1", "a=1:2", "a=1:2:1", "a=1:2:x", "a=1:inf:3", "a=[]", "a=1:2:3:4")
+NAMES = ("My-Law", "lambda", "../x")
+LINES = {
+    "run": "SCENARIO",
+    "rn": "No such command",
+    "run cirle": "did you mean 'circle'",
+    "run foo": "known: circle, cure, cure_afl, cure_backstepping, excite, hold, sine, step; `",
+    "run circle --beside crue": "did you mean 'cure'",
+    "run circle --plant real": "mujoco",
+    "run circle --frobnicate": "--frobnicate",
+    "run circle --out /proc/nowhere": "cannot be written",
+    "run circle --out=": "--out: names no folder",
+    "run circle --set duration=1 --set duration=2": "given 2 times",
+    "run circle --view --serve": "choose one",
+    "run circle --rrd no/a.rrd": "there is no such folder",
+    "analyse sign": "not found",
+    "compare hold --vary duration": "KEY=",
+    "compare circle --vary controller.kind=[]": "needs at least one value",
+    "compare no.csv circle": "no.csv: cannot be read: No such file or directory",
+    "compare log.csv": "a log has no reference; name the scenario",
+    "report circle": "is a scenario, not a run; first: ballplate run circle",
+    "report foreign.parquet": "not a record of ballplate",
+    "report log.csv": "a log has no reference; name the scenario",
+    "report": "no run in runs/ yet",
+    "view made --connect 127.0.0.1:1": "no viewer there",
+    "safety --doc .": "File '.' is a directory",
+    "identify german.csv": "columns are separated by ';'",
+    "identify twice.csv": "measured_x: two columns",
+    "new law afl": "law 'afl': the name is taken by controllers.nonlinear",
+    "new observer afl": "observer 'afl': the name is taken by",
+    "new observer mine --like pid": "--like",
+    "new scenario there": "there.toml: exists",
+    "run hold --law absent.py": "--law absent.py: not a Python file",
+    "run hold --law notes.txt": "--law notes.txt: not a Python file",
+    "run hold --law wrong.py": "wrong.py, line 2: SyntaxError",
+    "run hold --law empty.py": "--law empty.py: no law, observer or reference in it has a name",
+    "run hold --law twice.py": "the name 'afl' is taken by",
+    "whatif made --at 9": "--at 9: made/run.parquet goes from 0 to 0.098 s",
+    "whatif made --at -1": "--at -1: made/run.parquet goes from 0 to",
+    "whatif made --at 0.05 --scenario circle": "says itself what ran",
+    "whatif log.csv --at 0.1": "give --scenario NAME",
+    **{f"run circle --set {change}": words for change, words in CIRCLE.items()},
+    **{f"whatif made --at 0.05 --set {change}": words for change, words in CHANGES.items()},
+    **{f"calibrate touch --rig rig.toml {at}": words for at, words in POINTS.items()},
+    **{f"view made --connect {each}": "write HOST:PORT" for each in ADDRESSES},
+    **{f"sweep circle {each}": "FIRST:LAST:NUMBER" for each in VALUES},
+    **{f"new law {name}": "must be small letters, digits and _" for name in NAMES},
+}
+"""A command line to words of what is told."""
+TABLE = [(line.split(), words) for line, words in LINES.items()]
+TABLE += [
+    (["run", "circle", "--out", ""], "--out: names no folder"),
+    (["report", "n" * 5000], "no file can have so long a name"),
+]
+IDS = [" ".join(arguments)[:60] for arguments, _ in TABLE]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with files that are not what they should be."""
+    place = tmp_path_factory.mktemp("mistakes")
+    for name, text in FILES.items():
+        (place / name).write_text(text)
+    keys = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
+    record_run(run(load("circle", keys)), place / "made")
+    pq.write_table(pa.table({"a": [1.0]}), place / "foreign.parquet")
+    return place
+
+
+@pytest.mark.usefixtures("own_laws")
+@pytest.mark.parametrize(("arguments", "words"), TABLE, ids=IDS)
+def test_a_mistake_is_one_line_and_writes_nothing(ballplate, folder, monkeypatch, arguments, words):
+    monkeypatch.chdir(folder)
+    before = sorted(Path().rglob("*"))
+    code, out, err = ballplate(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("ballplate: ")
+    assert err.count("\n") == 1
+    assert words in err
+    assert sorted(each for each in Path().rglob("*") if "__pycache__" not in each.parts) == before

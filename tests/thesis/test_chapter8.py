@@ -1,0 +1,251 @@
+"""Chapter 8: what was simulated, how a run is judged, and how cells are compared."""
+
+import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+from controllers.ballplate import BallPlate
+from twin.cli.analyse import reproduce
+from twin.errors import ScenarioError, TwinError
+from twin.run.assemble import build_controller
+from twin.run.metrics import Motion
+from twin.thesis import chapter8
+from twin.thesis.chapter8 import (
+    COLUMNS,
+    WAYS,
+    Agreement,
+    Excerpt,
+    ReproductionJob,
+    RowResult,
+    carry_out,
+    compare,
+    continuous,
+    judge,
+    row_results,
+    tables,
+)
+
+
+def call(*arguments):
+    runner = CliRunner(env={"COLUMNS": "200"})
+    return runner.invoke(reproduce, arguments, catch_exceptions=False, standalone_mode=False)
+
+
+@pytest.fixture
+def steps():
+    """Table 8.1, and runs of it that came to what is kept of continuous control."""
+    table = tables()["8.1"]
+    shown = Excerpt(np.arange(3.0), *(np.zeros((3, n)) for n in (8, 2, 2, 8)))
+    found = {
+        ((table.id, index), way): RowResult(
+            (table.id, index), way, dict(continuous()["8.1"][row.name]), "", shown
+        )
+        for index, row in enumerate(table.rows)
+        for way in WAYS[1:]
+    }
+    return [table], found
+
+
+def altered(table, column, **changes):
+    """The table with its first row's number three times as large."""
+    row = table.rows[0]
+    cells = {**row.cells, column: 3 * row.cells[column]}
+    return replace(table, rows=(replace(row, cells=cells, **changes), *table.rows[1:]))
+
+
+def test_all_251_numbers_of_the_21_tables_are_there():
+    assert list(tables()) == [f"8.{number}" for number in range(1, 22)]
+    counts = {name: sum(len(row.cells) for row in table.rows) for name, table in tables().items()}
+    assert counts["8.1"] == counts["8.2"] == 15
+    assert sum(counts.values()) == 2 * 15 + 9 * 9 + 4 * 5 + 8 * 15 == 251
+
+
+def test_every_remark_setting_and_kept_value_belongs_to_something():
+    for table in tables().values():
+        assert set(continuous()[table.id]) == {row.name for row in table.rows}
+        for row in table.rows:
+            row.scenario("sampled")
+            assert set(row.cells) <= set(COLUMNS)
+            assert {*row.notes, *row.exceptions} <= set(row.cells)
+            assert set(continuous()[table.id][row.name]) - {"fitted"} == set(row.cells)
+
+
+def test_what_is_kept_agrees_with_the_thesis(steps):
+    cells = compare(*steps)
+    assert [cell.verdict for cell in cells] == [Agreement.AGREES] * 15
+    assert all(cell.sampled == cell.exact for cell in cells)
+
+
+def test_a_cell_out_of_bounds_differs_unless_a_reason_is_known(steps):
+    (table,), found = steps
+    plain = compare([altered(table, "u1_max")], found)
+    excused = compare([altered(table, "u1_max", exceptions={"u1_max": "copied"})], found)
+    assert [cell.column for cell in plain if cell.verdict is Agreement.DIFFERS] == ["u1_max"]
+    (cell,) = (cell for cell in excused if cell.verdict is not Agreement.AGREES)
+    assert cell.verdict is Agreement.EXCEPTION
+    assert cell.note.startswith("copied")
+
+
+@pytest.mark.parametrize("way", WAYS[1:])
+def test_the_sampled_run_must_agree_too_and_the_mechanism_need_not(way, steps):
+    found = steps[1]
+    one = found[("8.1", 0), way]
+    found[one.place, way] = one._replace(values={**one.values, "phi_max": [1.0]})
+    off = [cell.column for cell in compare(*steps) if cell.verdict is Agreement.DIFFERS]
+    assert off == (["phi_max"] if way == "sampled" else [])
+
+
+def test_a_settling_time_outside_what_could_be_read_differs(steps):
+    (table,), found = steps
+    row = replace(table.rows[1], cells={**table.rows[1].cells, "t_ss": 3.2})
+    cells = compare([replace(table, rows=(table.rows[0], row, table.rows[2]))], found)
+    assert [c.column for c in cells if c.verdict is Agreement.DIFFERS] == ["t_ss"]
+
+
+def test_the_exit_code_is_1_when_a_cell_differs_without_a_reason(steps, monkeypatch):
+    (table,), found = steps
+    monkeypatch.setattr(chapter8, "row_results", lambda *_: found.values())
+    assert call("8.1").return_value == 0
+    monkeypatch.setattr(chapter8, "tables", lambda: {"8.1": altered(table, "u1_max")})
+    assert call("8.1").return_value == 1
+
+
+def test_json_is_a_list_of_cells_and_nothing_else(steps, monkeypatch):
+    monkeypatch.setattr(chapter8, "row_results", lambda *_: steps[1].values())
+    cells = json.loads(call("8.1", "--json").stdout)
+    assert len(cells) == 15
+    keys = {"table", "row", "column", "thesis", *WAYS, "deviation_percent", "note", "verdict"}
+    assert all(set(cell) - {f"{way}_range" for way in WAYS} == keys for cell in cells)
+    (effort,) = (
+        cell for cell in cells if (cell["row"], cell["column"]) == ("case 2", "u1_max [rad/s^2]")
+    )
+    assert effort["thesis"] == 1.7839
+    assert effort["deviation_percent"] == 100 * (effort["exact"] / 1.7839 - 1)
+    # A thesis value of 0 has no deviation in percent.
+    assert all(c["deviation_percent"] is None for c in cells if c["column"] == "overshoot [%]")
+
+
+def test_an_unknown_table_is_one_line_that_lists_the_known_ones():
+    with pytest.raises(ScenarioError, match=r"no table '8\.22'; there are 8\.1 to 8\.21 and"):
+        call("8.4", "8.22")
+
+
+def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch):
+    docs = Path(__file__).parents[2] / "docs"
+    monkeypatch.syspath_prepend(docs)
+    page = runpy.run_path(str(docs / "chapter8.py"))
+    path = tmp_path / "docs" / "reproduction.md"
+    page["write_doc"](path, steps[0], compare(*steps), steps[1])
+    text = path.read_text(encoding="utf-8")
+    assert text.count("| phi_max [deg] |") == 3
+    assert (path.parent / "figures" / "table-8-1.png").read_bytes().startswith(b"\x89PNG")
+    assert "](figures/table-8-1.png)" in text
+
+
+def short(monkeypatch, name, seeds=1, **setup):
+    """Let a table's rows last a moment only."""
+    table = tables()[name]
+    about = {"duration": 0.3, "metrics": {"start": 0.1}, **setup}
+    rows = [replace(row, seeds=seeds, setup={**row.setup, **about}) for row in table.rows]
+    new = {name: replace(table, rows=tuple(rows))}
+    monkeypatch.setattr(chapter8, "tables", lambda: new)
+
+
+@pytest.mark.parametrize("way", WAYS[1:])
+def test_a_row_gives_the_same_alone_and_among_others(way, monkeypatch):
+    short(monkeypatch, "8.14", seeds=2)
+    (alone,) = carry_out(ReproductionJob(way, (("8.14", 0),), 1.0))
+    _, among = carry_out(ReproductionJob(way, (("8.14", 1), ("8.14", 0)), 1.0))
+    for column, values in alone.values.items():
+        assert len(set(values)) == 2, "each seed has noise of its own"
+        assert among.values[column] == pytest.approx(values, rel=1e-12)
+
+
+def test_a_run_that_ended_early_has_no_values_and_the_exact_plate_has_no_edge(monkeypatch):
+    short(monkeypatch, "8.4", plant={"start": {"y": 0.19, "y_rate": 0.3}}, duration=0.6)
+    ends = {}
+    for way in WAYS[1:]:
+        ends[way], *_ = carry_out(ReproductionJob(way, (("8.4", 0),), 1.0))
+    assert ends["mujoco"].ended == "1 of 1 runs ended early, the first fell at 0.0 s"
+    assert not any(ends["mujoco"].values.values())
+    assert ends["sampled"].ended == ""
+    assert all(ends["sampled"].values.values())
+
+
+def test_a_failing_job_ends_in_one_line_that_names_it():
+    broken = ReproductionJob("sampled", (("8.1", 99),), 1.0)
+    with pytest.raises(TwinError, match=r"^table 8\.1, sampled: IndexError: [^\n]*$"):
+        list(row_results([broken], 1))
+
+
+def judged(column, x, bands=(5.0,)):
+    """What a column comes to for a run along x, by default from 0 to 1 s."""
+    zeros = np.zeros((len(x), 2))
+    motion = Motion(
+        time=np.linspace(0, 1, len(x)),
+        ball=np.stack((x, 0 * x), axis=1),
+        plate=zeros,
+        u=zeros,
+        reference=zeros + 1,
+    )
+    row = replace(tables()["8.1"].rows[0], cells={column: 1.0}, bands=bands)
+    off = np.tile(np.arange(8.0), (len(x), 1))
+    return judge(row, motion, off, 0.0)[column]
+
+
+def test_the_overshoot_is_relative_to_the_value_at_the_end():
+    assert judged("overshoot", np.array([0.0, 0.5, 1.2, 0.8])) == pytest.approx([50.0])
+
+
+def test_settling_times_are_read_with_three_bands_and_end_with_the_run():
+    x = 1 - np.exp(-4 * np.linspace(0, 1, 1001))
+    expected = [-np.log(0.05) / 4, 1.0, -np.log(0.1) / 4]  # exp(-4) is more than 1 %
+    assert judged("t_ss", x, (5.0, 1.0, 10.0)) == pytest.approx(expected, abs=1.1e-3)
+
+
+def test_the_average_errors_are_root_mean_squares():
+    x = 1 - np.sin(2 * np.pi * np.linspace(0, 1, 1001)[:-1])
+    assert judged("rms_error", x) == pytest.approx([np.sqrt(0.5)])
+    assert judged("x4_error", x) == pytest.approx([3.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "index"),
+    [
+        ("8.1", 1),
+        ("8.2", 0),
+        *(
+            pytest.param(*row, marks=pytest.mark.long)
+            for row in (("8.3", 2), ("8.5", 1), ("8.7", 0), ("8.9", 2), ("8.10", 1))
+        ),
+    ],
+)
+def test_an_integrator_of_its_own_finds_what_is_kept_of_continuous_control(name, index):
+    """By a multistep method of variable order, without any of the twin's loop, plant or seam."""
+    row = tables()[name].rows[index]
+    scenario = row.scenario("sampled")
+    controller, model = build_controller(scenario), BallPlate()
+    law, path = controller.law, controller.reference
+
+    def rate(t, z):
+        x, q = z[:8], z[8:]
+        u = law.control(t, x, path, q)
+        return np.concatenate((model.derivative(x, u), law.memory_rate(t, x, path, q)))
+
+    time = np.linspace(0, scenario.duration, round(scenario.duration / 0.002) + 1)
+    z = solve_ivp(
+        rate, time[[0, -1]], np.zeros(8 + law.memory), "LSODA", time, rtol=1e-9, atol=1e-11
+    ).y.T
+    u = np.array(
+        [law.control(t, row[:8], path, row[8:]) for t, row in zip(time.tolist(), z, strict=True)]
+    )
+    motion = Motion(time=time, ball=z[:, 0:8:4], plate=z[:, 2:8:4], u=u, reference=path(time)[0])
+    found = judge(row, motion, np.zeros((len(time), 8)), scenario.metrics.start)
+    for column, values in found.items():
+        assert values[0] == pytest.approx(continuous()[name][row.name][column][0], rel=1e-6)
