@@ -48,6 +48,9 @@ class Slices(ABC):
         period: Control period in s.
     """
 
+    _next: Any
+    """The next slice, once its last part is made."""
+
     def __init__(self, preview: Preview, period: float) -> None:
         self._preview, self._period = preview, period
         self._first, self._made = -preview.count, 0

@@ -206,17 +206,19 @@ class FrictionKalman(LateBall):
         self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
         for k in range(4):
             self._A[:, k, k + 2] = self.period
-        self._seen = np.full((2, self._rigs, 2), np.nan)
+        self._seen: Array = np.full((2, self._rigs, 2), np.nan)
 
     @property
     def innovation(self) -> Array:
         """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-        return self._seen[0].reshape(*self._shape, 2)
+        seen: Array = self._seen[0]
+        return seen.reshape(*self._shape, 2)
 
     @property
     def innovation_variance(self) -> Array:
         """What the filter takes for its variance, m^2, alike."""
-        return self._seen[1].reshape(*self._shape, 2)
+        seen: Array = self._seen[1]
+        return seen.reshape(*self._shape, 2)
 
     @property
     def P(self) -> Array:
@@ -441,7 +443,7 @@ class FrictionMapKalman(FrictionKalman):
         """
         h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 2, 1))
         by[:, 0, 0], by[:, 1, 0] = step.friction
-        after = A @ P
+        after: Array = A @ P
         after[:, 2:4, :9] += by * (P[:, :, 9:] @ h).mT
         after[:, 2:4, 9:] += by * self._map_times(self._shares)[:, None]
         own = after[:, :, :9] @ A.mT
