@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -39,31 +40,49 @@ class DesiredMotion(NamedTuple):
 class Slices(ABC):
     """What is laid ahead slice by slice and asked for tick by tick, for one run.
 
+    The next slice is made in parts, one in each of the last ticks before it is due, so that none of
+    them takes long.
+
     Args:
         preview: Where the path ahead comes from; a slice has as many ticks as it advances.
         period: Control period in s.
     """
 
+    _next: Any
+    """The next slice, once its last part is made."""
+
     def __init__(self, preview: Preview, period: float) -> None:
         self._preview, self._period = preview, period
-        self._first = -preview.count
-        self._advance()
+        self._first, self._made = -preview.count, 0
+        self._turn()
 
     def _tick(self, t: float) -> int:
         """Where in its slice a time in s stands that does not lie before the one asked for last."""
+        count = self._preview.count
         tick = round(t / self._period) - self._first
-        while tick >= self._preview.count:
-            self._advance()
-            tick -= self._preview.count
+        while tick >= count:
+            self._turn()
+            tick -= count
+        parts = self._parts()
+        due = tick - count + len(parts) + 1
+        if due > 0:
+            self._make(parts[:due])
         return tick
 
-    def _advance(self) -> None:
-        self._lay(*self._preview.advance())
+    def _turn(self) -> None:
+        """Go over to the next slice."""
+        self._make(self._parts())
+        self._laid, self._made = self._next, 0
         self._first += self._preview.count
 
+    def _make(self, parts: Sequence[Callable[[], None]]) -> None:
+        for part in parts[self._made :]:
+            part()
+            self._made += 1
+
     @abstractmethod
-    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
-        """Lay the next slice from the path of its ticks and of all that are previewed."""
+    def _parts(self) -> Sequence[Callable[[], None]]:
+        """What makes the next slice, in this order."""
 
 
 class MotionPlan(Slices):
@@ -98,10 +117,13 @@ class MotionPlan(Slices):
         position, velocity, slope = self._laid
         return DesiredMotion(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
 
-    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
-        count = self._preview.count
+    def _parts(self) -> Sequence[Callable[[], None]]:
+        return self._preview.ask, self._preview.spread_jumps, self._lay
+
+    def _lay(self) -> None:
+        count, (position, velocity, acceleration) = self._preview.count, self._preview.window
         slope = self._inverse.lay(acceleration / self._k1)
-        self._laid = DesiredMotion(position[:count], velocity[:count], slope)
+        self._next = DesiredMotion(position[:count], velocity[:count], slope)
 
 
 def inverse(model: BallPlate, preview: Preview, period: float) -> TwoSided:
@@ -140,10 +162,19 @@ class TwoSided:
         step = Z * period
         decay = math.exp(-step)
         # weights of the two ends of a straight line, the nearer one first
-        self._far = (1 - decay) / step - decay
-        self._near = 1 - decay - self._far
-        self._decay = decay
-        self._powers = decay ** np.arange(length + 1)
+        far = (1 - decay) / step - decay
+        near = 1 - decay - far
+        forward, backward = np.zeros((count + 1, count + 1)), np.zeros((count, length))
+        reach = length - count
+        behind = decay ** np.arange(reach + 1)
+        for k in range(count):
+            forward[k + 1] = decay * forward[k]
+            forward[k + 1, k : k + 2] += far, near
+            backward[k, k : k + reach] += near * behind[:-1]
+            backward[k, k + 1 : k + reach + 1] += far * behind[:-1]
+            backward[k, k + reach] += behind[-1]
+        self._forward, self._backward = forward, backward
+        self._begun = decay ** np.arange(count + 1)[:, None]
         self._p: Array | None = None
 
     def lay(self, w: Array) -> Tilts:
@@ -152,25 +183,29 @@ class TwoSided:
         Every sample makes use of the same time ahead, that of the slice's last one.
 
         Args:
-            w: The window, shape (length, ...).
+            w: The window, shape (length, ..., axes).
         """
-        count, near, far = self._count, self._near, self._far
-        powers = self._powers.reshape(-1, *[1] * (w.ndim - 1))
-        reach = len(w) - count
-        total = np.zeros_like(w)
-        np.cumsum(powers[: len(w) - 1] * (near * w[:-1] + far * w[1:]), axis=0, out=total[1:])
-        q = (total[reach:] - total[:count]) / powers[:count] + powers[reach] * w[reach:]
-        begin = w[0] if self._p is None else self._p
-        following = w[1 : count + 1]
-        if reach == 0:
-            following = np.concatenate((following, w[-1:]))
-        ends = near * following + far * w[:count]
-        grown = np.cumsum(ends / powers[1 : count + 1], axis=0)
-        after = powers[1 : count + 1] * (begin + grown)
-        p = np.concatenate((begin[None], after[:-1]))
-        self._p = after[-1]
+        count = self._count
+        # every rig by itself, so that it gets the same bits beside others
+        rows = np.moveaxis(w, 0, -2)
+        here = rows[..., : count + 1, :]
+        if len(w) == count:
+            here = np.concatenate((here, rows[..., -1:, :]), axis=-2)
+        begin = here[..., :1, :] if self._p is None else self._p
+        p = self._forward @ here + self._begun * begin
+        q = self._backward @ rows
+        self._p = p[..., count:, :]
+        p, here = p[..., :count, :], here[..., :count, :]
         a = (p + q) / 2
-        return Tilts(a, self._Z * (q - p) / 2, self._Z**2 * (a - w[:count]))
+        slopes = a, self._Z * (q - p) / 2, self._Z**2 * (a - here)
+        return Tilts(*(np.moveaxis(each, -2, 0) for each in slopes))
+
+
+def square_of(v: Array) -> Array:
+    """|v|^2 of vectors of two, shape (..., 1)."""
+    x, y = v[..., :1], v[..., 1:]
+    square: Array = x * x + y * y
+    return square
 
 
 SLICE = 25
@@ -213,40 +248,38 @@ class Preview:
         self.length = ahead + 1
         """Ticks of the window."""
         self._known = 0
-        self._window = np.empty((3, 0, *start.shape))
+        self.window: Array = np.empty((3, 0, *start.shape))
+        """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2), of a slice that
+        begins with it and ends the horizon after its begin."""
         self._jumps: list[_Jump] = []
         self._last = np.stack((start, 0 * start))
 
-    def advance(self) -> Array:
-        """The window of the next slice: it begins with it and ends the horizon after its begin.
-
-        Returns:
-            Position, velocity, acceleration, in m and s, shape (3, K, ..., 2).
-        """
-        kept = self._window[:, self.count :]
-        new = self._asked(self.length - kept.shape[1])
-        self._window = np.concatenate((kept, new), axis=1)
-        return self._window
-
-    def _asked(self, count: int) -> Array:
-        """Further samples of the reference, their jumps spread, shape (3, count, ..., 2)."""
-        T, first = self._period, self._known
-        times = (first + np.arange(count)) * T
+    def ask(self) -> None:
+        """Go on by a slice, jumps as they are."""
+        kept = self.window[:, self.count :]
+        count = self.length - kept.shape[1]
+        times = (self._known + np.arange(count)) * self._period
         r = self._reference(times)[:3]
-        rigs = self._window.shape[2:-1]
+        rigs = kept.shape[2:-1]
         r = r.reshape(3, count, *r.shape[2:-1] or [1] * len(rigs), 2)
-        r = np.array(np.broadcast_to(r, (3, count, *rigs, 2)))
+        r = np.broadcast_to(r, (3, count, *rigs, 2))
+        self.window = np.concatenate((kept, r), axis=1)
+        self._times = times
         self._known += count
+
+    def spread_jumps(self) -> None:
+        """Spread the jumps of what was asked last."""
         if not self._spread:
-            return r
+            return
+        T, times = self._period, self._times
+        count, first = len(times), self._known == len(times)
+        r = self.window[:, -count:]
         position = np.concatenate((self._last[:1], r[0]))
         velocity = np.concatenate((self._last[1:], r[1]))
         self._last = np.stack((r[0, -1], r[1, -1]))
         way = np.diff(position, axis=0)
-        if first:
-            way -= T / 2 * (velocity[1:] + velocity[:-1])
-        else:
-            way[1:] -= T / 2 * (velocity[2:] + velocity[1:-1])
+        begin = 1 if first else 0
+        way[begin:] -= T / 2 * (velocity[begin + 1 :] + velocity[begin:-1])
         for i in np.flatnonzero((np.abs(way) > JUMP).reshape(count, -1).any(axis=1)).tolist():
             length = np.hypot(way[i, ..., :1], way[i, ..., 1:])
             duration = np.maximum(self._spread * np.sqrt(length / LENGTH), T)
@@ -255,7 +288,6 @@ class Preview:
             r += _left(times - jump.time, jump)
         ended = times[-1]
         self._jumps = [each for each in self._jumps if each.time + each.duration.max() > ended]
-        return r
 
 
 def _left(time: Array, jump: _Jump) -> Array:
@@ -417,7 +449,7 @@ class StableInversion(AboutMotion):
         v = x[..., 1::4]
         share = wanted.pace / self.resting_speed**2
         planned = share * share / (1 + share * share)
-        length = np.sqrt((v * v).sum(axis=-1, keepdims=True) + self.smooth**2)
+        length = np.sqrt(square_of(v) + self.smooth**2)
         own = (1 - planned) * v / (length * self.model.k1)
         angle, rate, acceleration = wanted.drag
         return Tilts(planned * angle + own, planned * rate, planned * acceleration)
@@ -461,15 +493,22 @@ class InversePlan(Slices):
         free, drag = (Tilts(*(each[tick] for each in tilts)) for tilts in (laid.free, laid.drag))
         return InverseMotion(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
 
-    def _lay(self, position: Array, velocity: Array, acceleration: Array) -> None:
+    def _parts(self) -> Sequence[Callable[[], None]]:
+        return self._preview.ask, self._preview.spread_jumps, self._lay_free, self._lay
+
+    def _lay_free(self) -> None:
+        self._free_laid = self._free.lay(self._preview.window[2] / self._law.model.k1)
+
+    def _lay(self) -> None:
         k1, count = self._law.model.k1, self._preview.count
-        square = (velocity**2).sum(axis=-1, keepdims=True)
-        pace = square + (acceleration**2).sum(axis=-1, keepdims=True)
+        position, velocity, acceleration = self._preview.window
+        square = square_of(velocity)
+        pace = square[:count] + square_of(acceleration[:count])
         speed = np.sqrt(square + self._law.smooth**2)
-        self._laid = InverseMotion(
+        self._next = InverseMotion(
             position[:count],
             velocity[:count],
-            pace[:count],
-            self._free.lay(acceleration / k1),
+            pace,
+            self._free_laid,
             self._drag.lay(velocity / (k1 * speed)),
         )

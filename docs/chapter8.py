@@ -24,7 +24,7 @@ from controllers.ballplate import BallPlate
 from twin import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Agreement, Cell, Excerpt, Results, SimulatedTable
+from twin.thesis.chapter8 import COLUMNS, Agreement, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.thesis.neglected import terms
 from twin.writing import write_whole
 
@@ -190,7 +190,7 @@ GROUPS = {
 
 
 def write_doc(
-    path: Path, tables: Sequence[SimulatedTable], cells: Sequence[Cell], found: Results
+    path: Path, tables: Sequence[SimulatedTable], cells: Sequence[ThesisCell], found: Results
 ) -> None:
     """Write the document, and its figures into ``figures`` beside it.
 
@@ -211,19 +211,19 @@ def write_doc(
     write_whole(path, lambda target: target.write_text(text.rstrip() + "\n", encoding="utf-8"))
 
 
-def _of(table: SimulatedTable, cells: Sequence[Cell]) -> list[Cell]:
+def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:
     """The cells of one table."""
     return [cell for cell in cells if cell.table == table.id]
 
 
-def _summary(tables: Sequence[SimulatedTable], cells: Sequence[Cell]) -> str:
+def _summary(tables: Sequence[SimulatedTable], cells: Sequence[ThesisCell]) -> str:
     """A line for every table: how many cells agree how well."""
     steps = [f"within {step:g} %" for step in chapter8.STEPS]
     head = ("table", "cells", "agree", "exceptions", "differ", *steps, "worst that agrees")
     rows = []
     for table in tables:
         found = chapter8.summary(_of(table, cells))
-        worst: Cell | None = found["worst"]
+        worst: ThesisCell | None = found["worst"]
         name = ""
         if worst is not None:
             quantity = COLUMNS[worst.column].name

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
-from controllers.arrays import Array, Mask, every, some
+from controllers.arrays import Array, Mask, every
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.linear import NOISE
@@ -185,11 +185,6 @@ class FrictionKalman(LateBall):
     most_friction: Positive = 3.0
     """Largest friction estimated, as a multiple of the one believed at the start."""
 
-    innovation: Array = field(init=False, repr=False)
-    """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
-    innovation_variance: Array = field(init=False, repr=False)
-    """What the filter takes for its variance, m^2, shape (..., 2)."""
-
     def __post_init__(self) -> None:
         """Check the settings."""
         super().__post_init__()
@@ -197,21 +192,33 @@ class FrictionKalman(LateBall):
         self._F = model.c1 * self.believed_mm / 1000 / model.radius * model.gravity
         velocity, disturbance, friction, gain = np.square(self.walk) * T
         self._Q = np.append(np.repeat((0.0, velocity, disturbance, gain), 2), friction)
-        self._at_rest = 0.0
+        self._at_rest = self.resting_walk is not None
         if self.resting_walk is not None:
-            self._at_rest = self.resting_walk**2 * T - disturbance
+            self._Q_at_rest = np.zeros(9)
+            self._Q_at_rest[DISTURBANCE] = self.resting_walk**2 * T - disturbance
         d, F0, kappa = np.square(self.spread)
         self._begin = np.diag([*self.R, 1e-6, 1e-6, d, d, kappa, kappa, F0])
-        self._A = np.eye(9)
-        self._A[[0, 1], [2, 3]] = self._A[[2, 3], [4, 5]] = T
-        self._diagonal = np.arange(9)
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), on a plate that has been as it is all the time."""
         self._begin_at(x, self.smooth, self._F)
         self._P = np.tile(self._begin, (self._rigs, 1, 1))
-        self.innovation = np.full((self._rigs, 2), np.nan)
-        self.innovation_variance = self.innovation.copy()
+        self._A = np.tile(np.eye(9), (self._rigs, 1, 1))
+        for k in range(4):
+            self._A[:, k, k + 2] = self.period
+        self._seen: Array = np.full((2, self._rigs, 2), np.nan)
+
+    @property
+    def innovation(self) -> Array:
+        """Last innovation in m, shape (..., 2); NaN where no new sample was taken."""
+        seen: Array = self._seen[0]
+        return seen.reshape(*self._shape, 2)
+
+    @property
+    def innovation_variance(self) -> Array:
+        """What the filter takes for its variance, m^2, alike."""
+        seen: Array = self._seen[1]
+        return seen.reshape(*self._shape, 2)
 
     @property
     def P(self) -> Array:
@@ -231,18 +238,18 @@ class FrictionKalman(LateBall):
         s = self._at(self._ball.position(self._s, begin))
         s, step = self._ball.step(s, begin, then)
         self._s = [*s[:F], self._s[F]]
-        A = np.empty((self._rigs, 9, 9))
-        A[:] = self._A
+        A = self._A
         xx, xy, yy = step.slope
         A[:, 2, 2], A[:, 2, 3], A[:, 3, 2], A[:, 3, 3] = 1 + xx, xy, xy, 1 + yy
         A[:, 2, F], A[:, 3, F] = step.friction
         A[:, 2, 6], A[:, 3, 7] = step.gain
         self._P = P = self._propagated(A, step)
-        P[:, self._diagonal, self._diagonal] += self._Q
+        Q = self._Q
         if self._at_rest:
             vx, vy = self._ball.velocity(self._s, then)
             rest = 1 / (1 + (vx * vx + vy * vy) / RESTING**2) ** 2
-            P[:, DISTURBANCE, DISTURBANCE] += np.reshape(rest * self._at_rest, (-1, 1))
+            Q = Q + np.multiply.outer(rest, self._Q_at_rest)
+        diagonal(P)[...] += Q
 
     def _propagated(self, A: Array, step: Derivatives) -> Array:
         """Covariance a period on, from what the period does to the nine states."""
@@ -251,44 +258,49 @@ class FrictionKalman(LateBall):
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
-        self.innovation = np.full((self._rigs, 2), np.nan)
-        self.innovation_variance = np.full((self._rigs, 2), np.nan)
+        self._seen[...] = np.nan
         return super().correct(measurement)
 
     def _take(self, y: Array, age: Array, new: Mask, then: Tilt) -> None:
-        """Correct by a touch sample, axis by axis."""
-        aged, whole = some(age), every(new)
-        vx, vy = self._ball.velocity(self._s, then)
-        moving = np.reshape(vx * vx + vy * vy > self.learning_speed**2, -1)
-        for axis in range(2):
-            h = np.reshape(self._ball.position(self._s, then)[axis], -1)
-            P = self._P
-            hP = P[:, axis]
-            variance = hP[:, axis]
-            if aged:
-                # the ball was there an age ago: less the way since
-                h = h - age * np.reshape(self._ball.velocity(self._s, then)[axis], -1)
-                hP = hP - age[:, None] * P[:, 2 + axis]
-                variance = hP[:, axis] - age * hP[:, 2 + axis]
-            e, S = y[:, 2 * axis] - h, variance + self.R[axis]
-            gain = hP / S[:, None]
-            if not whole:
-                gain = np.where(new[:, None], gain, 0.0)
-            self._reduce(gain, hP, moving)
-            if not every(moving):
-                gain[~moving, LEARNT] = 0.0
-            self._correct_by(gain * e[:, None])
-            self.innovation[:, axis] = np.where(new, e, np.nan)
-            self.innovation_variance[:, axis] = S
-        least, most = self._by.least, self._by.most
+        """Correct by a touch sample.
+
+        With its covariance S = L L', and the factor W = L^-1 H P of what it tells, the covariance
+        becomes P - W' W, and the estimate changes by W' L^-1 e.
+        """
+        by, P = self._by, self._P
+        age = np.where(new, age, 0.0)
+        place, way = self._ball.position(self._s, then), self._ball.velocity(self._s, then)
+        # the ball was there an age ago: less the way since
+        (late,), back = components(age[:, None]), age[:, None, None]
+        hP = P[:, :2] - back * P[:, 2:4]
+        a, _, b, c = components(np.reshape(hP[:, :, :2] - back * hP[:, :, 2:4], (-1, 4)))
+        a, c = a + self.R[0], c + self.R[1]
+        x, y = components(y[:, ::2])
+        ex, ey = x - place[0] + late * way[0], y - place[1] + late * way[1]
+        # L^-1, and nothing where there is no new sample
+        (taken,) = components(new[:, None] * 1.0)
+        first, second = taken / by.sqrt(a), taken / by.sqrt(c - b * b / a)
+        cross = -b / a * second
+        L = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2)
+        W = L @ hP
+        change = together((first * ex, cross * ex + second * ey), self._rigs)
+        change = (change[:, None] @ W)[:, 0]
+        moving = np.reshape(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, -1)
+        if not every(moving):
+            change[~moving, LEARNT] = 0.0
+        self._reduce(W, moving)
+        self._correct_by(change)
+        least, most = by.least, by.most
         *_, kx, ky, friction = self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[7] = least(most(ky, -LARGEST_GAIN), LARGEST_GAIN)
         self._s[F] = least(most(friction, 0.0), self.most_friction * self._F)
+        seen = together((ex, ey, a, c), self._rigs).reshape(-1, 2, 2)
+        self._seen = np.where(new[:, None], seen.swapaxes(0, 1), np.nan)
 
-    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
+    def _reduce(self, W: Array, moving: Mask) -> None:
         """Take from the covariance what a touch sample tells; nothing of F and kappa at rest."""
-        fall = gain[:, :, None] * hP[:, None, :]
+        fall = W[:, :, :9].mT @ W
         if not every(moving):
             fall[~moving, LEARNT, LEARNT] = 0.0
         self._P = self._P - fall
@@ -296,6 +308,12 @@ class FrictionKalman(LateBall):
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9)."""
         self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
+
+
+def diagonal(P: Array) -> Array:
+    """The first nine numbers on the diagonal of covariances, shape (N, 9, n), to be changed."""
+    step = P.shape[-1] + 1
+    return P.reshape(len(P), -1)[:, : 9 * step : step]
 
 
 FRICTION, SPREAD = (
@@ -353,15 +371,24 @@ class FrictionMapKalman(FrictionKalman):
 
     def start(self, x: Array) -> None:
         """Begin at the state x, shape (..., 8), with the same friction everywhere."""
-        count = len(self._points)
-        self._m = np.zeros((int(np.prod(np.shape(x)[:-1])), count))
-        self._rows = np.arange(len(self._m))[:, None]
         super().start(x)
+        rigs, count = self._rigs, len(self._points)
+        self._m = np.zeros((rigs, count))
+        self._P = np.concatenate((self._P, np.zeros((rigs, 9, count))), axis=2)
         apart = ((self._points[:, None] - self._points) ** 2).sum(axis=-1)
-        P = np.zeros((self._rigs, 9 + count, 9 + count))
-        P[:, :9, :9] = self._P
-        P[:, 9:, 9:] = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
-        self._P, self._fall = P, np.empty(P.shape[1:])
+        prior = self.map_spread**2 * np.exp(-apart / (2 * self.map_length**2))
+        self._M = np.tile(prior, (rigs, 1, 1))
+        """Covariance of the map; of each rig the lower half is kept up to date."""
+        self._rows = 0 if rigs == 1 else np.arange(rigs)
+        self._now = self._at(self._state[0::4])
+
+    @property
+    def P(self) -> Array:
+        """Covariance of the nine states and the map, shape (..., 9 + points, 9 + points)."""
+        top, low = self._P, np.tril(self._M)
+        below = np.concatenate((top[:, :, 9:].swapaxes(1, 2), low + np.tril(low, -1).mT), axis=2)
+        P = np.concatenate((top, below), axis=1)
+        return P.reshape(*self._shape, *P.shape[1:])
 
     @property
     def friction_map(self) -> Array:
@@ -374,52 +401,62 @@ class FrictionMapKalman(FrictionKalman):
     def further(self) -> Array:
         """Friction, disturbance, tilt gain and their spreads as ``KNOWN``, shape (..., 8)."""
         found = super().further.reshape(self._rigs, -1)
-        found[:, FRICTION] = self._at(self._state[0::4])[F]
-        (corners, shares), P = self._here, self._P
-        along = 9 + corners
-        map_alone = P[self._rows[:, :, None], along[:, :, None], along[:, None, :]]
-        both = 2 * P[self._rows, F, along] + (map_alone * shares[:, None]).sum(axis=-1)
-        found[:, SPREAD] = np.sqrt(P[:, F, F] + (both * shares).sum(axis=-1))
+        found[:, FRICTION] = self._now[F]
+        h = self._shares
+        with_map = (self._map_times(h) + 2 * self._P[:, F, 9:]) * h
+        found[:, SPREAD] = np.sqrt(self._P[:, F, F] + with_map.sum(axis=-1))
         return found.reshape(*self._shape, len(KNOWN))
 
-    def _shares(self, place: Sequence[Any]) -> tuple[NDArray[np.integer], Array]:
-        """The four points about a place, and the share that each has in it, both shape (N, 4)."""
+    def _shares_at(self, place: Sequence[Any]) -> Array:
+        """The share of every point of the map in a place (x, y) in m, shape (N, points)."""
         least, most, (n, m) = self._by.least, self._by.most, self._cells
         (width, height), (x, y) = self.map_sides, place
         u = least(most((x / width + 0.5) * n, 0.0), n - 1e-9)
         v = least(most((y / height + 0.5) * m, 0.0), m - 1e-9)
         i, j = u // 1, v // 1
-        a, b, first = u - i, v - j, i * (m + 1) + j
-        corners = together((first, first + 1, first + m + 1, first + m + 2), self._rigs)
-        shares = together(((1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b), self._rigs)
+        a, b = u - i, v - j
         # a ball that has run away is nowhere, and all that follows from it not a number
-        return np.where(corners >= 0, corners, 0).astype(int), shares
+        first = i * (m + 1) + j
+        first = self._by.where(first >= 0, first, 0.0)
+        h, rows = np.zeros((self._rigs, len(self._points))), self._rows
+        first = int(first) if self._rigs == 1 else first.astype(int)
+        h[rows, first], h[rows, first + 1] = (1 - a) * (1 - b), (1 - a) * b
+        h[rows, first + m + 1], h[rows, first + m + 2] = a * (1 - b), a * b
+        return h
 
     def _at(self, place: Sequence[Any]) -> Any:
         """The nine states with the friction of a place (x, y) in m, which drives no ball."""
-        self._here = corners, shares = self._shares(place)
-        (more,) = components((self._m[self._rows, corners] * shares).sum(axis=-1)[:, None])
+        self._shares = h = self._shares_at(place)
+        (more,) = components((self._m * h).sum(axis=-1)[:, None])
         return [*self._s[:F], self._by.most(self._s[F] + more, 0.0)]
 
-    def _propagated(self, A: Array, step: Derivatives) -> Array:
-        """Covariance a period on: the map acts on the velocities as F does, where it was asked."""
-        corners, shares = self._here
-        P, by = self._P, np.zeros((self._rigs, 9))
-        by[:, 2], by[:, 3] = step.friction
-        part = shares[:, None]
-        top = A @ P[:, :9] + by[:, :, None] * (part @ P[self._rows, 9 + corners])
-        along = part @ top.swapaxes(1, 2)[self._rows, 9 + corners]
-        top[:, :, :9] = top[:, :, :9] @ A.swapaxes(1, 2) + along.swapaxes(1, 2) * by[:, None]
-        P[:, :9], P[:, 9:, :9] = top, top[:, :, 9:].swapaxes(1, 2)
-        return P
+    def _map_times(self, h: Array) -> Array:
+        """The covariance of the map times a vector of each rig, shape (N, points)."""
+        product = scipy.linalg.blas.dsymv
+        return np.array([product(1.0, M.T, row) for M, row in zip(self._M, h, strict=True)])
 
-    def _reduce(self, gain: Array, hP: Array, moving: Mask) -> None:
-        """Rig by rig and in place, as the covariance of one is as much as stays near at hand."""
-        for rig in np.flatnonzero(gain.any(axis=1)).tolist():
-            np.multiply(gain[rig, :, None], hP[rig], out=self._fall)
-            if not moving[rig]:
-                self._fall[LEARNT, LEARNT] = 0.0
-            self._P[rig] -= self._fall
+    def _propagated(self, A: Array, step: Derivatives) -> Array:
+        """Covariance a period on: the map acts on the velocities as F does, where it was asked.
+
+        With the shares h of the map and the derivatives by of the nine states by the friction,
+        they are A s + by h m after it, and the map is what it was.
+        """
+        h, P, by = self._shares[:, :, None], self._P, np.zeros((self._rigs, 2, 1))
+        by[:, 0, 0], by[:, 1, 0] = step.friction
+        after: Array = A @ P
+        after[:, 2:4, :9] += by * (P[:, :, 9:] @ h).mT
+        after[:, 2:4, 9:] += by * self._map_times(self._shares)[:, None]
+        own = after[:, :, :9] @ A.mT
+        own[:, :, 2:4] += (after[:, :, 9:] @ h) * by.mT
+        after[:, :, :9] = own
+        return after
+
+    def _reduce(self, W: Array, moving: Mask) -> None:
+        """Take from the covariance what a touch sample tells; nothing of the map at rest."""
+        super()._reduce(W, moving)
+        for M, told, informs in zip(self._M, W[:, :, 9:], moving.tolist(), strict=True):
+            if informs:  # the lower half in place
+                scipy.linalg.blas.dsyrk(-1.0, told.T, 1.0, M.T, overwrite_c=1)
 
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9 + points)."""

@@ -315,6 +315,7 @@ class LateBall(DelayedObserver):
         self._s: Any = components(s)
         self._age = np.full(self._rigs, np.inf)
         self._state = components(rows)
+        self._now = self._s
 
     def correct(self, measurement: Measurement) -> Array:
         """Take in plate angles of now and a ball position of a dead time ago."""
@@ -342,6 +343,7 @@ class LateBall(DelayedObserver):
             theta,
             theta_rate,
         )
+        self._now = self._at(self._state[0::4])
         self.x = together(self._state, self._rigs).reshape(*self._shape, 8)
         return self.x
 
@@ -377,8 +379,6 @@ class LateBall(DelayedObserver):
     def equivalent(self) -> Array:
         """The estimate with friction and disturbance in the plate's angles, shape (..., 8)."""
         x, vx, *_, y, vy, _, _ = self._state
-        phi, phi_rate, theta, theta_rate = self._ball.equivalent(
-            self._at(self._state[0::4]), self._state
-        )
+        phi, phi_rate, theta, theta_rate = self._ball.equivalent(self._now, self._state)
         found = (x, vx, phi, phi_rate, y, vy, theta, theta_rate)
         return together(found, self._rigs).reshape(self.x.shape)

@@ -63,7 +63,7 @@ class Changes(TypedDict, total=False):
     """File of identified parameters that lie over the scenario's own."""
 
 
-class Change(NamedTuple):
+class KeyChange(NamedTuple):
     """One key of a scenario and its new value.
 
     Attributes:
@@ -77,14 +77,14 @@ class Change(NamedTuple):
     text: str
 
     @classmethod
-    def of(cls, key: str, value: Any) -> Change:
+    def of(cls, key: str, value: Any) -> KeyChange:
         """That of a key and a plain value."""
         from twin.scenario.variants import written
 
         return cls(key, value, f"{key}={written(value)}")
 
 
-def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[Change]:
+def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[KeyChange]:
     """What is changed by dotted keys or texts, and over that by tables.
 
     Raises:
@@ -95,13 +95,13 @@ def changes_of(settings: Settings, tables: Mapping[str, Any]) -> list[Change]:
     if isinstance(settings, str) or not isinstance(settings, Iterable):
         raise ScenarioError(f"settings: must be a table or a list of texts, got {settings!r}")
     if isinstance(settings, Mapping):
-        found = [Change.of(*pair) for pair in flattened(settings)]
+        found = [KeyChange.of(*pair) for pair in flattened(settings)]
     else:
-        found = [Change(*setting(text), text) for text in map(str, settings)]
-    return [*found, *(Change.of(*pair) for pair in flattened(tables))]
+        found = [KeyChange(*setting(text), text) for text in map(str, settings)]
+    return [*found, *(KeyChange.of(*pair) for pair in flattened(tables))]
 
 
-def scenario_of(name: str | Path, changed: Sequence[Change], *, titled: bool = True) -> Scenario:
+def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool = True) -> Scenario:
     """The checked scenario.
 
     Args:

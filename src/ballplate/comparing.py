@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
-from ballplate.changes import Change, Changes, Settings, changes_of, scenario_of, varied_of
+from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of, varied_of
 from ballplate.reporter import Reporter, default, overview, showable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
@@ -271,13 +271,13 @@ def _opened(
 
 
 def measured(
-    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[Change]
-) -> tuple[list[Run], list[Change]]:
+    logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[KeyChange]
+) -> tuple[list[Run], list[KeyChange]]:
     """Logs as runs, and what their prediction is to be changed to."""
     from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []
-    fitted: list[Change] = []
+    fitted: list[KeyChange] = []
     for path in logs:
         rows = read_log(path)
         if names:
@@ -298,7 +298,7 @@ def measured(
 
 def cases_of(
     names: Sequence[str],
-    base: Sequence[Change],
+    base: Sequence[KeyChange],
     varied: Mapping[str, Sequence[Any]],
     *,
     alone: bool = True,

@@ -1,3 +1,3 @@
 """A digital twin of a cam-driven ball-and-plate rig."""
 
-from twin import beside as beside
+from twin import installation as installation

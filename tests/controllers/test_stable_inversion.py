@@ -17,7 +17,7 @@ def laid(w, ticks, horizon=700, slice_=25):
     """a, a', a'' over so many samples of a function of time."""
     inverse = TwoSided(Z, T, slice_, horizon + 1)
     found = [
-        np.array(inverse.lay(w((first + np.arange(horizon + 1)) * T)))
+        np.array(inverse.lay(w((first + np.arange(horizon + 1)) * T)[:, None]))[..., 0]
         for first in range(0, ticks, slice_)
     ]
     return np.concatenate(found, axis=1)

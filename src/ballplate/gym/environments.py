@@ -20,7 +20,7 @@ from twin.errors import TwinError
 from twin.run.batch import Episodes
 
 
-class Transition(NamedTuple):
+class StepOfRigs(NamedTuple):
     """What a step brought N rigs; each shape (N,)."""
 
     reward: Array
@@ -80,7 +80,7 @@ class Rigs:
         self._paths = np.stack([self.task.path(scenario) for scenario in firsts])
         self._followed = distinct[0] if len(distinct) == 1 else None
 
-    def step(self, actions: ArrayLike) -> Transition:
+    def step(self, actions: ArrayLike) -> StepOfRigs:
         """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
 
         Raises:
@@ -99,7 +99,7 @@ class Rigs:
         terminated = episodes.over
         truncated = ~terminated & (episodes.ticks >= self.task.ticks)
         self._ended = terminated | truncated
-        return Transition(reward, terminated, truncated)
+        return StepOfRigs(reward, terminated, truncated)
 
     def observation(self) -> Array:
         """What is seen now, shape (N, numbers)."""

@@ -18,7 +18,7 @@ from twin.shipped import find
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
     from twin.scenario import Scenario
-    from twin.thesis.chapter8 import Cell, Results, SimulatedTable
+    from twin.thesis.chapter8 import Results, SimulatedTable, ThesisCell
     from twin.thesis.chapter9 import Row
 
 
@@ -264,7 +264,7 @@ def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
         yield f"held out: {verdict}: {each.sentence}: {each.value:.3f}"
 
 
-def _simulated(wanted: list[SimulatedTable], cells: list[Cell]) -> Iterator[Shown]:
+def _simulated(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterator[Shown]:
     from twin.thesis.chapter8 import HEADINGS, lines, sentence
 
     for table in wanted:

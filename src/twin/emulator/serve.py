@@ -18,7 +18,7 @@ from twin.hal.interface import Touch, Transmission
 from twin.hal.rig import Rig
 from twin.run.assemble import build_devices, start_plant
 from twin.run.plants import (
-    Changes,
+    RigChanges,
     build_plant,
     change_devices,
     change_transmission,
@@ -49,7 +49,7 @@ def follow_changes(
     def act(old: Sequence[Scenario], new: Sequence[Scenario]) -> None:
         change_transmission(rig, known, old, new)
 
-    changes = Changes([scenario], act)
+    changes = RigChanges([scenario], act)
     begun = False
 
     def passing(time: float) -> None:

@@ -201,7 +201,7 @@ FAINT = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class FittedParameter:
     """A parameter as found.
 
     Attributes:
@@ -281,7 +281,7 @@ def estimates(
     r: Array,
     groups: Sequence[str],
     folds: Sequence[Sample],
-) -> list[Estimate]:
+) -> list[FittedParameter]:
     """Every parameter with its spread and verdict, in the order of the table.
 
     Args:
@@ -305,7 +305,7 @@ def estimates(
             verdict = f"confounded with {', '.join(rivals)}" if rivals else "not seen"
         own = [fold[k] for fold in folds]
         found.append(
-            Estimate(
+            FittedParameter(
                 name=name,
                 value=best[k],
                 low=float(low),
@@ -345,7 +345,7 @@ class FitResult:
     chi2_without: dict[str, float]
     computed: Array
     held_out: Array
-    estimates: list[Estimate]
+    estimates: list[FittedParameter]
     correlation: Array
     ends: list[tuple[float, Sample]]
     runs: int

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin import page
-from twin.fit.fit import Estimate, FitResult
+from twin.fit.fit import FitResult, FittedParameter
 from twin.page import Block, Picture, Table, Verdict, digits
 from twin.run.picture import drawn
 from twin.writing import write_json
@@ -46,7 +46,7 @@ def sentences(found: FitResult) -> list[str]:
     return lines
 
 
-def row(each: Estimate) -> tuple[str, ...]:
+def row(each: FittedParameter) -> tuple[str, ...]:
     """A parameter as a row of the table: value, interval, range of the folds, verdict."""
     folds = "-" if each.fold_low is None else f"{digits(each.fold_low)} to {digits(each.fold_high)}"
     interval = f"{digits(each.low)} to {digits(each.high)}"

@@ -13,7 +13,7 @@ from twin.identify.log_checks import check_motion, check_ranges
 from twin.identify.parameters import SHARE, fitted
 from twin.identify.plate_motion import fit_drives
 from twin.identify.prepare import PreparedLog, prepare
-from twin.identify.search import FitResult, search
+from twin.identify.search import BestFit, search
 from twin.identify.verdict import (
     Horizons,
     ParameterVerdict,
@@ -46,7 +46,7 @@ class Identification:
 
     log: PreparedLog
     fitted_time: float
-    fit: FitResult
+    fit: BestFit
     verdicts: tuple[ParameterVerdict, ...]
     horizons: Horizons | None
     whiteness: Whiteness

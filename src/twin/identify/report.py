@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin.identify.identify import Identification
-from twin.identify.search import FitResult
+from twin.identify.search import BestFit
 from twin.identify.verdict import (
     BOUNDED,
     IDENTIFIED,
@@ -196,7 +196,7 @@ def _horizon_figure(horizons: Horizons) -> Figure:
     return figure
 
 
-def _fit_figure(fit: FitResult) -> Figure:
+def _fit_figure(fit: BestFit) -> Figure:
     """Some windows of the fit, evenly chosen."""
     windows = fit.problem.windows
     theta = fit.theta[None]

@@ -172,7 +172,7 @@ CREEPS = float(stats.chi2.ppf(0.99, 2))
 
 
 @dataclass(frozen=True)
-class FitResult:
+class BestFit:
     """The best fit found.
 
     Attributes:
@@ -206,7 +206,7 @@ class FitResult:
         )
 
 
-def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> FitResult:
+def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: float) -> BestFit:
     """Fit the parameters, from many starts; ``grip`` as in ``replay``.
 
     A ball that never starts moving in a replay tells the fit nothing, so its steps must begin near
@@ -235,7 +235,7 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
         resting = windows.resting & ~crept
         return search(model, replace(windows, resting=resting), names, grip)
     every = found.linearisation
-    return FitResult(
+    return BestFit(
         problem=problem,
         theta=found.theta[best[0]],
         starts=found.starts[:, best],

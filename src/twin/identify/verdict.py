@@ -16,7 +16,7 @@ from twin.identify.parameters import BALL, HIDDEN, SERVO, IdentifiedParameter
 from twin.identify.plate_motion import Drives
 from twin.identify.prepare import PreparedLog, Segment
 from twin.identify.problem import START_PRIOR, Problem
-from twin.identify.search import FitResult, fit_starts
+from twin.identify.search import BestFit, fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, cut
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0)
@@ -60,7 +60,7 @@ class Horizons:
         return {**distances, "noise": self.noise}
 
 
-def hold_out(log: PreparedLog, fit: FitResult, lag: float) -> Horizons | None:
+def hold_out(log: PreparedLog, fit: BestFit, lag: float) -> Horizons | None:
     """Replay a part of the log from many starts; None if it is too short for any.
 
     Args:
@@ -230,7 +230,7 @@ class Whiteness:
 
 
 def verdicts(
-    names: tuple[str, ...], fit: FitResult, drives: Drives | None, *, white: bool
+    names: tuple[str, ...], fit: BestFit, drives: Drives | None, *, white: bool
 ) -> tuple[ParameterVerdict, ...]:
     """One verdict per parameter asked for, in that order; the level has two.
 
@@ -253,7 +253,7 @@ def verdicts(
     return tuple(found)
 
 
-def whiteness(fit: FitResult) -> Whiteness:
+def whiteness(fit: BestFit) -> Whiteness:
     """How white the residuals of a fit are.
 
     What the starts fitted along take out of white noise is known, and is not held against it.
@@ -282,7 +282,7 @@ def corner_frequency(lag: float) -> float:
     return float(1 / (2 * np.pi * lag))
 
 
-def _ball(name: str, fit: FitResult, ball: Estimate, *, white: bool) -> ParameterVerdict:
+def _ball(name: str, fit: BestFit, ball: Estimate, *, white: bool) -> ParameterVerdict:
     about, k = BALL[name], fit.problem.names.index(name)
     value, half = float(ball.value[k]), max(float(ball.half_width[k]), about.floor)
     never = name in {"breakaway", "stribeck", "dwell"} and not fit.problem.windows.resting.any()

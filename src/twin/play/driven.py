@@ -14,7 +14,7 @@ from controllers.interfaces import Law, Measurement, Reference
 from controllers.references import Setpoints
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller, build_reference
-from twin.run.plants import Changes
+from twin.run.plants import RigChanges
 from twin.run.state import Snapshot
 from twin.scenario.changing import at_time
 from twin.scenario.load import check, clean, put
@@ -116,7 +116,7 @@ class DrivenRig:
 
     def change(self, scenario: Scenario, time: float) -> None:
         """Let the rig be what a scenario says from a time in s on."""
-        assert isinstance(self.rig.changes, Changes)
+        assert isinstance(self.rig.changes, RigChanges)
         self.rig.changes.follow([scenario], time)
 
     def control(self, controller: Controller, scenario: Scenario) -> None:

@@ -209,7 +209,7 @@ SHARED_EXACT = ("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia")
 """The same of rigs on the exact equations, besides."""
 
 
-class Experiment(NamedTuple):
+class Assembled(NamedTuple):
     """Rigs and the controller to drive them."""
 
     rig: SimulatedRig
@@ -223,7 +223,7 @@ def assemble(
     seeds: Sequence[np.random.SeedSequence] | None = None,
     anchor: float = Rig.ANCHOR,
     changeable: bool = False,
-) -> Experiment:
+) -> Assembled:
     """N rigs and their controllers from N scenarios.
 
     Args:
@@ -244,7 +244,7 @@ def assemble(
         agree(shared(each[0]), shared(other), "rigs that run side by side")
     controller = build_controllers(each)
     plant, transmission = build_plant(each, threads=threads)
-    return Experiment(
+    return Assembled(
         build_rig(each, plant, transmission, seeds, anchor, changeable=changeable), controller
     )
 

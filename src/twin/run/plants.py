@@ -223,7 +223,7 @@ Act = Callable[[Sequence[Scenario], Sequence[Scenario]], None]
 """Is given what the scenarios of N rigs said until now, and what they say from now on."""
 
 
-class Changes:
+class RigChanges:
     """What changes of N rigs while they run; call it with the time before each period passes.
 
     Args:
@@ -323,7 +323,7 @@ def without_error(transmission: Transmission) -> Transmission:
 
 def changing(
     rig: Rig, devices: SimulatedDevices, transmission: Transmission, scenarios: Sequence[Scenario]
-) -> Changes:
+) -> RigChanges:
     """The changes of simulated rigs, made ready so that none of them takes long.
 
     Args:
@@ -344,7 +344,9 @@ def changing(
     return changing_devices(devices, scenarios, act)
 
 
-def changing_devices(devices: SimulatedDevices, scenarios: Sequence[Scenario], act: Act) -> Changes:
+def changing_devices(
+    devices: SimulatedDevices, scenarios: Sequence[Scenario], act: Act
+) -> RigChanges:
     """Changes that an act makes, the plant made ready so that none of them takes long.
 
     Args:
@@ -356,7 +358,7 @@ def changing_devices(devices: SimulatedDevices, scenarios: Sequence[Scenario], a
         ScenarioError: If rigs on the exact equations would have different balls.
         ModelError: If a number is out of range.
     """
-    changes = Changes(scenarios, act)
+    changes = RigChanges(scenarios, act)
     for stage in changes.stages():
         balls = {(each.plant.ball.mass, each.plant.ball.inertia) for each in stage}
         if len(balls) > 1 and stage[0].plant.kind == "lagrange":

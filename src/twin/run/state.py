@@ -31,7 +31,7 @@ from controllers.interfaces import Measurement
 from twin.errors import RecordError, TwinError
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import RIG_CONDITIONS, Note
-from twin.run.plants import Changes
+from twin.run.plants import RigChanges
 from twin.run.record import read_beside
 from twin.sim.rig import SimulatedRig
 
@@ -94,7 +94,7 @@ def _constant(thing: Any) -> bool:
     parameters = getattr(thing, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
     foreign = type(thing).__module__.partition(".")[0] in FOREIGN
-    return bool(frozen or foreign or isinstance(thing, BaseModel | Changes | Enum))
+    return bool(frozen or foreign or isinstance(thing, BaseModel | RigChanges | Enum))
 
 
 def _several(kind: str, nodes: Mapping[Any, Node]) -> Node:
@@ -226,7 +226,7 @@ class Snapshot:
         Raises:
             SnapshotError: If the rig is another.
         """
-        if isinstance(rig.changes, Changes):
+        if isinstance(rig.changes, RigChanges):
             rig.changes.catch_up(self.time - self.period)
         restore(rig, self.rig["state"])
         rig.journal[:] = [

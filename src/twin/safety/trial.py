@@ -74,7 +74,7 @@ _ROUNDING = 1.02
 """What the drives' units of current and speed may add to a limit."""
 
 
-class Run(NamedTuple):
+class TrialRun(NamedTuple):
     """How a run ended, its record, and the error with which switching on was refused."""
 
     outcome: Outcome
@@ -158,7 +158,7 @@ class Trial:
             why=why | {key: limit.why for key, limit in more.items() if limit},
         )
 
-    def _run(self, duration: float, *, act: bool) -> Run:
+    def _run(self, duration: float, *, act: bool) -> TrialRun:
         controller: Controller = build_controller(self.scenario)
         record = Recorder(round(duration / self.rig.period), 1, self.rig.period)
         if act and self.case.before:
@@ -168,8 +168,8 @@ class Trial:
         try:
             (outcome,) = drive(self.rig, controller, duration, record)
         except TwinError as error:
-            return Run(Outcome(Ending.FAULT, 0.0), record, error)
-        return Run(outcome, record, None)
+            return TrialRun(Outcome(Ending.FAULT, 0.0), record, error)
+        return TrialRun(outcome, record, None)
 
     def _observe(self, time: float, _: Mapping[str, NDArray[Any]]) -> None:
         self.last = self.rig.now()
@@ -199,7 +199,7 @@ class Trial:
         return case.expected.within + late + case.wait if case.expected else 0.0
 
     def _seen(
-        self, run: Run, allowed: float, at: limits.AtFault
+        self, run: TrialRun, allowed: float, at: limits.AtFault
     ) -> tuple[Reaction, limits.Limit | None]:
         """The reaction, and the longest time to standstill."""
         stop = limits.standstill(self.case, allowed, at) if not self.case.refused else None
@@ -226,7 +226,7 @@ class Trial:
                 return time - self.time_begun
         return None
 
-    def _reason(self, run: Run) -> str:
+    def _reason(self, run: TrialRun) -> str:
         """Name of the condition that ended the run; empty if none did."""
         error = run.refusal
         if isinstance(error, StartRefusedError | DriveError):
@@ -238,7 +238,7 @@ class Trial:
                 return note.condition.name
         return ""
 
-    def _whole(self, run: Run) -> bool:
+    def _whole(self, run: TrialRun) -> bool:
         record = run.record
         if not record.length:
             return False
@@ -276,7 +276,7 @@ class Trial:
         ]
         return run.outcome.ending is Ending.FINISHED and run.refusal is None and not serious
 
-    def _again(self) -> Run:
+    def _again(self) -> TrialRun:
         """Run once more, as a person does with ``--reset``."""
         self.rig.ask_reset()
         return self._run(AGAIN, act=False)

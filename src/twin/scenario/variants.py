@@ -19,7 +19,7 @@ MOST = 1000
 """Values that a range may have."""
 
 
-class Variant(NamedTuple):
+class Combination(NamedTuple):
     """One combination of values.
 
     Attributes:
@@ -76,10 +76,10 @@ def swept(text: str) -> tuple[str, list[Any]]:
     return key, [int(value) for value in spaced] if whole else spaced
 
 
-def variants(vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
+def variants(vary: Mapping[str, Sequence[Any]]) -> list[Combination]:
     """All combinations of the values of some keys; one without any if there is no key."""
     return [
-        Variant(
+        Combination(
             tuple(pair for item in each for pair in item.settings),
             " ".join(item.label for item in each),
             ", ".join(item.heading for item in each),
@@ -140,10 +140,10 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     return key, listed if isinstance(listed, list) else [listed]
 
 
-def _values(key: str, items: Sequence[Any]) -> list[Variant]:
+def _values(key: str, items: Sequence[Any]) -> list[Combination]:
     leaf = key.rpartition(".")[2]
     return [
-        Variant(
+        Combination(
             ((key, item),),
             f"{key}={written(item)}",
             heading,

@@ -38,7 +38,7 @@ class StaticError:
 
 
 @dataclass(frozen=True)
-class Resonance:
+class TapResponse:
     """Decaying oscillation of one plate axis after a tap."""
 
     frequency_hz: float
@@ -125,7 +125,7 @@ def static_error(
     return StaticError(float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))), len(target))
 
 
-def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[Resonance, Resonance]:
+def tap_test(model: Path | None = None, *, tap: float = 0.02) -> tuple[TapResponse, TapResponse]:
     """Tap the level plate about each axis, phi then theta, and fit a decaying sine to its angle.
 
     Args:
@@ -157,7 +157,7 @@ def _basis(plate: Array, degree: int) -> Array:
     return np.asarray(product[..., order <= degree])
 
 
-def fit_ringing(angle: Array, step: float) -> Resonance:
+def fit_ringing(angle: Array, step: float) -> TapResponse:
     """Fit a decaying sine to samples that begin one step after the tap."""
     t = step * np.arange(1, len(angle) + 1)
     spectrum = np.abs(np.fft.rfft(angle - angle.mean(), 8 * len(angle)))
@@ -171,7 +171,7 @@ def fit_ringing(angle: Array, step: float) -> Resonance:
 
     decay, omega, *_ = least_squares(misfit, [0.05 * guess, guess, 1.0, 0.0, 0.0], x_scale="jac").x
     natural = math.hypot(decay, omega)
-    return Resonance(natural / (2 * math.pi), float(decay / natural))
+    return TapResponse(natural / (2 * math.pi), float(decay / natural))
 
 
 def _move_and_settle(

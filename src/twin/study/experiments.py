@@ -25,7 +25,7 @@ from twin.errors import RecordError, TwinError
 from twin.jobs import AHEAD, cores, handed_out, pool, results
 from twin.study.cluster import Cluster
 from twin.study.schema import METRICS
-from twin.study.work import Job, Row, ScenarioRuns, Task, carry_out
+from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -164,8 +164,8 @@ Do = Callable[[Sequence[Job]], list[Row]]
 
 
 def missing(
-    tasks: Sequence[Task], done: Collection[str], processes: int = 1, *, whole: bool = False
-) -> list[list[Task]]:
+    tasks: Sequence[StudyTask], done: Collection[str], processes: int = 1, *, whole: bool = False
+) -> list[list[StudyTask]]:
     """The runs that are not finished, each once, in chunks of such as can share a batch.
 
     Chunks are smaller where there are not enough runs for every process to have one, and larger
@@ -173,7 +173,7 @@ def missing(
     process, up to ``WHOLE``: the fastest for runs on the exact equations, of which a kill then
     costs all.
     """
-    left: dict[str, dict[str, Task]] = {}
+    left: dict[str, dict[str, StudyTask]] = {}
     for task in tasks:
         if task.key not in done:
             left.setdefault(task.alike, {})[task.key] = task
@@ -233,15 +233,15 @@ def carry(
 
 
 def remaining(
-    tasks: Sequence[Task], store: Store, processes: int, *, whole: bool = False
-) -> tuple[pa.Table, list[list[Task]]]:
+    tasks: Sequence[StudyTask], store: Store, processes: int, *, whole: bool = False
+) -> tuple[pa.Table, list[list[StudyTask]]]:
     """The rows of the runs that are finished, each once, and the chunks that are left."""
     known = store.rows(list({task.key for task in tasks}))
     return known, missing(tasks, set(known["key"].to_pylist()), processes, whole=whole)
 
 
 def _elsewhere(
-    work: ScenarioRuns, chunks: Sequence[list[Task]], do: Do, executor: Executor, most: int
+    work: ScenarioRuns, chunks: Sequence[list[StudyTask]], do: Do, executor: Executor, most: int
 ) -> Iterator[list[Row]]:
     left, why = list(chunks), ""
     for _ in range(RETRIES):

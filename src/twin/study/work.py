@@ -142,7 +142,7 @@ class Builder:
 Row = dict[str, Any]
 
 
-class Task(NamedTuple):
+class StudyTask(NamedTuple):
     """One run: which it is.
 
     Attributes:
@@ -200,18 +200,18 @@ class ScenarioRuns:
         """How many runs there are: two tasks may be the same run."""
         return len({task.key for task in self.tasks})
 
-    def scenario(self, task: Task) -> Scenario:
+    def scenario(self, task: StudyTask) -> Scenario:
         """What a task runs."""
         return self._scenarios[task.point]
 
-    def jobs(self, tasks: Iterable[Task]) -> list[Job]:
+    def jobs(self, tasks: Iterable[StudyTask]) -> list[Job]:
         """Runs as they are handed out."""
         return [Job(task.key, task.alike, self.scenario(task).model_dump_json()) for task in tasks]
 
-    def _task(self, scenario: Scenario, variant: str, point: int, seed: int = 0) -> Task:
+    def _task(self, scenario: Scenario, variant: str, point: int, seed: int = 0) -> StudyTask:
         kind = digest(json.dumps(alike(scenario), sort_keys=True, default=str))
         key = digest(self._mark + scenario.model_dump_json())
-        return Task(key, sys.intern(kind), variant, point, seed)  # one string for all alike
+        return StudyTask(key, sys.intern(kind), variant, point, seed)  # one string for all alike
 
 
 class Work(ScenarioRuns):
@@ -253,7 +253,7 @@ class Work(ScenarioRuns):
         )
         return {"variant": variants, "point": at, "seed": seeds, **self.design[at].columns}
 
-    def scenario(self, task: Task) -> Scenario:
+    def scenario(self, task: StudyTask) -> Scenario:
         """What a task runs."""
         return self._made(task.variant, task.point, task.seed)
 

@@ -464,7 +464,7 @@ class Value(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
+class ThesisCell:
     """A numeric cell of the thesis and what it came to here.
 
     Attributes:
@@ -515,7 +515,7 @@ class Cell:
         }
 
 
-def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[Cell]:
+def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell]:
     """Every cell of the tables."""
     return [
         _cell(table, index, row, column, found)
@@ -527,7 +527,7 @@ def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[Cell]:
 
 def _cell(
     table: SimulatedTable, index: int, row: SimulatedRow, column: str, found: Results
-) -> Cell:
+) -> ThesisCell:
     thesis, known = row.cells[column], continuous()[table.id][row.name]
     exact, *span = known[column]
     mine = {way: found[(table.id, index), way] for way in WAYS[1:]}
@@ -545,7 +545,7 @@ def _cell(
         remarks.append(known["fitted"])
     remarks += [f"{way}: {result.ended}." for way, result in mine.items() if result.ended]
     differs = Agreement.EXCEPTION if excused else Agreement.DIFFERS
-    return Cell(
+    return ThesisCell(
         table=table.id,
         row=row.name,
         column=column,
@@ -599,7 +599,7 @@ def shown(value: Value | None) -> str:
     return f"{value.value:.4g} ({low:.3g} to {high:.3g})"
 
 
-def lines(cells: Iterable[Cell]) -> tuple[list[tuple[str, ...]], list[str]]:
+def lines(cells: Iterable[ThesisCell]) -> tuple[list[tuple[str, ...]], list[str]]:
     """A table's cells under ``HEADINGS``, each row named once, and the numbered notes."""
     numbers: dict[str, int] = {}
     found: list[tuple[str, ...]] = []
@@ -621,7 +621,7 @@ def lines(cells: Iterable[Cell]) -> tuple[list[tuple[str, ...]], list[str]]:
     return found, [f"[{number}] {note}" for note, number in numbers.items()]
 
 
-def summary(cells: Sequence[Cell]) -> dict[str, Any]:
+def summary(cells: Sequence[ThesisCell]) -> dict[str, Any]:
     """How many cells agree how well.
 
     Those with noise are judged by the range of the seeds; the worst is sought among the others
@@ -643,14 +643,14 @@ def summary(cells: Sequence[Cell]) -> dict[str, Any]:
     }
 
 
-def sentence(cells: Sequence[Cell]) -> str:
+def sentence(cells: Sequence[ThesisCell]) -> str:
     """The summary in one line."""
     found = summary(cells)
     within = ", ".join(f"{count} within {step:g} %" for step, count in found["within"].items())
     text = f"{found['cells']} cells: {found['agrees']} agree, {found['exception']} are exceptions"
     text += f" with a known reason, {found['differs']} differ. "
     text += f"Of {found['values']} values without spread {within}"
-    worst: Cell | None = found["worst"]
+    worst: ThesisCell | None = found["worst"]
     if worst is None:
         return f"{text}."
     where = f"Table {worst.table}, {worst.row}, {COLUMNS[worst.column].name}"

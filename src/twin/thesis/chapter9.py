@@ -221,7 +221,7 @@ def _settled(about: FitTable, arm: Sample, place: int) -> float:
     return float(time[outside[-1]]) if len(outside) else 0.0
 
 
-class Goal(NamedTuple):
+class ChapterGoal(NamedTuple):
     """A goal, what was found, and whether it is reached."""
 
     sentence: str
@@ -240,7 +240,7 @@ def errors(cells: Sequence[Row], names: Sequence[str], key: str) -> Array:
     )
 
 
-def goals(cells: Sequence[Row]) -> list[Goal]:
+def goals(cells: Sequence[Row]) -> list[ChapterGoal]:
     """The goals of the prediction, judged on the rows of all tables."""
 
     def off(names: Sequence[str]) -> Array:
@@ -260,20 +260,20 @@ def goals(cells: Sequence[Row]) -> list[Goal]:
     ]
     return [
         *(
-            Goal(f"{what}: at most {most:g} points", f"{value:.2f}", value <= most)
+            ChapterGoal(f"{what}: at most {most:g} points", f"{value:.2f}", value <= most)
             for what, value, most in found
         ),
-        Goal(
+        ChapterGoal(
             "sliding mode improves with frequency",
             ", ".join(" > ".join(f"{v:.1f}" for v in e[name]) for name in SLIDING),
             all(e[name][0] > e[name][1] > e[name][2] for name in SLIDING),
         ),
-        Goal(
+        ChapterGoal(
             "sliding mode is worst",
             ", ".join(f"{means[name]:.1f}" for name in SLIDING) + " %",
             min(means[name] for name in SLIDING) > max(others.values()),
         ),
-        Goal(
+        ChapterGoal(
             "AFL with integral action and backstepping are best",
             ", ".join(f"{name}: {mean:.1f}" for name, mean in others.items()),
             all(
@@ -281,13 +281,13 @@ def goals(cells: Sequence[Row]) -> list[Goal]:
                 for afl, integral, backstepping in (("9.2", "9.4", "9.6"), ("9.3", "9.5", "9.7"))
             ),
         ),
-        Goal(
+        ChapterGoal(
             "the predictor changes little (less than a quarter)",
             gains,
             all(abs(g) < 0.25 * means[name] for name, g in gain.items()),
         ),
-        Goal("the predictor lowers the error", gains, all(g > 0 for g in gain.values())),
-        Goal(
+        ChapterGoal("the predictor lowers the error", gains, all(g > 0 for g in gain.values())),
+        ChapterGoal(
             "AFL's error does not grow with frequency",
             ", ".join(f"{g:+.1f}" for g in grows) + " points from 0.5 to 1 rad/s",
             all(g <= 0 for g in grows),

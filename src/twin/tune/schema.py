@@ -46,7 +46,7 @@ class TuneTask(BaseModel):
         return self
 
 
-class Limits(BaseModel):
+class Constraints(BaseModel):
     """What a candidate must keep besides losing no rig.
 
     Attributes:
@@ -96,7 +96,7 @@ class Tune(BaseModel):
     set: tuple[str, ...] = ()
     fields: dict[str, Parameter]
     tasks: tuple[TuneTask, ...]
-    limits: Limits = Limits()
+    limits: Constraints = Constraints()
     tail: Annotated[float, Field(gt=0, le=1)] = 0.1
     search: tuple[str, ...] = ("plant.kind=lagrange", "plant.step=0.002")
     verdict: tuple[str, ...] = ("plant.kind=mujoco",)

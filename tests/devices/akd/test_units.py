@@ -10,7 +10,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import kept
-from twin.devices.akd.units import Quantity
+from twin.devices.akd.units import DriveQuantity
 from twin.emulator.drive import DriveSettings, EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives
 
@@ -143,7 +143,7 @@ def test_how_exactly_an_object_must_be_kept(index, written, read, same):
 
 @given(st.floats(1.0, 20.0))
 def test_what_is_sent_is_round_in_the_drive_s_unit_and_never_below_what_is_wanted(wanted):
-    speed = Quantity("rpm", RPM / 1000, "limit_unit")
+    speed = DriveQuantity("rpm", RPM / 1000, "limit_unit")
     counts = speed.counts(wanted)
     assert wanted * (1 - 1e-9) <= counts * speed.scale <= 1.1 * wanted + speed.scale
     assert len(str(counts).rstrip("0")) <= 2

@@ -25,7 +25,7 @@ _COARSEST = 0.1
 """Share by which a value may pass the one wanted because it is rounded up."""
 
 
-class Quantity(NamedTuple):
+class DriveQuantity(NamedTuple):
     """A velocity or an acceleration as a drive's parameters have it.
 
     Attributes:
@@ -62,8 +62,8 @@ class Quantity(NamedTuple):
 class DriveUnits(NamedTuple):
     """What a drive says of its units."""
 
-    velocity: Quantity
-    acceleration: Quantity
+    velocity: DriveQuantity
+    acceleration: DriveQuantity
 
     @property
     def words(self) -> str:
@@ -124,15 +124,15 @@ def read_units(remote: Remote) -> DriveUnits:
 
 def _quantity(
     remote: Remote, index: int, name: str, unit: str, given: float | None, key: str
-) -> Quantity:
+) -> DriveQuantity:
     if chosen := remote.read(index):
         text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
         raise remote.wrong(text)
-    return Quantity(unit, given if given is not None else RPM / PER_UNIT, key)
+    return DriveQuantity(unit, given if given is not None else RPM / PER_UNIT, key)
 
 
 def _check_plausible(
-    remote: Remote, quantity: Quantity, kind: str, range_: tuple[float, float]
+    remote: Remote, quantity: DriveQuantity, kind: str, range_: tuple[float, float]
 ) -> None:
     """Compare what the drive has been set to with what a motor can have."""
     low, high = range_
