@@ -59,6 +59,17 @@ def test_missed_periods_are_skipped_and_counted_and_never_caught_up_with():
     assert (made.tick, made.timing.missed) == (6, 3)
 
 
+def test_what_is_left_of_a_period_that_is_missed_already_is_that_of_the_next():
+    made, time = clock()
+    made.wait()
+    assert made.left == pytest.approx(PERIOD, abs=2e-5)
+    time.now += 2.25 * PERIOD
+    assert made.left == pytest.approx(0.75 * PERIOD, abs=2e-5)
+    begin, left = time.now, made.left
+    made.wait()
+    assert time.now - begin == pytest.approx(left, abs=2e-5)
+
+
 def test_the_stated_number_of_late_ticks_in_a_row_is_one_fault():
     made, _ = clock(oversleep=1e-3, allowed=10)
     for _ in range(9):

@@ -244,9 +244,10 @@ class RealTimeClock:
 
     @property
     def left(self) -> float:
-        """Seconds until the next period begins; negative if it is missed already."""
-        start = self._now() if self._start is None else self._start
-        return start + (self.tick + 1) * self.period - self._now()
+        """Seconds until the next period begins that has not begun yet."""
+        now = self._now()
+        passed = now - (now if self._start is None else self._start)
+        return (max(self.tick, int(passed / self.period)) + 1) * self.period - passed
 
     def since_start(self, at: float | None) -> float:
         """Seconds from the start to a time of the clock's own, or to now."""

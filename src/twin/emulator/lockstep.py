@@ -337,6 +337,8 @@ class LockstepRig(HardwareRig):
         None for its own."""
         self.stall = 0.0
         """Extra time in s that each period takes from now on."""
+        self.uneven = 0.0
+        """Extra time in s that every other command takes to be computed from now on."""
         self.hang = 0.0
         """Time in s for which the host does nothing at all, once."""
 
@@ -359,6 +361,8 @@ class LockstepRig(HardwareRig):
         """Command plate rates in rad/s, shape (1, 2); return those applied."""
         if self.asked is not None and self.supervisor.state[0] == State.RUNNING:
             rate = self.asked
+        if self.uneven and self.clock.tick % 2:
+            self.sleep(self.uneven)
         return super().write(rate)
 
     def wait(self) -> None:

@@ -85,6 +85,17 @@ def _stall(rig: LockstepRig) -> None:
     rig.stall = rig.period
 
 
+def _uneven(rig: LockstepRig) -> None:
+    """Drives answer in half a period; every other command is computed for three quarters of one."""
+    rig.lockstep.bus.faults.delay([0x181, 0x182, 0x281, 0x282], by=rig.period / 2)
+    rig.uneven = 0.75 * rig.period
+
+
+def _uneven_missing(rig: LockstepRig) -> None:
+    _uneven(rig)
+    drive_causes.pdo_unsteady(rig.lockstep)
+
+
 def _silence(rig: LockstepRig) -> None:
     rig.lockstep.bus.faults.drop(towards=Towards.DRIVES)
 
@@ -209,6 +220,12 @@ SCREEN = (
 LOOP = (
     FaultCase("The host falls silent", _silence, akd.PDO_STALE, **BUS_GONE),
     FaultCase("Every period takes too long", _stall, LOOP_OVERRUN, slow=2.0),
+    FaultCase("Every other command comes late, the drives' answers in time", _uneven, None),
+    FaultCase(
+        "Every other command comes late, and half of the PDOs of drive phi are missing",
+        _uneven_missing,
+        akd.PDO_UNSTEADY,
+    ),
     FaultCase("The motor positions wrap", _wrap, None, before=True),
 )
 

@@ -256,7 +256,7 @@ class Trial:
         rig.lockstep.bus.faults.clear()
         rig.lockstep.adapter.plugged = rig.port.plugged = rig.plant.present = True
         rig.line.damage.clear()
-        rig.stall = 0.0
+        rig.stall = rig.uneven = 0.0
         rig.asked = None
         rig.line.protocol = self.case.protocol
         rig.replace_transmission(rig.plant.transmission)

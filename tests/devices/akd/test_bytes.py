@@ -1,3 +1,4 @@
+import itertools
 import math
 import struct
 from dataclasses import fields
@@ -186,20 +187,34 @@ def test_no_request_ever_resets_a_fault(now, request_):
 
 
 @pytest.mark.parametrize(
-    ("arrivals", "judged"),
+    ("arrivals", "early", "judged"),
     [
-        ((1, 1, 1), [(False, 0, 0)] * 3),
-        ((0, 2), [(True, 0, 0), (False, 1, 0)]),  # the first comes a cycle later
-        ((2,), [(False, 0, 1)]),  # nobody owed the second one
+        ((1, 1, 1), "", [(False, 0, 0)] * 3),
+        ((0, 2), "", [(True, 0, 0), (False, 1, 0)]),  # the first comes a cycle later
+        ((2,), "", [(False, 0, 1)]),  # nobody owed the second one
+        ((0, 2, 1), "1", [(False, 0, 0)] * 3),  # judged before an answer can be there: waited for
+        ((0, 1, 2), "12", [(False, 0, 0)] * 3),  # and again
+        ((0, 1), "1", [(False, 0, 0), (True, 0, 0)]),  # the one that was waited for never came
+        ((0, 0, 0), "1", [(False, 0, 0), (True, 0, 0), (True, 0, 0)]),
+        ((0, 0), "12", [(False, 0, 0), (True, 0, 0)]),  # waited for once only
+        ((0, 3), "1", [(False, 0, 0), (False, 0, 1)]),
     ],
 )
-def test_frames_are_counted_per_sync_as_regular_late_or_of_no_cycle(arrivals, judged):
+def test_frames_are_counted_per_sync_as_regular_late_or_of_no_cycle(arrivals, early, judged):
     pdo, found = PdoTracker(), []
     for cycle, count in enumerate(arrivals, 1):
         for _ in range(count):
             pdo.arrive(cycle)
-        found.append(pdo.close())
+        found.append(pdo.close(early=str(cycle) in early))
     assert found == judged
+
+
+def test_a_silent_drive_is_stale_one_cycle_later_at_most_however_its_host_is_late():
+    for early in itertools.product((False, True), repeat=12):
+        pdo = PdoTracker()
+        for each in early:
+            pdo.close(early=each)
+        assert pdo.missed >= len(early) - 1
 
 
 def test_what_is_not_confirmed_is_listed_with_its_source():

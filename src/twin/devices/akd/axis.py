@@ -2,7 +2,9 @@
 
 A PDO carries no number, so its frames are counted: every SYNC owes one. A frame too many pays a
 debt of the last cycles (late) or belongs to no SYNC at all (surplus). A PDO that lags by exactly
-one period for good looks like one that was lost once; only its first cycle shows it.
+one period for good looks like one that was lost once; only its first cycle shows it. A cycle that
+is judged sooner after its SYNC than an answer may take, because the host was late with that SYNC,
+says nothing of the drive: its frame is waited for until the next judgement.
 """
 
 from __future__ import annotations
@@ -92,28 +94,38 @@ class PdoTracker:
         self._arrived = 0
         self._owed = 0
         self._since = 0
+        self._awaited = False
 
     def arrive(self, cycle: int) -> None:
         """Count a frame that arrives after this SYNC and before the next."""
         self.cycle = cycle
         self._arrived += 1
 
-    def close(self) -> PdoCycleStats:
-        """Judge the cycle before the next SYNC is sent."""
+    def close(self, *, early: bool = False) -> PdoCycleStats:
+        """Judge the cycle before the next SYNC is sent.
+
+        Args:
+            early: Whether that is sooner after the last SYNC than an answer may take. A frame that
+                has not come yet is then waited for, once: until the next judgement.
+        """
         arrived, self._arrived = self._arrived, 0
+        due = 2 if self._awaited else 1
+        self._awaited = early and arrived == due - 1
         self._since += 1
         if self._since > _OWED_CYCLES:
             self._owed = 0
-        if not arrived:
-            self.missed += 1
-            self._owed += 1
+        lacking = due - arrived - self._awaited
+        if lacking > 0:
+            self.missed = lacking if arrived else self.missed + lacking
+            self._owed += lacking
             self._since = 0
             self.doubled = 0
             return PdoCycleStats(missing=True, late=0, surplus=0)
-        late = min(arrived - 1, self._owed)
+        late = min(max(0, arrived - due), self._owed)
         self._owed -= late
-        surplus = arrived - 1 - late
-        self.missed = 0
+        surplus = max(0, arrived - due) - late
+        if arrived:
+            self.missed = 0
         self.doubled = self.doubled + 1 if surplus else 0
         return PdoCycleStats(missing=False, late=late, surplus=surplus)
 

@@ -15,6 +15,8 @@ from twin.hal.interface import Condition
 
 _WINDOW = 50
 """Cycles over which irregular PDOs are counted."""
+ANSWER = 0.8
+"""Share of a period that a drive may take to answer a SYNC."""
 _DOUBLED = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
 
@@ -77,9 +79,9 @@ class AxisMonitor:
         self._travel = self._plate_travel = 0.0
         self._was_enabled = False
 
-    def cycle(self, at: float) -> None:
-        """Judge the cycle that ends at a time in s, before the next SYNC."""
-        self._judge_pdos(at)
+    def cycle(self, at: float, synced: float) -> None:
+        """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
+        self._judge_pdos(at, early=at - synced < ANSWER * self._config.period)
         axis = self._axis
         if at - axis.heartbeat > self._config.silence:
             silent = at - axis.heartbeat
@@ -119,12 +121,12 @@ class AxisMonitor:
         if len(self._emergencies) == self._limits.burst and at - self._emergencies[0] <= 1.0:
             self._report(c.EMERGENCY_BURST, f"{self._limits.burst} within 1 s", at)
 
-    def _judge_pdos(self, at: float) -> None:
+    def _judge_pdos(self, at: float, *, early: bool) -> None:
         axis = self._axis
         irregular, self._short = self._short, False
         doubled = True
         for name, pdo in (("TPDO1", axis.tpdo1), ("TPDO2", axis.tpdo2)):
-            stats = pdo.close()
+            stats = pdo.close(early=early)
             irregular = irregular or stats != (False, 0, 0)
             doubled = doubled and pdo.doubled >= _DOUBLED
             if stats.missing:

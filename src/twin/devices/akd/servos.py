@@ -160,7 +160,7 @@ class AkdServos:
         at = self.now()
         if self._cycle:
             for monitor in self._monitors.values():
-                monitor.cycle(at)
+                monitor.cycle(at, self._synced)
         if self._reports.stopped:
             self.quick_stop()
         for axis in self.axes:
