@@ -56,6 +56,7 @@ class HardwareRig(Rig):
 
     POWER_ON = 1.0
     """Longest time in s from the request for torque to both drives following."""
+    in_real_time = True
     MARGIN = 0.0005
     """Time in s before the end of a period at which waiting for answers ends."""
 
@@ -126,6 +127,14 @@ class HardwareRig(Rig):
         for words in self._relaxed:
             self.supervisor.report(Fault(RELAXED, "rig file", words))
         self._exchange()
+        self._start_clock()
+
+    def start(self) -> None:
+        """Let the controller move the plate from now on; time starts at zero again."""
+        self._start_clock()
+        super().start()
+
+    def _start_clock(self) -> None:
         self.clock.timing = TimingLog(self.period)
         self.clock.start()
         self.clock.timing.begin()

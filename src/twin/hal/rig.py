@@ -40,6 +40,8 @@ class Rig:
             again, to the nearest whole number of periods; 0 for every period.
     """
 
+    in_real_time = False
+    """Whether its time passes while a controller computes."""
     LEVELLING_TIME = 2.0
     """Longest time in s that leaving the rig spends on levelling the plate."""
     LEVEL = 5e-4

@@ -151,6 +151,10 @@ def drive(
     with rig:
         measurement = rig.read()
         controller.start(measurement)
+        if rig.in_real_time:
+            # a first command takes longer than a period: plans are laid, memory is touched
+            controller.command(measurement)
+            controller.start(measurement)
         rig.start()
         if begin is not None:
             measurement = begin(measurement)
