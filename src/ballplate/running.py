@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default
-from twin.errors import ScenarioError
+from twin.errors import RigError, ScenarioError
 from twin.shipped import find
 from twin.writing import check_writable, written_alone
 
@@ -259,12 +259,15 @@ def connected(
                     f"{name} {on}: {key} describes a simulated rig and changes nothing of a real "
                     "one; leave it out, or set what the rig has in its file"
                 )
-        yield connect(scenario, read_rig(Path(on)), reset=reset)
+        real = connect(scenario, read_rig(Path(on)), reset=reset)
+        _judge_computer(f"{name} {on}", scenario, reporter)
+        yield real
         return
     from twin.emulator.process import emulated
     from twin.emulator.serve import follow_changes
     from twin.run.plants import believed
 
+    _judge_computer(f"{name} {on}", scenario, reporter)
     # what a virtual rig knows of its cams is part of its scenario
     known = believed(scenario)
     with emulated(scenario) as virtual:
@@ -273,6 +276,21 @@ def connected(
         follow_changes(host, scenario, known, virtual.begin)
         yield host
         reporter.note(virtual.lag())
+
+
+def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:
+    """Say whether this computer is fast enough for a controller, before anything moves.
+
+    Raises:
+        RigError: It can keep no period.
+    """
+    from twin.run.connect import ComputingTime
+
+    time = ComputingTime.measured(scenario)
+    if time.never:
+        raise RigError(f"{where}: {time.text}, so that no period can be kept; {time.advice}")
+    if not time.enough:
+        reporter.note(f"{time.text}: may be too late now and then; {time.advice}", weighty=True)
 
 
 def tell_timing(rig: HardwareRig, reporter: Reporter) -> None:

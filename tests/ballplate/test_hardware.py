@@ -19,6 +19,7 @@ from twin.hal.interface import Severity
 from twin.hal.rig import Entry
 from twin.identify.log import read
 from twin.run import plants
+from twin.run.connect import ComputingTime
 from twin.run.finished import run
 from twin.scenario.load import load
 
@@ -48,6 +49,42 @@ def test_a_late_computer_is_told_first_where_a_condition_ended_the_run(severity,
     tell_timing(rig, heard)
     assert heard.lines[0].startswith("this computer was too late") is told
     assert heard.lines[-1] == f"0.370 s {severity}: PDOs unsteady"
+
+
+BUSY = """
+import time
+from dataclasses import dataclass
+import numpy as np
+from ballplate.laws import Law
+
+@dataclass(frozen=True, kw_only=True)
+class Busy(Law):
+    name = "busy"
+
+    def control(self, t, x, reference, q):
+        until = time.perf_counter() + 0.0025
+        while time.perf_counter() < until:
+            pass
+        return np.zeros_like(x[..., :2])
+"""
+
+
+def test_a_law_that_computes_for_longer_than_a_period_never_meets_a_rig(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "laws").mkdir()
+    (tmp_path / "laws" / "busy.py").write_text(BUSY)
+    with pytest.raises(TwinError, match=r"busy computes for 1\.\d\d .* no period can be kept"):
+        bp.run("circle", controller="busy", on="emulated")
+
+
+@pytest.mark.parametrize(
+    ("median", "worst", "enough", "never"),
+    [(0.4, 0.7, True, False), (0.4, 0.9, False, False), (0.6, 0.7, False, False), (0.9, 1, 0, 1)],
+)
+def test_a_computer_is_judged_by_what_is_left_of_a_period(median, worst, enough, never):
+    time = ComputingTime("pid", 0.002, 0.002 * median, 0.002 * worst)
+    assert (time.enough, time.never) == (enough, never)
+    assert time.text.startswith(f"pid computes for {median:.2f} of the period of 2 ms")
 
 
 @pytest.mark.parametrize(

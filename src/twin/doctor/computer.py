@@ -16,7 +16,7 @@ from twin.errors import TwinError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.run.assemble import build_limits
-from twin.run.connect import narrower
+from twin.run.connect import ComputingTime, narrower
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
@@ -31,6 +31,7 @@ OLD = 365
 def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     """Everything that can be checked without a device."""
     yield from _scheduling(scenario.rig.period)
+    yield _law(scenario)
     yield _cams(rig)
     limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
     yield passed(
@@ -52,6 +53,16 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
     )
     yield warned("to be looked at by hand", "; ".join(BY_HAND), "see docs/bring-up.md")
     yield _bus_load(rig.servos(scenario.rig.period))
+
+
+def _law(scenario: Scenario) -> CheckResult:
+    found = ComputingTime.measured(scenario)
+    what = "computing time of the law"
+    if found.enough:
+        return passed(what, f"{found.text}: will do")
+    if found.never:
+        return failed(what, f"{found.text}: will not do", found.advice)
+    return warned(what, f"{found.text}: may be too late now and then", found.advice)
 
 
 def _bus_load(drives: AkdConfig) -> CheckResult:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from math import radians
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.realtime import RealTimeClock
+from twin.devices.realtime import LatencyHistogram, RealTimeClock
 from twin.devices.rig import HardwareRig
+from twin.devices.scheduling import real_time
 from twin.hal.cams import CamTable
 from twin.hal.interface import Limits, Transmission
-from twin.run.assemble import build_limits
+from twin.run.assemble import assemble, build_limits, own_errors
 from twin.scenario.rig import RigFile
 from twin.scenario.schema import Scenario
 
@@ -49,6 +51,81 @@ def connect(
         reset=reset,
         relaxed=rig.relaxed(period),
     )
+
+
+FULL = 0.8
+"""Share of a period that a controller may take: reading, writing and recording need the rest."""
+HALF = 0.5
+"""Share above which the median leaves too little for what else a computer does."""
+
+
+class ComputingTime(NamedTuple):
+    """How long a controller computes for a period, on this computer.
+
+    Attributes:
+        law: Whose.
+        period: Control period in s.
+        median: In s.
+        worst: Exceeded by one period of a thousand, s.
+    """
+
+    law: str
+    period: float
+    median: float
+    worst: float
+
+    @classmethod
+    def measured(cls, scenario: Scenario, seconds: float = 2.0) -> ComputingTime:
+        """Run a scenario's controller on its simulated rig, with the priority of a real one.
+
+        Args:
+            scenario: Whose.
+            seconds: Simulated time, after a tenth of it.
+
+        Raises:
+            TwinError: If the scenario cannot be assembled.
+        """
+        rig, controller = assemble(scenario)
+        times, ticks = LatencyHistogram(), round(seconds / rig.period)
+        with own_errors(), real_time(), rig:
+            measurement = rig.read()
+            controller.start(measurement)
+            rig.start()
+            for tick in range(ticks + ticks // 10):
+                begin = time.perf_counter()
+                step = controller.command(measurement)
+                passed = time.perf_counter() - begin
+                rate = rig.write(step.rate)
+                begin = time.perf_counter()
+                controller.applied(rate)
+                if tick >= ticks // 10:
+                    times.add(passed + time.perf_counter() - begin)
+                rig.wait()
+                measurement = rig.read()
+        return cls(scenario.controller.kind, rig.period, times.quantile(0.5), times.quantile(0.999))
+
+    @property
+    def never(self) -> bool:
+        """Whether no run in real time can keep its periods."""
+        return self.median > FULL * self.period
+
+    @property
+    def enough(self) -> bool:
+        """Whether a run in real time can be expected to keep its periods."""
+        return self.median <= HALF * self.period and self.worst <= FULL * self.period
+
+    @property
+    def text(self) -> str:
+        """The shares of a period in words."""
+        return (
+            f"{self.law} computes for {self.median / self.period:.2f} of the period of "
+            f"{1e3 * self.period:g} ms on this computer, {self.worst / self.period:.2f} at worst"
+        )
+
+    @property
+    def advice(self) -> str:
+        """What to do where that is too much."""
+        return "close other programs, or choose a law and an observer that compute for less long"
 
 
 def cams_of(rig: RigFile) -> CamTable:
