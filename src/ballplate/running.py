@@ -272,7 +272,9 @@ def connected(
     known = believed(scenario)
     with emulated(scenario) as virtual:
         tables = check_rig(virtual.tables, EMULATED)
-        host = connect(scenario, tables, reset=reset, transmission=known)
+        host = connect(
+            scenario, tables, reset=reset, transmission=known, paused=virtual.pauses.paused
+        )
         follow_changes(host, scenario, known, virtual.begin)
         yield host
         reporter.note(virtual.lag())

@@ -110,6 +110,28 @@ def test_every_period_is_either_begun_or_counted_as_missed(work):
     assert made.timing.ticks + made.timing.missed == made.tick
 
 
+@pytest.mark.parametrize("asleep", [False, True])
+@pytest.mark.parametrize("told", [0.0, 9 * PERIOD])
+def test_a_virtual_rigs_periods_are_put_off_by_what_its_computer_paused(asleep, told):
+    made, time = clock(paused=lambda begin, end: told if end - begin > 5 * PERIOD else 0.0)
+    made.wait()
+    made.wait()
+    if asleep:
+        time.oversleep = 9 * PERIOD
+    else:
+        time.now += 9 * PERIOD
+    made.wait()
+    time.oversleep, lost = 0.0, 0 if told else 9
+    # who is late by nine periods in sleep misses the next eight
+    assert made.timing.missed == (0 if asleep else lost)
+    assert made.timing.late == (1 if asleep and lost else 0)
+    assert sum(made.timing.pauses) == told
+    assert ("paused 1 times" in made.timing.text()[-1]) is (told > 0)
+    made.wait()
+    assert made.timing.missed == lost - (asleep and lost > 0)
+    assert made.tick == 4 + made.timing.missed
+
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux's scheduling")
 
 

@@ -54,6 +54,7 @@ def timing():
 def test_the_timing_log_says_what_happened_in_numbers():
     assert timing().as_dict() == {
         "period_us": 2000,
+        "pauses_us": [],
         "ticks": 10,
         "missed": 3,
         "late": 2,

@@ -13,6 +13,7 @@ from twin.emulator.can_bus import EmulatedBus, ErrorFrames, message
 from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.can_slcan import BusServer
 from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.process import PauseWatch
 
 
 @pytest.fixture
@@ -143,3 +144,32 @@ assert not allowed or os.sched_getparam(0).sched_priority == PRIORITY
 def test_an_emulator_in_a_process_of_its_own_comes_before_ordinary_ones():
     done = subprocess.run([sys.executable, "-c", FORWARD], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()
+
+
+MS = 1e-3
+
+
+@pytest.mark.parametrize(
+    ("gaps", "paused"),
+    [
+        # both stood still from 10 on; the host comes round at 30, the emulator at 31
+        ([(0, 10, 30), (1, 10, 31)], [20, 20]),
+        ([(1, 10, 31), (0, 10, 30)], [21, 20]),
+        # one computed for long, the other came round meanwhile
+        ([(1, 28, 29), (0, 10, 30)], [0, 0]),
+        ([(0, 28, 30), (1, 10, 31)], [0, 0]),
+        # one computed from 5 on, and the computer paused from 10 to 30
+        ([(1, 10, 30), (0, 5, 30.5)], [20, 20]),
+        # a missed period is no pause
+        ([(1, 10, 14), (0, 10, 14)], [0, 0]),
+        # what the other told of an earlier one is not counted again
+        ([(0, 10, 30), (1, 10, 30), (1, 59, 60), (0, 40, 60)], [20, 20, 0, 0]),
+    ],
+)
+def test_a_pause_is_what_neither_process_had_of_the_computer(gaps, paused):
+    cells = [0.0] * 6
+    sides = [PauseWatch(cells, side) for side in (0, 1)]
+    for side in sides:
+        side.paused(9 * MS, 10 * MS)
+    found = [sides[side].paused(begin * MS, end * MS) for side, begin, end in gaps]
+    assert found == pytest.approx([each * MS for each in paused])

@@ -13,7 +13,7 @@ import twin.emulator
 from twin.cli.rig import emulate
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import SlcanPort
-from twin.emulator.process import Emulator, emulated
+from twin.emulator.process import Emulator, PauseWatch, emulated
 from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.errors import RigError
 
@@ -79,7 +79,7 @@ def test_the_command_that_needs_a_port_ends_with_that_line(monkeypatch, tmp_path
 def test_a_rig_whose_process_has_ended_says_so_in_a_line():
     ours, theirs = multiprocessing.Pipe()
     theirs.close()
-    rig = Emulator(None, ours, {})
+    rig = Emulator(None, ours, {}, PauseWatch([0.0] * 6, 0))
     rig.begin()
     assert rig.lag() == "emulated rig: its process has ended; was it killed?"
     with pytest.raises(RigError, match="has ended"):

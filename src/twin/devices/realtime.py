@@ -94,6 +94,8 @@ class TimingLog:
         self.trips = LatencyHistogram()
         """Times from a command on the bus to the last answer."""
         self.stages: dict[str, LatencyHistogram] = {}
+        self.pauses: list[float] = []
+        """How long the computer paused, s, where a virtual rig waited for it."""
         self._now = now
         self._mark = 0.0
 
@@ -134,6 +136,7 @@ class TimingLog:
             "lateness_histogram": self.lateness.counts(self.EDGES),
             "stages": {name: stage.as_dict() for name, stage in self.stages.items()},
             "round_trip": self.trips.as_dict(),
+            "pauses_us": [round(1e6 * pause) for pause in self.pauses],
         }
 
     def blame(self) -> str:
@@ -152,6 +155,11 @@ class TimingLog:
         lines += [_line(name, stage) for name, stage in self.stages.items()]
         if self.trips.number:
             lines.append(_line("bus round trip", self.trips))
+        if self.pauses:
+            lines.append(
+                f"the computer paused {len(self.pauses)} times, {1e3 * sum(self.pauses):.0f} ms in "
+                "all, while which the virtual rig's time stood still: a real rig does not wait"
+            )
         return lines
 
 
@@ -187,6 +195,16 @@ TIMING_CONDITIONS = (LOOP_OVERRUN,)
 """Every condition the clock reports."""
 
 
+Paused = Callable[[float, float], float]
+"""Of a time in which a loop did not come round, beginning and end in s: how much of it its computer
+paused, s."""
+
+
+def never(begin: float, end: float) -> float:
+    """A real rig does not wait for its computer."""
+    return 0.0
+
+
 class RealTimeClock:
     """A clock whose periods begin at fixed points of time, whatever happens in between.
 
@@ -200,6 +218,8 @@ class RealTimeClock:
         spin: Time in s before a deadline that is spent spinning.
         allowed: Late or missed periods in a row that are a fault; the default is 50 ms at 2 ms,
             just before the drives miss the heartbeat.
+        paused: Is told beginning and end, both in s of ``now``, of a time in which the loop did not
+            come round; returns for how much of it, s, a virtual rig is to wait for its computer.
         now: Clock in s.
         sleep: Sleeps for a number of s.
     """
@@ -211,6 +231,7 @@ class RealTimeClock:
         *,
         spin: float = 2e-4,
         allowed: int = 25,
+        paused: Paused = never,
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -222,6 +243,8 @@ class RealTimeClock:
         """How late the current period began, s."""
         self._spin = spin
         self._allowed = allowed
+        self._paused = paused
+        self._round = now()
         self._now = now
         self._sleep = sleep
         self._start: float | None = None
@@ -230,7 +253,7 @@ class RealTimeClock:
 
     def start(self) -> None:
         """Let the first period begin now; the first ``time`` or ``wait`` does it otherwise."""
-        self._start = self._now()
+        self._start = self._round = self._now()
         self.tick = 0
         self.lateness = 0.0
         self._row = 0
@@ -258,8 +281,8 @@ class RealTimeClock:
         """Return at the beginning of the next period that has not begun yet."""
         if self._start is None:
             self.start()
-        start = self._start or 0.0
         now = self._now()
+        start = self._waited_for(now)
         # The period that contains this moment has begun: of those in between none can be kept.
         missed = max(0, int((now - start) / self.period) - self.tick)
         self.tick += missed + 1
@@ -268,6 +291,7 @@ class RealTimeClock:
         if pause > 0:
             self._sleep(pause)
             now = self._now()
+            deadline = self._waited_for(now) + self.tick * self.period
         while now < deadline:
             now = self._now()
         self._count(now - deadline, missed)
@@ -276,6 +300,16 @@ class RealTimeClock:
         """Overruns since the last call."""
         faults, self._faults = tuple(self._faults), []
         return faults
+
+    def _waited_for(self, now: float) -> float:
+        """The start of the periods in s, put off by what the computer paused since last asked."""
+        pause = self._paused(self._round, now)
+        self._round = now
+        start = self._start or 0.0
+        if pause:
+            self._start = start = start + pause
+            self.timing.pauses.append(pause)
+        return start
 
     def _count(self, lateness: float, missed: int) -> None:
         self.lateness = lateness

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol, Self
 
-from twin.devices.realtime import LatencyHistogram
+from twin.devices.realtime import LatencyHistogram, Paused, never
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_faults import Frame
 from twin.errors import RigError
@@ -289,7 +289,8 @@ class CanPort(Protocol):
 class BusServer:
     """Pumps a port and steps its bus in real time; a context manager that does so in a thread.
 
-    Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it.
+    Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it;
+    for what ``paused`` says of it the bus's time stands still.
 
     Args:
         bus: What is emulated.
@@ -307,18 +308,21 @@ class BusServer:
         """Hold it to look at, or meddle with, several things at one time."""
         self.lag = LatencyHistogram()
         """How late the bus's time was at each round: an emulator that starves answers late."""
+        self.paused: Paused = never
         self._step = step
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
     def run(self) -> None:
         """Serve until ``stop`` is called; in the calling thread."""
-        stepped = time.monotonic()
+        stepped = before = time.monotonic()
         while not self._stop.is_set():
             self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
             with self.lock:
                 self.port.pump()
                 now = time.monotonic()
+                stepped += self.paused(before, now)
+                before = now
                 self.lag.add(max(0.0, now - stepped - self._step))
                 stepped = max(stepped, now - self.BACKLOG)
                 while stepped + self._step <= now:

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableSequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
@@ -24,6 +24,41 @@ PRIORITY = 70
 ENDED = "emulated rig: its process has ended; was it killed?"
 START = 60.0
 """Longest time in s that the process may take to start."""
+
+
+class PauseWatch:
+    """What two processes in real time know of one another, to tell when their computer paused.
+
+    One that does not come round may have computed for long. Where the other did not come round
+    either, the computer had no time for both.
+
+    Args:
+        cells: Six numbers that both share.
+        side: 0 or 1.
+    """
+
+    LONG = 0.004
+    """Time in s without coming round that may be a pause."""
+
+    def __init__(self, cells: MutableSequence[float], side: int) -> None:
+        self._cells, self._own, self._other = cells, 3 * side, 3 - 3 * side
+
+    def paused(self, begin: float, end: float) -> float:
+        """How long, s, neither loop came round; 0 where one's own did after ``LONG``.
+
+        Args:
+            begin: When one's own loop came round last, s.
+            end: Now, s.
+        """
+        cells, own = self._cells, self._own
+        cells[own] = end
+        if end - begin <= self.LONG:
+            return 0.0
+        cells[own + 1], cells[own + 2] = begin, end
+        seen, since, until = (cells[self._other + each] for each in range(3))
+        if end - seen <= self.LONG:  # the other goes on already, and has said what it missed
+            return max(0.0, min(end, until) - max(begin, since))
+        return end - max(begin, seen) if seen else 0.0
 
 
 @contextmanager
@@ -56,7 +91,9 @@ def come_forward() -> None:
         os.nice(-10)
 
 
-def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
+def _work(
+    pipe: Connection, scenario: Scenario, protocol: Protocol, cells: MutableSequence[float]
+) -> None:
     """The body of the process: serve until the pipe is closed, obeying what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
     come_forward()
@@ -67,6 +104,7 @@ def _work(pipe: Connection, scenario: Scenario, protocol: Protocol) -> None:
             return  # the host has ended meanwhile
         listener = threading.Thread(target=_listen, args=(pipe, rig), daemon=True)
         listener.start()
+        rig.server.paused = PauseWatch(cells, 1).paused
         rig.server.run()
 
 
@@ -90,12 +128,17 @@ class Emulator:
         process: The process.
         pipe: The way to it.
         tables: The rig file that a host needs.
+        pauses: Tells when the computer paused.
     """
 
     def __init__(
-        self, process: multiprocessing.context.SpawnProcess, pipe: Connection, tables: Tables
+        self,
+        process: multiprocessing.context.SpawnProcess,
+        pipe: Connection,
+        tables: Tables,
+        pauses: PauseWatch,
     ) -> None:
-        self.tables = tables
+        self.tables, self.pauses = tables, pauses
         self._process, self._pipe = process, pipe
 
     def tell(self, word: str) -> str:
@@ -138,13 +181,14 @@ def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> It
     check_pseudo_terminals()
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs, scenario, protocol), daemon=True)
+    cells = context.RawArray("d", 6)
+    process = context.Process(target=_work, args=(theirs, scenario, protocol, cells), daemon=True)
     with undisturbed(), program_left_out():
         process.start()
     theirs.close()
     try:
         with _apart(process.pid or 0):
-            yield Emulator(process, ours, _rig_file(ours))
+            yield Emulator(process, ours, _rig_file(ours), PauseWatch(cells, 0))
     finally:
         ours.close()
         process.join(2.0)

@@ -224,7 +224,7 @@ class VirtualRig:
                 "options": {"sleep_after_open": 0.0},
             },
             # A process answers less steadily than a drive does.
-            "drives": {"watch": {"unsteady": 25, "stale": 25}},
+            "drives": {"silence": 0.2, "watch": {"unsteady": 25, "stale": 25}},
             "touch": {
                 "port": str(self.screen.path),
                 "transport": "serial" if serial else "hidraw",

@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.realtime import LatencyHistogram, RealTimeClock
+from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import real_time
 from twin.hal.cams import CamTable
@@ -27,6 +27,7 @@ def connect(
     *,
     reset: bool = False,
     transmission: Transmission | None = None,
+    paused: Paused = never,
 ) -> HardwareRig:
     """The rig of a file, to run a scenario's controller on; nothing is opened yet.
 
@@ -35,6 +36,7 @@ def connect(
         rig: What is connected where.
         reset: Whether faults found in the drives are reset when they are switched on.
         transmission: Of a virtual rig that has another; that of the rig file by default.
+        paused: Tells how long this computer paused, for which a virtual rig's time stands still.
 
     Raises:
         TwinError: If the settings do not go together.
@@ -43,7 +45,7 @@ def connect(
     return HardwareRig(
         servos=AkdServos(rig.servos(period)),
         screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period, allowed=rig.late_periods),
+        clock=RealTimeClock(period, allowed=rig.late_periods, paused=paused),
         transmission=transmission or cams_of(rig),
         limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
         home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
