@@ -1,0 +1,116 @@
+"""Makes the site: every page of this folder, the commands and the Python interface, searchable.
+
+uv run python docs/build.py            # into docs/site; open docs/site/index.html
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+from sphinx.cmd.build import main as sphinx
+
+import ballplate
+
+HERE = Path(__file__).parent
+KEPT = (".md", ".png", ".svg", ".webp", ".gif")
+LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
+COMMANDS = """# Commands
+
+What `--help` says, of every command.
+
+```{eval-rst}
+.. click:: twin.cli:cli
+   :prog: ballplate
+   :nested: full
+```
+"""
+PYTHON = """# Python interface
+
+```{eval-rst}
+.. automodule:: ballplate
+```
+"""
+
+
+def source(folder: Path) -> None:
+    """Lay out what Sphinx reads: the pages, and those that are made of the program."""
+    for file in HERE.rglob("*"):
+        own = file.relative_to(HERE)
+        if file.suffix in KEPT and own.parts[0] != "site" and ".template" not in file.name:
+            target = folder / own
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if file.suffix == ".md":
+                target.write_text(within(file), encoding="utf-8")
+            else:
+                shutil.copyfile(file, target)
+    (folder / "commands.md").write_text(COMMANDS, encoding="utf-8")
+    (folder / "python.md").write_text(PYTHON + "".join(members()), encoding="utf-8")
+    index = folder / "index.md"
+    index.write_text(index.read_text(encoding="utf-8") + contents(folder), encoding="utf-8")
+
+
+def within(page: Path) -> str:
+    """A page whose links to what is no part of the site are its words alone.
+
+    Raises:
+        click.ClickException: A link leads to nothing.
+    """
+
+    def kept(match: re.Match[str]) -> str:
+        target = match[1]
+        if target.startswith(("http:", "https:", "mailto:")):
+            return match[0]
+        to = (page.parent / target).resolve()
+        made = to.name in {"commands.md", "python.md"} and to.parent == HERE
+        if not to.exists() and not made:
+            raise click.ClickException(f"{page.relative_to(HERE.parent)}: no {target}")
+        return match[0] if HERE in to.parents and (made or to.suffix in KEPT) else "]"
+
+    text = LINK.sub(kept, page.read_text(encoding="utf-8"))
+    return re.sub(r"(?<!!)\[([^\]\[]+)\](?![(\[])", lambda match: match[1], text) if False else text
+
+
+def members() -> Iterator[str]:
+    """Everything public, each documented from its docstring."""
+    for name in ballplate.__all__:
+        found = getattr(ballplate, name)
+        kind = "class" if isinstance(found, type) else "function" if callable(found) else "data"
+        more = "\n   :members:" if kind == "class" else ""
+        yield f"\n```{{eval-rst}}\n.. auto{kind}:: ballplate.{name}{more}\n```\n"
+
+
+def contents(folder: Path) -> str:
+    """The table of contents, in the order and under the headings of the index."""
+    index = (folder / "index.md").read_text(encoding="utf-8")
+    listed: set[str] = {"index.md"}
+    parts = []
+    for heading, *below in (part.split("\n") for part in index.split("\n## ")[1:]):
+        pages = [match[1] for match in LINK.finditer("\n".join(below)) if match[1].endswith(".md")]
+        pages = [page for page in dict.fromkeys(pages) if page not in listed]
+        listed |= set(pages)
+        lines = "\n".join(page.removesuffix(".md") for page in pages)
+        parts.append(f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{lines}\n```\n")
+    return "".join(parts)
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=HERE / "site")
+def main(out: Path) -> None:
+    """Make the site; a warning of any page is an error."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "pages"
+        folder.mkdir()
+        source(folder)
+        shutil.rmtree(out, ignore_errors=True)
+        options = ["-q", "-W", "--keep-going", "-c", str(HERE), "-d", f"{temporary}/trees"]
+        sys.exit(sphinx([*options, "-b", "html", str(folder), str(out)]))
+
+
+if __name__ == "__main__":
+    main()

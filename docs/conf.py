@@ -1,0 +1,16 @@
+"""How Sphinx makes the site of these pages; ``docs/build.py`` calls it."""
+
+project = "Ball and plate"
+copyright = "the ball-and-plate twin's developers, Apache-2.0"
+html_title = "Ball and plate"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
+exclude_patterns = ["**/*.template.md"]
+html_theme = "furo"
+html_static_path: list[str] = []
+html_copy_source = False
+html_show_sourcelink = False
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+highlight_language = "none"
