@@ -9,7 +9,7 @@ from twin.cli import ballplate
 
 def parsed(line):
     """The command of a line without its ``ballplate``, and what click reads of it; runs nothing."""
-    name, *words = shlex.split(line, comments=True)
+    name, *words = shlex.split(line.split(" > ")[0], comments=True)
     command = ballplate.get_command(click.Context(ballplate), name)
     assert command is not None, f"no command {name}"
     if isinstance(command, click.Group):
