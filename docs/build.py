@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +19,12 @@ import ballplate
 
 HERE = Path(__file__).parent
 KEPT = (".md", ".png", ".svg", ".webp", ".gif")
-LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
+LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
+MADE: dict[str, Callable[[], str]] = {
+    "reference-commands.md": lambda: COMMANDS,
+    "reference-python.md": lambda: PYTHON + "".join(members()),
+}
+"""Pages made of the program."""
 COMMANDS = """# Commands
 
 What `--help` says, of every command.
@@ -49,8 +54,8 @@ def source(folder: Path) -> None:
                 target.write_text(within(file), encoding="utf-8")
             else:
                 shutil.copyfile(file, target)
-    (folder / "commands.md").write_text(COMMANDS, encoding="utf-8")
-    (folder / "python.md").write_text(PYTHON + "".join(members()), encoding="utf-8")
+    for name, text in MADE.items():
+        (folder / name).write_text(text(), encoding="utf-8")
     index = folder / "index.md"
     index.write_text(index.read_text(encoding="utf-8") + contents(folder), encoding="utf-8")
 
@@ -63,17 +68,16 @@ def within(page: Path) -> str:
     """
 
     def kept(match: re.Match[str]) -> str:
-        target = match[1]
+        text, target = match[1], match[2]
         if target.startswith(("http:", "https:", "mailto:")):
             return match[0]
         to = (page.parent / target).resolve()
-        made = to.name in {"commands.md", "python.md"} and to.parent == HERE
+        made = to.parent == HERE and to.name in MADE
         if not to.exists() and not made:
             raise click.ClickException(f"{page.relative_to(HERE.parent)}: no {target}")
-        return match[0] if HERE in to.parents and (made or to.suffix in KEPT) else "]"
+        return match[0] if made or (HERE in to.parents and to.suffix in KEPT) else text
 
-    text = LINK.sub(kept, page.read_text(encoding="utf-8"))
-    return re.sub(r"(?<!!)\[([^\]\[]+)\](?![(\[])", lambda match: match[1], text) if False else text
+    return LINK.sub(kept, page.read_text(encoding="utf-8"))
 
 
 def members() -> Iterator[str]:
@@ -91,7 +95,7 @@ def contents(folder: Path) -> str:
     listed: set[str] = {"index.md"}
     parts = []
     for heading, *below in (part.split("\n") for part in index.split("\n## ")[1:]):
-        pages = [match[1] for match in LINK.finditer("\n".join(below)) if match[1].endswith(".md")]
+        pages = [match[2] for match in LINK.finditer("\n".join(below)) if match[2].endswith(".md")]
         pages = [page for page in dict.fromkeys(pages) if page not in listed]
         listed |= set(pages)
         lines = "\n".join(page.removesuffix(".md") for page in pages)

@@ -1,4 +1,4 @@
-"""The examples, and what the README shows of the package, run as they stand."""
+"""The examples, and what docs/python.md shows of the package, run as they stand."""
 
 import re
 import subprocess
@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PYTHON = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 PAGE = ROOT / "examples" / "learning.py"
 """Makes a page of the documentation, and takes its time."""
 
@@ -23,10 +23,10 @@ def test_an_example_is_a_text_notebook_of_few_lines_of_code(path):
     assert sum(bool(line) and not line.startswith("#") for line in lines) <= most
 
 
-PACKAGE, ENVIRONMENTS = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+PACKAGE, ENVIRONMENTS = re.findall(r"```py\n(.*?)```", PYTHON, re.DOTALL)
 PROGRAMS = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES if path != PAGE}
-PROGRAMS["package of the README"] = PACKAGE
-PROGRAMS["environments of the README"] = f"{ENVIRONMENTS}\nenv.reset(seed=1), envs.reset(seed=1)"
+PROGRAMS["package of the page"] = PACKAGE
+PROGRAMS["environments of the page"] = f"{ENVIRONMENTS}\nenv.reset(seed=1), envs.reset(seed=1)"
 
 
 @pytest.mark.long

@@ -1,6 +1,13 @@
 """The command line as a whole: how it begins, what it refuses, what it says meanwhile."""
 
-from twin.cli import output
+from collections import Counter
+
+import click
+import pytest
+from typed import parsed
+
+from twin.cli import COMMANDS, FIRST, GROUPS, TRY, output
+from twin.cli import ballplate as program
 
 
 def test_list_shows_every_scenario_with_its_title(ballplate):
@@ -10,10 +17,51 @@ def test_list_shows_every_scenario_with_its_title(ballplate):
     assert "Hold on the centre" in out
 
 
-def test_without_arguments_it_says_how_to_begin(ballplate):
+def every_command():
+    """Each command and each part of one, by what is typed for it."""
+    whole = click.Context(program)
+    for name in program.list_commands(whole):
+        command = program.get_command(whole, name)
+        yield name, command
+        for part in getattr(command, "commands", {}).values():
+            yield f"{name} {part.name}", part
+
+
+EVERY = dict(every_command())
+
+
+def test_without_arguments_it_says_three_things_to_try(ballplate):
     code, out, _ = ballplate()
-    assert code == 0
-    assert "ballplate run circle" in out
+    assert (code, out) == (0, f"{TRY}\n")
+    tried = [line[2:].split("  ")[0] for line in TRY.splitlines() if line.startswith("  ")]
+    assert [parsed(each.removeprefix("ballplate "))[0].name for each in tried] == [
+        "run",
+        "explain",
+        "new",
+    ]
+
+
+def test_every_command_is_in_one_group_and_the_most_used_stand_first(ballplate):
+    counts = Counter(name for names in GROUPS.values() for name in names)
+    assert counts == dict.fromkeys(COMMANDS, 1)
+    assert len(set(FIRST)) == 8
+    _, out, _ = ballplate("--help")
+    first, rest = out.split("Options:")
+    assert [line.split()[1] for line in first.splitlines() if "  ballplate " in line] == [*FIRST]
+    titles = [line.removesuffix(":") for line in rest.splitlines() if line[:1].isupper()]
+    assert titles == [*GROUPS]
+    listed = [line.split()[0] for line in rest.splitlines() if line[:3].strip().isalpha()]
+    assert [name for name in listed if name in COMMANDS] == [*COMMANDS]
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_help_of_a_command_begins_with_an_example_that_can_be_typed(ballplate, name):
+    command = EVERY[name]
+    _, out, _ = ballplate(*name.split(), "--help")
+    assert out.splitlines()[0] == f"Example: ballplate {command.example}"
+    assert len(out.splitlines()[0]) <= 80
+    meant = EVERY[name + " cams"] if name == "calibrate" else command
+    assert parsed(command.example)[0] is meant
 
 
 def test_progress_says_share_rate_and_time_left(monkeypatch):

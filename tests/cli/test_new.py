@@ -19,7 +19,7 @@ from twin.scenario import load
 from twin.study import schema
 from twin.study.work import sources
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "law.md").read_text(encoding="utf-8")
 SHORT = ("plant.kind=lagrange", "duration=0.1", "metrics.start=0")
 BASES = {"law": Law, "observer": Observer, "reference": Reference}
 TABLES = {"law": "controller", "observer": "observer", "reference": "reference"}
@@ -50,9 +50,9 @@ def new(ballplate):
     return call
 
 
-def test_the_law_it_writes_is_that_of_the_readme(new):
+def test_the_law_it_writes_is_that_of_the_page_about_laws(new):
     new("law", "cascade")
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert Path("laws/cascade.py").read_text(encoding="utf-8") == code
 
 

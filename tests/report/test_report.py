@@ -173,7 +173,7 @@ def test_a_fault_of_a_late_computer_is_put_down_to_it_first():
 
     assert told(0.003, metrics) == (
         "This computer was too late, not the rig: 50 of 50 periods were late or missed, one by "
-        "3 ms; close other programs, or allow real-time priority (README), and run it again. "
+        "3 ms; close other programs, or allow real-time priority (docs/wire.md), and run it again. "
         "A device failed after 3.706 s: PDOs unsteady."
     )
     assert told(0.0001, metrics) == "A device failed after 3.706 s: PDOs unsteady."

@@ -10,42 +10,79 @@ import warnings
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twin.errors import LawError, TwinError, shortened
 from twin.installation import problem
 
-COMMANDS = {
-    "list": "twin.cli.runs:list_scenarios",
-    "describe": "twin.cli.describe:describe",
-    "new": "twin.cli.describe:new",
-    "run": "twin.cli.runs:run",
-    "compare": "twin.cli.runs:compare",
-    "sweep": "twin.cli.runs:sweep",
-    "play": "twin.cli.rig:play",
-    "view": "twin.cli.look:view",
-    "report": "twin.cli.look:report",
-    "export": "twin.cli.look:export",
-    "whatif": "twin.cli.understand:whatif",
-    "reproduce": "twin.cli.analyse:reproduce",
-    "explain": "twin.cli.understand:explain",
-    "identify": "twin.cli.understand:identify",
-    "shadow": "twin.cli.understand:shadow",
-    "fit": "twin.cli.understand:fit",
-    "study": "twin.cli.studies:study",
-    "tune": "twin.cli.studies:tune",
-    "doctor": "twin.cli.rig:doctor",
-    "emulate": "twin.cli.rig:emulate",
-    "safety": "twin.cli.rig:safety",
-    "analyse": "twin.cli.analyse:analyse",
-    "calibrate": "twin.cli.calibrate:calibrate",
-    "completion": "twin.cli.options:completion",
+if TYPE_CHECKING:
+    from twin.cli.options import Command
+
+GROUPS = {
+    "Run": {
+        "list": "twin.cli.runs:list_scenarios",
+        "describe": "twin.cli.describe:describe",
+        "run": "twin.cli.runs:run",
+        "compare": "twin.cli.runs:compare",
+        "sweep": "twin.cli.runs:sweep",
+        "play": "twin.cli.rig:play",
+    },
+    "See": {
+        "view": "twin.cli.look:view",
+        "report": "twin.cli.look:report",
+        "export": "twin.cli.look:export",
+    },
+    "Understand": {
+        "explain": "twin.cli.understand:explain",
+        "study": "twin.cli.studies:study",
+        "whatif": "twin.cli.understand:whatif",
+        "analyse": "twin.cli.analyse:analyse",
+        "reproduce": "twin.cli.analyse:reproduce",
+    },
+    "Tune controller or twin": {
+        "tune": "twin.cli.studies:tune",
+        "identify": "twin.cli.understand:identify",
+        "fit": "twin.cli.understand:fit",
+    },
+    "The rig": {
+        "doctor": "twin.cli.rig:doctor",
+        "calibrate": "twin.cli.calibrate:calibrate",
+        "shadow": "twin.cli.understand:shadow",
+        "emulate": "twin.cli.rig:emulate",
+        "safety": "twin.cli.rig:safety",
+    },
+    "Develop": {
+        "new": "twin.cli.describe:new",
+        "completion": "twin.cli.options:completion",
+    },
 }
+"""What a person wants, to the commands for it and where they are defined."""
+
+COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}
 """Command name to where it is defined; imported only when called, to start fast."""
+
+FIRST = ("run", "compare", "explain", "sweep", "new", "report", "view", "describe")
+"""The commands that are used most, in this order: the help begins with an example of each."""
+
+TRY = """Three things to try:
+
+  ballplate run circle      a ball on a circle: what the rig would do, beside the clean model
+  ballplate explain circle  why the first is so much worse than the second
+  ballplate new law mine    your own controller, in one file
+
+All commands: ballplate --help"""
+"""What is said where no command is given."""
 
 LONGEST_LINE = 1000
 """Characters of a message: what it quotes may be of any length."""
+
+
+def _command(name: str) -> Command:
+    module, _, place = COMMANDS[name].partition(":")
+    command: Command = getattr(import_module(module), place)
+    return command
 
 
 class Commands(click.Group):
@@ -59,20 +96,37 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of a name."""
         del ctx
-        if cmd_name not in COMMANDS:
-            return None
-        module, _, name = COMMANDS[cmd_name].partition(":")
-        command: click.Command = getattr(import_module(module), name)
-        return command
+        return _command(cmd_name) if cmd_name in COMMANDS else None
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what this is, and an example of each command that is used most."""
+        super().format_help_text(ctx, formatter)
+        with formatter.section("Most used"):
+            for name in FIRST:
+                formatter.write_text(f"ballplate {_command(name).example}")
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write all commands by what a person wants."""
+        limit = formatter.width - 4 - max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            commands = {name: _command(name) for name in names}
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(name, each.get_short_help_str(limit)) for name, each in commands.items()]
+                )
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="ballplate", prog_name="ballplate")
-def ballplate() -> None:
-    """A digital twin of a cam-driven ball-and-plate rig.
-
-    Start with: ballplate run circle
-    """
+@click.pass_context
+def ballplate(context: click.Context) -> None:
+    """A digital twin of a cam-driven ball-and-plate rig."""
+    if context.invoked_subcommand is None:
+        click.echo(TRY)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SETTING
+from twin.cli.options import JSON, LAW, PROCESSES, SETTING, Command
 from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
 from twin.page import Table
@@ -33,7 +33,7 @@ CUTS = {
 TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' and the like"}
 
 
-@click.command()
+@click.command(cls=Command, example="analyse circle --set controller.kind=lqr")
 @click.argument("scenario", default="sine", shell_complete=tab.scenarios)
 @LAW
 @SETTING
@@ -183,7 +183,7 @@ def _shown(value: float | None, scale: float = 1.0) -> str:
     return "∞" if value is None else f"{scale * value:.3g}"
 
 
-@click.command()
+@click.command(cls=Command, example="reproduce 8.1 8.4")
 @click.argument("tables", nargs=-1, metavar="[TABLE]...")
 @PROCESSES
 @JSON

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING
+from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING, Command, Group
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
@@ -39,7 +39,9 @@ def _turned(
         yield file, AkdServos(file.servos(0.002)), advance
 
 
-@click.command("lost-motion")
+@click.command(
+    "lost-motion", cls=Command, example="calibrate lost-motion --set plant.servo.backlash_deg=0.44"
+)
 @EMPTY_RIG
 @click.option(
     "--amplitude",
@@ -91,7 +93,7 @@ def lost_motion(
     show([each.as_dict() for each in found], as_json, told)
 
 
-@click.command()
+@click.command(cls=Command, example="calibrate touch --out touch-of-rig.json")
 @EMPTY_RIG
 @click.option(
     "--at",
@@ -165,7 +167,7 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
-@click.group()
+@click.group(cls=Group, example="calibrate cams --check")
 def calibrate() -> None:
     """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
 
@@ -174,7 +176,7 @@ calibrate.add_command(touch)
 calibrate.add_command(lost_motion)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command, example="calibrate cams --check")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -249,7 +251,7 @@ def cams(
     show({"table": named, "residual": left, "resonance": ringing}, as_json, shown)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command, example="calibrate level runs/excite")
 @click.argument("log", type=click.Path(path_type=Path))
 @JSON
 def level(log: Path, *, as_json: bool) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW
+from twin.cli.options import JSON, LAW, Command
 from twin.cli.output import Shown, bold, console, show
 from twin.errors import ScenarioError
 
@@ -25,7 +25,7 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 """What lists all of a kind, and the table of a scenario that names one."""
 
 
-@click.command()
+@click.command(cls=Command, example="describe plant.friction")
 @click.argument(
     "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
 )
@@ -107,7 +107,7 @@ STARTS = {
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
-@click.command()
+@click.command(cls=Command, example="new law mine --like pid")
 @click.argument("kind", type=click.Choice(list(STARTS)))
 @click.argument("name")
 @click.option(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import AGAINST, SERVE, SETTING
+from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
 from twin.cli.output import console, warn
 from twin.errors import RecordError, TwinError, ViewError
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from twin.run.finished import Run
 
 
-@click.command()
+@click.command(cls=Command, example="view runs/circle")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
@@ -140,7 +140,7 @@ class Formats(click.ParamType[tuple[str, ...]]):
         return names
 
 
-@click.command()
+@click.command(cls=Command, example="report runs/circle --format html,png")
 @click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=tab.runs)
 @AGAINST
 @SETTING
@@ -184,7 +184,7 @@ def _write(path: Path, content: bytes) -> None:
     write_whole(path, lambda target: target.write_bytes(content))
 
 
-@click.command()
+@click.command(cls=Command, example="export runs/circle circle.mat")
 @click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(

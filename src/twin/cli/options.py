@@ -29,10 +29,31 @@ if TYPE_CHECKING:
     from twin.view.viewer import Opened
 
 
+class Command(click.Command):
+    """A command whose help begins with an example that works.
+
+    Args:
+        example: What is typed after ``ballplate``; other arguments are those of click.
+    """
+
+    def __init__(self, *given: Any, example: str, **more: Any) -> None:
+        super().__init__(*given, **more)
+        self.example = example
+
+    def format_usage(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the example, then how the command is called."""
+        formatter.write(f"Example: ballplate {self.example}\n\n")
+        super().format_usage(ctx, formatter)
+
+
+class Group(Command, click.Group):
+    """A command of several, whose help begins with an example, too."""
+
+
 VARIABLE = "_BALLPLATE_COMPLETE"
 
 
-@click.command()
+@click.command(cls=Command, example="completion bash")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(context: click.Context, shell: str) -> int:

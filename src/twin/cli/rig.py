@@ -20,6 +20,7 @@ from twin.cli.options import (
     PLANT,
     PROCESSES,
     SETTING,
+    Command,
     load_scenario,
     with_plant,
 )
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
 
 
-@click.command()
+@click.command(cls=Command, example="doctor --rig emulated")
 @click.option(
     "--rig",
     metavar="FILE",
@@ -136,7 +137,7 @@ def request(word: str) -> str:
     return "lift the ball or the finger off"
 
 
-@click.command()
+@click.command(cls=Command, example="emulate circle --write rig.toml")
 @click.argument("scenario", default="circle", shell_complete=tab.scenarios)
 @SETTING
 @click.option(
@@ -201,7 +202,7 @@ def _listen(rig: VirtualRig) -> None:
             console.print(rig.obey(line.strip()))
 
 
-@click.command()
+@click.command(cls=Command, example="safety --doc safety.md")
 @click.option(
     "--doc",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -243,7 +244,7 @@ def _table(rows: list[FaultRow]) -> Table:
 PORT = 8090
 
 
-@click.command()
+@click.command(cls=Command, example="play circle")
 @click.argument("scenario", default="hold", shell_complete=tab.scenarios)
 @LAW
 @SETTING

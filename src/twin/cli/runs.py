@@ -23,6 +23,7 @@ from twin.cli.options import (
     SETTING,
     VARY,
     VIEWING,
+    Command,
     Viewing,
     load_scenario,
     with_plant,
@@ -49,14 +50,14 @@ if TYPE_CHECKING:
     from twin.shadow.examine import Examined
 
 
-@click.command("list")
+@click.command("list", cls=Command, example="list")
 @JSON
 def list_scenarios(*, as_json: bool) -> None:
     """List the scenarios that can be run by name."""
     show_titles(scenarios(), as_json=as_json)
 
 
-@click.command()
+@click.command(cls=Command, example="run circle --beside cure")
 @click.argument("scenario", shell_complete=tab.scenarios)
 @LAW
 @SETTING
@@ -154,7 +155,7 @@ def _examined(folder: Path) -> Examined | None:
         return None
 
 
-@click.command()
+@click.command(cls=Command, example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
 @click.argument("sources", nargs=-1, required=True, shell_complete=tab.sources)
 @LAW
 @SETTING
@@ -222,7 +223,7 @@ def compare(
     return int(found.interrupted or any(early))
 
 
-@click.command()
+@click.command(cls=Command, example="sweep circle plant.friction.rolling_mm=0:0.5:6")
 @click.argument("scenario", shell_complete=tab.scenarios)
 @click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
 @LAW

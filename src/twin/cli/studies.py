@@ -11,7 +11,7 @@ from rich.filesize import decimal
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING, Command
 from twin.cli.output import Terminal, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
@@ -29,7 +29,7 @@ BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
 
 
-@click.command()
+@click.command(cls=Command, example="study friction --plan")
 @click.argument("study", required=False, shell_complete=tab.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
@@ -149,7 +149,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     }
 
 
-@click.command()
+@click.command(cls=Command, example="tune afl --plan")
 @click.argument("tune", required=False)
 @SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING
+from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING, Command
 from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from twin.explain.attribution import EffectCase, Explanation
 
 
-@click.command()
+@click.command(cls=Command, example="explain circle")
 @click.argument("scenario", shell_complete=tab.scenarios)
 @LAW
 @SETTING
@@ -118,7 +118,7 @@ def _effects(found: Explanation) -> Iterator[Shown]:
 PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
-@click.command()
+@click.command(cls=Command, example="identify runs/excite")
 @click.argument("log", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
 @click.option(
@@ -162,7 +162,7 @@ def identify(
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
 
 
-@click.command()
+@click.command(cls=Command, example="fit friction_of_two_series")
 @click.argument("table", required=False)
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
 @PROCESSES
@@ -216,7 +216,7 @@ def fit(
 HORIZON = click.Choice(["0.5", "1", "2"])
 
 
-@click.command()
+@click.command(cls=Command, example="shadow runs/circle")
 @click.argument("log", type=click.Path(path_type=Path))
 @SETTING
 @click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
@@ -259,7 +259,7 @@ def shadow(
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
 
 
-@click.command()
+@click.command(cls=Command, example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")

@@ -174,7 +174,8 @@ def blamed(ledger: Mapping[str, Any]) -> str:
     worst = f", one by {1e-3 * longest:.0f} ms" if longest > LATE * ledger["period_us"] else ""
     return (
         f"this computer was too late, not the rig: {slow} of {due} periods were late or missed"
-        f"{worst}; close other programs, or allow real-time priority (README), and run it again"
+        f"{worst}; close other programs, or allow real-time priority (docs/wire.md), and run it "
+        "again"
     )
 
 
