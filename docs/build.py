@@ -30,7 +30,7 @@ COMMANDS = """# Commands
 What `--help` says, of every command.
 
 ```{eval-rst}
-.. click:: twin.cli:cli
+.. click:: twin.cli:ballplate
    :prog: ballplate
    :nested: full
 ```

@@ -56,6 +56,7 @@ GROUPS = {
     "Develop": {
         "new": "twin.cli.describe:new",
         "completion": "twin.cli.options:completion",
+        "docs": "twin.cli.look:docs",
     },
 }
 """What a person wants, to the commands for it and where they are defined."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
 from twin.cli.output import console, warn
 from twin.errors import RecordError, TwinError, ViewError
+from twin.paths import model_path
 from twin.run.files import run_folder
 
 if TYPE_CHECKING:
@@ -212,4 +214,16 @@ def export(run: Path, file: Path, every: int, columns: str | None) -> int:
     write(file, {name: opened.rows[name][::every] for name in names}, opened.units)
     rows = len(opened.rows["time"][::every])
     console.print(f"written to {file}: {rows} rows of {len(names)} columns")
+    return 0
+
+
+@click.command(cls=Command, example="docs")
+def docs() -> int:
+    """Open the pages about all this in a browser, from this machine's disk."""
+    index = model_path("").parent / "docs" / "site" / "index.html"
+    if not index.exists():
+        where = "in a checkout of the project: uv run python docs/build.py"
+        raise TwinError(f"docs: the pages have not been made here; {where}")
+    webbrowser.open(index.as_uri())
+    console.print(index.as_uri(), soft_wrap=True)
     return 0
