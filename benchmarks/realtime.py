@@ -54,7 +54,7 @@ def main(wire: int) -> None:
             late = ledger["lateness"]
             click.echo(
                 f"{scenario} {number + 1}: {run.outcome.ending}, simulated {simulated:.2f} %, "
-                f"missed {ledger['missed']}, late p99 {late['p99_us']} us, max {late['max_us']} us, "
+                f"missed {ledger['missed']}, late p99 {late['p99_us']} us, most {late['max_us']}, "
                 f"pauses {len(ledger['pauses_us'])} {run.outcome.reason} {blamed(ledger)}"
             )
 

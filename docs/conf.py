@@ -1,7 +1,7 @@
 """How Sphinx makes the site of these pages; ``docs/build.py`` calls it."""
 
 project = "Ball and plate"
-copyright = "the ball-and-plate twin's developers, Apache-2.0"
+project_copyright = "the ball-and-plate twin's developers, Apache-2.0"
 html_title = "Ball and plate"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
 exclude_patterns = ["**/*.template.md"]

@@ -1,4 +1,6 @@
-"""A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks::
+"""A digital twin of a cam-driven ball-and-plate rig, for scripts and notebooks.
+
+::
 
     import ballplate as bp
 

@@ -307,7 +307,9 @@ GIVEN = ("t", "x", "reference")
 
 
 def law(function: Callable[..., Any]) -> type[Law]:
-    """A law that commands what a function gives::
+    """A law that commands what a function gives.
+
+    ::
 
         @bp.law
         def pd(t, x, reference, *, kp=6.0, kd=5.0):
