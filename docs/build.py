@@ -1,6 +1,6 @@
 """Makes the site: every page of this folder, the commands and the Python interface, searchable.
 
-uv run python docs/build.py            # into docs/site; open docs/site/index.html
+uv run python docs/build.py            # into site/; ballplate docs opens it
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import ballplate
 HERE = Path(__file__).parent
 KEPT = (".md", ".png", ".svg", ".webp", ".gif")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
-MADE: dict[str, Callable[[], str]] = {
-    "reference-commands.md": lambda: COMMANDS,
-    "reference-python.md": lambda: PYTHON + "".join(members()),
+MADE: dict[str, tuple[str, Callable[[], str]]] = {
+    "reference-commands.md": ("Every command", lambda: COMMANDS),
+    "reference-python.md": ("The Python interface", lambda: PYTHON + "".join(members())),
 }
-"""Pages made of the program."""
+"""Pages made of the program: file, title, text."""
 COMMANDS = """# Commands
 
 What `--help` says, of every command.
@@ -47,14 +47,14 @@ def source(folder: Path) -> None:
     """Lay out what Sphinx reads: the pages, and those that are made of the program."""
     for file in HERE.rglob("*"):
         own = file.relative_to(HERE)
-        if file.suffix in KEPT and own.parts[0] != "site" and ".template" not in file.name:
+        if file.suffix in KEPT and ".template" not in file.name:
             target = folder / own
             target.parent.mkdir(parents=True, exist_ok=True)
             if file.suffix == ".md":
                 target.write_text(within(file), encoding="utf-8")
             else:
                 shutil.copyfile(file, target)
-    for name, text in MADE.items():
+    for name, (_, text) in MADE.items():
         (folder / name).write_text(text(), encoding="utf-8")
     index = folder / "index.md"
     index.write_text(index.read_text(encoding="utf-8") + contents(folder), encoding="utf-8")
@@ -72,10 +72,9 @@ def within(page: Path) -> str:
         if target.startswith(("http:", "https:", "mailto:")):
             return match[0]
         to = (page.parent / target).resolve()
-        made = to.parent == HERE and to.name in MADE
-        if not to.exists() and not made:
+        if not to.exists():
             raise click.ClickException(f"{page.relative_to(HERE.parent)}: no {target}")
-        return match[0] if made or (HERE in to.parents and to.suffix in KEPT) else text
+        return match[0] if HERE in to.parents and to.suffix in KEPT else text
 
     return LINK.sub(kept, page.read_text(encoding="utf-8"))
 
@@ -93,18 +92,19 @@ def contents(folder: Path) -> str:
     """The table of contents, in the order and under the headings of the index."""
     index = (folder / "index.md").read_text(encoding="utf-8")
     listed: set[str] = {"index.md"}
-    parts = []
+    parts = [f"- [{title}]({name})\n" for name, (title, _) in MADE.items()]
     for heading, *below in (part.split("\n") for part in index.split("\n## ")[1:]):
         pages = [match[2] for match in LINK.finditer("\n".join(below)) if match[2].endswith(".md")]
         pages = [page for page in dict.fromkeys(pages) if page not in listed]
         listed |= set(pages)
+        pages += [*MADE] if heading == "Reference" else []
         lines = "\n".join(page.removesuffix(".md") for page in pages)
         parts.append(f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n{lines}\n```\n")
     return "".join(parts)
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=HERE / "site")
+@click.option("--out", type=click.Path(path_type=Path), default=HERE.parent / "site")
 def main(out: Path) -> None:
     """Make the site; a warning of any page is an error."""
     with TemporaryDirectory() as temporary:

@@ -68,6 +68,8 @@ WRITTEN = {
     "wire.md",
     "thesis.md",
     "installation.md",
+    "build.py",
+    "conf.py",
 }
 COMMAND = re.compile(r"^(?:\$ | {4})?(?:uv run )?ballplate ([a-z].*)$", re.MULTILINE)
 SMOOTH = "plant.friction.rolling_mm=0"
@@ -348,7 +350,7 @@ def test_every_command_that_a_page_shows_can_be_typed():
     for page in PAGES:
         for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
             try:
-                parsed(line)
+                parsed(ballplate, line)
             except (click.ClickException, AssertionError) as error:
                 pytest.fail(f"{page.name}: {line}: {error}")
 

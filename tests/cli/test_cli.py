@@ -34,7 +34,7 @@ def test_without_arguments_it_says_three_things_to_try(ballplate):
     code, out, _ = ballplate()
     assert (code, out) == (0, f"{TRY}\n")
     tried = [line[2:].split("  ")[0] for line in TRY.splitlines() if line.startswith("  ")]
-    assert [parsed(each.removeprefix("ballplate "))[0].name for each in tried] == [
+    assert [parsed(program, each.removeprefix("ballplate "))[0].name for each in tried] == [
         "run",
         "explain",
         "new",
@@ -61,7 +61,7 @@ def test_the_help_of_a_command_begins_with_an_example_that_can_be_typed(ballplat
     assert out.splitlines()[0] == f"Example: ballplate {command.example}"
     assert len(out.splitlines()[0]) <= 80
     meant = EVERY[name + " cams"] if name == "calibrate" else command
-    assert parsed(command.example)[0] is meant
+    assert parsed(program, command.example)[0] is meant
 
 
 def test_progress_says_share_rate_and_time_left(monkeypatch):

@@ -4,11 +4,9 @@ import shlex
 
 import click
 
-from twin.cli import ballplate
 
-
-def parsed(line):
-    """The command of a line without its ``ballplate``, and what click reads of it; runs nothing."""
+def parsed(ballplate, line):
+    """The command of a line of that group, and what click reads of it; runs nothing."""
     name, *words = shlex.split(line.split(" > ")[0], comments=True)
     command = ballplate.get_command(click.Context(ballplate), name)
     assert command is not None, f"no command {name}"

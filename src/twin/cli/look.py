@@ -220,7 +220,7 @@ def export(run: Path, file: Path, every: int, columns: str | None) -> int:
 @click.command(cls=Command, example="docs")
 def docs() -> int:
     """Open the pages about all this in a browser, from this machine's disk."""
-    index = model_path("").parent / "docs" / "site" / "index.html"
+    index = model_path().parents[1] / "site" / "index.html"
     if not index.exists():
         where = "in a checkout of the project: uv run python docs/build.py"
         raise TwinError(f"docs: the pages have not been made here; {where}")
