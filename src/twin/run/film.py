@@ -39,8 +39,8 @@ BALL = 0.02
 """Radius of the ball in m, as drawn."""
 RINGS = (1.0, 0.74, 0.5, 0.87, 0.62)
 """Radii of the further runs' rings as shares of that: of balls in one place all are seen."""
-TRAIL, TONES, BETWEEN = 36, 9, 2
-"""Frames that a trail is long, tones in which it fades, points of it for each frame."""
+TRAIL, TONES = 36, 9
+"""Frames that a trail is long, tones in which it fades."""
 FACTORS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60)
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES, MOST_FPS = 2000, 50
@@ -120,8 +120,7 @@ class Actor:
         goal: Its reference in m, shape (N, 2).
         tilt: Plate angles phi, theta in rad, shape (N, 2).
         error: Distance from the reference in mm, shape (N,).
-        way: Ball in m at times ``BETWEEN`` of which lie between two frames; those of the trail of
-            the first frame come first, shape (BETWEEN * (N - 1 + TRAIL) + 1, 2).
+        way: The same after what the first frame's trail needs, shape (TRAIL + N, 2).
         gone: Where the ball was last seen if it left the plate, in m, and when, in s.
     """
 
@@ -130,8 +129,7 @@ class Actor:
         self.colour = ink.mix(ink.BLACK, ImageColor.getrgb(COLOURS[index])[:3], 1)
         motion = run.motion
         step = (times[-1] - times[0]) / max(1, len(times) - 1)
-        before = BETWEEN * TRAIL
-        dense = times[0] + step / BETWEEN * np.arange(-before, BETWEEN * (len(times) - 1) + 1)
+        before = times[0] - step * np.arange(TRAIL, 0, -1)
         # the last instant of a run is one of the frames, whatever their rounding
         last = motion.time[-1] + 1e-9
 
@@ -142,7 +140,8 @@ class Actor:
             ]
             return np.stack(right, axis=1)
 
-        self.ball, self.way = at(motion.ball, times), at(motion.ball, dense)
+        self.way = at(motion.ball, np.concatenate((before, times)))
+        self.ball = self.way[TRAIL:]
         self.goal, self.tilt = at(motion.reference, times), at(motion.plate, times)
         self.error = 1000 * np.hypot(*(self.goal - self.ball).T)
         left = run.outcome in LEFT
@@ -207,6 +206,12 @@ class Film:
         self.size = (cut.size, round((strip + STRIP + LINE + GAP) * self._scale))
         errors = np.concatenate([each.error for each in self._actors])
         self._top = _above(float(errors[np.isfinite(errors)].max(initial=0.1)))
+        left, top, right, bottom = self._strip
+        across = np.linspace(left, right, self.count)
+        self._curves = [
+            np.stack((across, bottom - (bottom - top) * each.error / self._top), axis=1)
+            for each in self._actors
+        ]
         tilts = np.abs(self._actors[0].tilt)
         steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
         room = (SIDE / 2 - 8) / (PLATE / 2)
@@ -221,8 +226,8 @@ class Film:
         blank, colours = base.reduce(ink.FINE), ink.palette([each.colour for each in self._actors])
         self._letter(ink.Pen(blank, self._scale))
         for k in range(self.count):
-            for each in self._actors:
-                still.line(self._curve(each)[max(0, k - 1) : k + 1], each.colour, 2)
+            for each, curve in zip(self._actors, self._curves, strict=True):
+                still.line(curve[max(0, k - 1) : k + 1], each.colour, 2)
             frame = blank.copy()
             for edges, play in self._windows:
                 left, top = (math.floor(edge * self._scale) for edge in edges[:2])
@@ -271,13 +276,6 @@ class Film:
             return np.stack((x + u * cos + above * sin, y + 4 + u * sin - above * cos), axis=1)
         return np.stack((x + 4 - u * sin - above * cos, y - u * cos + above * sin), axis=1)
 
-    def _curve(self, actor: Actor) -> Array:
-        """The error of a run as points of its strip, shape (N, 2)."""
-        left, top, right, bottom = self._strip
-        whole = max(self.times[-1] - self.times[0], 1e-9)
-        across = left + (right - left) * (self.times - self.times[0]) / whole
-        return np.stack((across, bottom - (bottom - top) * actor.error / self._top), axis=1)
-
     def _set(self, pen: ink.Pen) -> None:
         """Draw what does not move."""
         pen.box(self._plate, ink.GROUND, ink.RIM, 7)
@@ -298,8 +296,8 @@ class Film:
         for level in LEVELS:
             y = bottom - level * (bottom - top)
             pen.line(np.array(((left, y), (right, y))), ink.FAINT, 1)
-        for actor, at in zip(self._actors, self._entries, strict=True):
-            pen.line(self._curve(actor), ink.mix(actor.colour, ink.GROUND, 0.72), 1.4)
+        for actor, at, curve in zip(self._actors, self._entries, self._curves, strict=True):
+            pen.line(curve, ink.mix(actor.colour, ink.GROUND, 0.72), 1.4)
             self._mark(pen, actor, np.array((at[0] + 11, at[1] + 16)), 9)
 
     def _mark(self, pen: ink.Pen, actor: Actor, at: Array, radius: float) -> None:
@@ -322,8 +320,8 @@ class Film:
         """Draw balls, trails and reference of frame ``k``."""
         main = self._actors[0]
         for actor in self._actors:
-            trail = self.at(actor.way[BETWEEN * k : BETWEEN * (k + TRAIL) + 1])
-            length = BETWEEN * TRAIL // TONES
+            trail = self.at(actor.way[k : k + TRAIL + 1])
+            length = TRAIL // TONES
             for tone in range(TONES):
                 old = 1 - (tone + 1) / TONES
                 colour = ink.mix(actor.colour, ink.GROUND, 0.15 + 0.85 * old)
@@ -359,9 +357,9 @@ class Film:
 
     def _play_strip(self, pen: ink.Pen, k: int) -> None:
         """Draw where the errors are in frame ``k``."""
-        for actor in self._actors:
-            if np.isfinite(actor.error[k]):
-                pen.disc(self._curve(actor)[k], self._width(actor, 3.6), actor.colour)
+        for actor, curve in zip(self._actors, self._curves, strict=True):
+            if np.isfinite(curve[k]).all():
+                pen.disc(curve[k], self._width(actor, 3.6), actor.colour)
 
     def _letter(self, pen: ink.Pen) -> None:
         """Write what stays."""
