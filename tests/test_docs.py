@@ -31,6 +31,7 @@ WRITTEN = {
     "whatif.md",
     "regenerate.py",
     "regenerate.toml",
+    "moving.py",
     "play_picture.py",
     "screenshots.py",
     "settings.py",

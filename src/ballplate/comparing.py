@@ -210,7 +210,7 @@ def compare(
     base, varied = changes_of(settings, changes), varied_of(vary or {})
     opened = _opened(sources, folders, report)
     recorded, fitted = measured(logs, names, opened, base)
-    finished = _labelled([*map(Result.from_run, recorded), *opened])
+    finished = labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     title = title_of(names, cases, finished, varied, [each.text for each in base])
     folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
@@ -348,7 +348,7 @@ def title_of(
     return comparison(what, varied, changed)
 
 
-def _labelled(finished: Sequence[Result]) -> dict[str, Result]:
+def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles."""
     names = [each.name for each in finished]
     found: dict[str, Result] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballplate.reporter import overview, showable
+from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
 from twin.run.finished import Run
 
@@ -99,6 +99,45 @@ class Result(Run):
         write_whole(Path(file), lambda target: target.write_text(text, encoding="utf-8"))
         return Path(file)
 
+    def export(
+        self,
+        file: str | Path,
+        *,
+        fps: int = 20,
+        since: float | None = None,
+        until: float | None = None,
+        seconds: float | None = None,
+        size: int = 600,
+        reporter: Reporter | None = None,
+    ) -> Path:
+        """Write the signals for other programs, or the runs of its picture as one that moves.
+
+        Args:
+            file: Its ending says how: ``.csv``, ``.mat`` or ``.parquet``; of a moving picture
+                ``.webp``, ``.gif``, ``.apng``, or none for a new folder of its frames.
+            fps: Frames of the moving picture a second.
+            since: Time of the run at which it begins, s; the first one by default.
+            until: Time at which it ends, s; the last one by default.
+            seconds: How long it lasts, s; as long as what it shows by default.
+            size: Its width in pixels.
+            reporter: Who is told progress; a notebook has its own.
+
+        Raises:
+            RecordError: If the ending is none of these, the run has no such part, or the file
+                cannot be written.
+        """
+        from twin.run.files import MOVING
+
+        if Path(file).suffix not in MOVING:
+            return super().export(file)
+        from twin.run.film import Cut, Film, moving
+
+        cut = Cut(fps=fps, since=since, until=until, seconds=seconds, size=size)
+        film = Film(self.shown, cut)
+        with (reporter or default()).progress("moving picture", film.count, "frames") as advance:
+            moving(Path(file), film, advance)
+        return Path(file)
+
     def save(self, folder: str | Path | None = None) -> Path:
         """Write a run folder, run.parquet, metrics.json and picture.png; returns the folder.
 
@@ -109,7 +148,6 @@ class Result(Run):
         Raises:
             RecordError: If it cannot be written, or the run is one that was opened.
         """
-        from ballplate.reporter import default
         from twin.run.files import free
         from twin.run.finished import of_other_class
 

@@ -88,6 +88,25 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         raise RecordError(f"cannot write {path}: {_why(error)}") from error
 
 
+def write_folder(path: Path, fill: Callable[[Path], object]) -> None:
+    """Let ``fill`` fill a temporary folder beside ``path`` and rename it: a whole folder or none.
+
+    Raises:
+        RecordError: If there is something of that name, or the folder cannot be written.
+    """
+    if path.exists():
+        raise RecordError(f"{path}: exists; name a new folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as name:
+            inner = Path(name) / path.name
+            inner.mkdir()
+            fill(inner)
+            inner.replace(path)
+    except OSError as error:
+        raise RecordError(f"cannot write {path}: {_why(error)}") from error
+
+
 def _why(error: OSError) -> str:
     """Why nothing can be written, in words."""
     if isinstance(error, FileExistsError | NotADirectoryError):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import tempfile
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from twin.cli import options as tab
 from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
-from twin.cli.output import console, warn
+from twin.cli.output import Terminal, console, warn
 from twin.errors import RecordError, TwinError, ViewError
 from twin.paths import model_path
 from twin.run.files import run_folder
@@ -190,29 +190,89 @@ def _write(path: Path, content: bytes) -> None:
 @click.argument("run", type=click.Path(path_type=Path), shell_complete=tab.runs)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--every", type=click.IntRange(min=1), default=1, help="Take every N-th row only.", metavar="N"
+    "--every", type=click.IntRange(min=1), help="Of signals: take every N-th row only.", metavar="N"
 )
-@click.option("--columns", help="Columns to take, with commas between [all]; time comes first.")
-def export(run: Path, file: Path, every: int, columns: str | None) -> int:
-    """Export the signals of a run to a .csv, .mat or .parquet file."""
-    from twin.errors import nearest
-    from twin.run.files import check_no_scenario
-    from twin.run.files import export as write
+@click.option("--columns", help="Of signals: those to take, with commas between [all].")
+@click.option(
+    "--beside",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="RUN_OR_LOG",
+    help="Of a moving picture: show this one as well; may be repeated.",
+    shell_complete=tab.runs,
+)
+@click.option("--from", "since", type=float, help="The time it begins with, s [the first].")
+@click.option("--to", "until", type=float, help="The time it ends with, s [the last].")
+@click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
+@click.option("--fps", type=int, help="Its frames a second [20].")
+@click.option("--size", type=int, help="Its width in pixels [600].")
+def export(
+    run: Path,
+    file: Path,
+    every: int | None,
+    columns: str | None,
+    beside: tuple[Path, ...],
+    **cut: Any,
+) -> int:
+    """Export the signals of a run to a .csv, .mat or .parquet file, or the run as it moved.
+
+    A picture that moves is a .webp, .gif or .apng; a FILE without ending is a folder of its frames:
+    ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
+    """
+    from ballplate.comparing import labelled
+    from ballplate.results import Result
+    from twin.run.files import MOVING, check_no_scenario
     from twin.run.finished import open_run
 
+    given = {name: value for name, value in cut.items() if value is not None}
+    moving = file.suffix in MOVING
+    if moving and (every or columns is not None):
+        raise RecordError(f"{file}: --every and --columns are of signals: .csv, .mat, .parquet")
+    if not moving and (given or beside):
+        raise RecordError(
+            f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
+            ".webp, .gif, .apng"
+        )
     check_no_scenario(run)
     (opened,) = open_run(run)
     if opened.lacking:
         warn(opened.lacking)
-    names = list(opened.rows)
+    if not moving:
+        return _signals(opened, file, every or 1, columns)
+    shown = [opened, *(other for path in beside for other in _further(path, opened))]
+    (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
+    first.label, first.beside = name, dict(others)
+    first.export(file, **given, reporter=Terminal())
+    console.print(f"written to {file}{'' if file.suffix else '/'}")
+    return 0
+
+
+def _further(path: Path, first: Run) -> list[Run]:
+    """The runs of a path, or a log that followed the first run's reference."""
+    from ballplate.comparing import measured
+    from twin.run.files import check_no_scenario
+    from twin.run.finished import open_runs
+
+    check_no_scenario(path)
+    if path.suffix == ".csv":
+        return measured([path], (), [first], ())[0]
+    return open_runs((path,), warn)
+
+
+def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
+    """Write columns of a run."""
+    from twin.errors import nearest
+    from twin.run.files import export as write
+
+    names = list(run.rows)
     if columns is not None:
         wanted = [name.strip() for name in columns.split(",")]
         for name in wanted:
             if name not in names:
                 raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
         names = list(dict.fromkeys(("time", *wanted)))
-    write(file, {name: opened.rows[name][::every] for name in names}, opened.units)
-    rows = len(opened.rows["time"][::every])
+    write(file, {name: run.rows[name][::every] for name in names}, run.units)
+    rows = len(run.rows["time"][::every])
     console.print(f"written to {file}: {rows} rows of {len(names)} columns")
     return 0
 

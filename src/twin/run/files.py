@@ -281,8 +281,12 @@ def export(path: Path, columns: Columns, units: Units) -> None:
     """
     write = WRITERS.get(path.suffix)
     if write is None:
-        known = ", ".join(WRITERS)
-        raise RecordError(f"{path}: the ending says what is written; known: {known}")
+        known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
+        if path.suffix == ".mp4":
+            moves += "; a folder of their frames, without ending, is what ffmpeg makes .mp4 of"
+        raise RecordError(
+            f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
+        )
     write_whole(path, lambda target: write(target, columns, units))
 
 
@@ -328,6 +332,10 @@ WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
     ".parquet": _parquet,
 }
 """Ending of a file to what writes it."""
+
+
+MOVING = (".webp", ".gif", ".apng", "")
+"""Endings of moving pictures of runs, see ``twin.run.film``; none is a folder of their frames."""
 
 
 class Signals(Mapping[str, "Array"]):

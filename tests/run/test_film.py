@@ -1,0 +1,325 @@
+"""Moving pictures: what they show is what was recorded, and they are the same each time."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image, ImageColor
+
+import ballplate as bp
+from twin.cli import main
+from twin.errors import RecordError
+from twin.run.files import MOVING
+from twin.run.film import KINDS, Cut, Film, moving
+from twin.run.finished import Run, record_run, run
+from twin.run.picture import COLOURS
+from twin.scenario.load import check, load
+
+BLUE = np.array(ImageColor.getrgb(COLOURS[0]))
+WHITE = (255, 255, 255)
+PLATE = (0.70, 0.395)
+TABLES = {
+    "title": "told",
+    "duration": 4.0,
+    "plant": {"kind": "lagrange"},
+    "controller": {"kind": "lqr", "rho": 300.0, "kappa": 0.3},
+    "reference": {"kind": "hold", "x": 0.2, "y": -0.1},
+}
+
+
+def told(ball, tilt=(0.0, 0.0), outcome="finished", **metrics):
+    """A run whose ball was at places in m, (K, 2), 10 ms apart, on a plate of constant tilt."""
+    ball = np.asarray(ball, float)
+    nothing = np.zeros(len(ball))
+    rows = {f"true_{name}": nothing for name in ("x_rate", "y_rate", "phi_rate", "theta_rate")}
+    rows |= {"true_x": ball[:, 0], "true_y": ball[:, 1]}
+    rows |= {"true_phi": nothing + tilt[0], "true_theta": nothing + tilt[1]}
+    rows |= {"reference_x": ball[:, 0], "reference_y": ball[:, 1]}
+    rows |= {f"applied_{axis}_acc": nothing for axis in ("phi", "theta")}
+    rows["time"] = 0.01 * np.arange(len(ball))
+    return Run("told", check(TABLES, "test"), rows, metrics={"outcome": outcome, **metrics})
+
+
+@pytest.fixture
+def ballplate(capsys, tmp_path, monkeypatch):
+    """Calls the program in an empty folder: exit code, standard output and error."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        code = 0
+        try:
+            main(list(arguments))
+        except SystemExit as ended:
+            code = ended.code
+        return (code or 0, *capsys.readouterr())
+
+    return call
+
+
+def frames(one, *others, **cut):
+    runs = {str(i): each for i, each in enumerate((one, *others))}
+    return [
+        np.asarray(frame.convert("RGB")).astype(int) for frame in Film(runs, Cut(**cut)).frames()
+    ]
+
+
+def whole(mask):
+    """Left, top, right and bottom edge of what is marked, in pixels."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return columns[0], rows[0], columns[-1] + 1, rows[-1] + 1
+
+
+def ground(picture):
+    """The plate by its white: left, top, right and bottom edge in pixels, with its rim."""
+    size = picture.shape[1] / 600
+    white = (picture == WHITE).all(axis=2)
+    left, _, right, _ = whole(white[int(150 * size) : int(170 * size), : int(518 * size)])
+    column = white[:, left + 10]
+    inner = int(200 * size)
+    top = inner - int(np.argmin(column[inner::-1]))
+    bottom = inner + int(np.argmin(column[inner:]))
+    return left - 1, top, right + 1, bottom + 1
+
+
+def seen(picture, colour=BLUE):
+    """The middle of all of a colour on the plate in m, found by the plate's own edges."""
+    left, top, right, bottom = ground(picture)
+    part = picture[top:bottom, left:right]
+    rows, columns = np.nonzero(np.abs(part - colour).max(axis=2) <= 4)
+    x = (columns.mean() + 0.5) / (right - left) - 0.5
+    y = 0.5 - (rows.mean() + 0.5) / (bottom - top)
+    return np.array((x, y)) * PLATE, len(rows)
+
+
+PLACES = [(0.0, 0.0), (0.21, 0.0), (0.0, 0.12), (-0.25, -0.13), (0.3, 0.1), (0.3017, -0.0503)]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("size", [600, 480])
+def test_the_ball_is_seen_where_it_was_recorded(place, size):
+    picture = frames(told([place] * 30), size=size, seconds=0.05)[0]  # at rest: without a trail
+    left, top, right, bottom = ground(picture)
+    assert (right - left) / size == pytest.approx(498 / 600, abs=0.01)
+    found, _ = seen(picture)
+    one = PLATE[0] / (right - left)
+    np.testing.assert_allclose(found, place, atol=0.8 * one)
+    left, top, right, bottom = whole(
+        (picture[..., 2] - picture[..., 0] > 90)[top:bottom, left:right]
+    )
+    assert (right - left, bottom - top) == pytest.approx((0.04 / one,) * 2, abs=1.5)
+
+
+def test_the_ball_moves_from_frame_to_frame_as_recorded():
+    time = 0.01 * np.arange(301)
+    way = np.stack((0.2 * np.sin(2 * time), 0.1 * np.cos(time)), axis=1)
+    film = Film({"a": told(way)}, Cut(since=0.5, until=2.5, seconds=0.5))
+    assert film.count == 10
+    for at, picture in zip(film.times, film.frames(), strict=True):
+        found, _ = seen(np.asarray(picture.convert("RGB")).astype(int), [0, 80, 125])
+        expected = (0.2 * np.sin(2 * at), 0.1 * np.cos(at))
+        np.testing.assert_allclose(found, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize(("tilt", "lower"), [((0.03, 0.0), "right"), ((-0.03, 0.0), "left")])
+def test_a_positive_phi_lowers_the_right_end_in_the_view_from_the_front(tilt, lower):
+    picture = frames(told([(0.0, 0.0)] * 9, tilt), seconds=0.05)[0]
+    _, _, right, bottom = ground(picture)
+    blue = np.abs(picture - BLUE).max(axis=2) <= 4
+    rows, columns = np.nonzero(blue[bottom + 5 : bottom + 75, :right])
+    ends = {
+        "left": rows[columns < columns.min() + 9].mean(),
+        "right": rows[columns > columns.max() - 9].mean(),
+    }
+    assert max(ends, key=ends.get) == lower
+
+
+@pytest.mark.parametrize(("tilt", "outer"), [((0.0, 0.03), "near"), ((0.0, -0.03), "far")])
+def test_a_positive_theta_raises_the_far_end_in_the_view_from_the_right(tilt, outer):
+    picture = frames(told([(0.0, 0.0)] * 9, tilt), seconds=0.05)[0]
+    _, top, right, bottom = ground(picture)
+    blue = np.abs(picture[top:bottom, right + 5 :] - BLUE).max(axis=2) <= 4
+    rows, columns = np.nonzero(blue)
+    ends = {
+        "far": columns[rows < rows.min() + 9].mean(),
+        "near": columns[rows > rows.max() - 9].mean(),
+    }
+    assert max(ends, key=ends.get) == outer  # outwards is downwards
+
+
+@pytest.mark.parametrize("number", [2, 3, 4, 5, 6])
+def test_balls_in_one_place_are_all_seen_in_their_colours(number):
+    picture = frames(*[told([(0.1, 0.05)] * 9)] * number, seconds=0.05)[0]
+    for colour in COLOURS[1:number]:
+        found, pixels = seen(picture, ImageColor.getrgb(colour))
+        assert pixels > 20
+        np.testing.assert_allclose(found, (0.1, 0.05), atol=2e-3)
+
+
+def test_one_sample_is_one_frame_that_lasts_one_period(tmp_path):
+    film = Film({"one": told([(0.1, 0.1)])}, Cut(fps=10))
+    assert film.count == 1
+    moving(tmp_path / "one.webp", film)
+    with Image.open(tmp_path / "one.webp") as picture:
+        assert picture.size == film.size
+
+
+def test_a_ball_that_fell_is_a_cross_where_it_was_seen_last_while_the_others_go_on():
+    fell = told([(0.1 + 0.02 * k, 0.0) for k in range(10)], outcome="fell")
+    goes = told([(-0.1, 0.1)] * 200)
+    first, *_, last = frames(fell, goes, fps=5)
+    assert seen(first)[0][0] == pytest.approx(0.1, abs=0.02)
+    found, pixels = seen(last)
+    assert 20 < pixels < 200
+    np.testing.assert_allclose(found, (0.28, 0.0), atol=2e-3)
+
+
+def test_where_nothing_is_known_nothing_is_drawn_and_the_rest_is():
+    ball = np.full((200, 2), np.nan)
+    ball[:50] = ball[150:] = (-0.1, 0.05)
+    shown = frames(told(ball), fps=10)
+    assert len(shown) == 20
+    assert seen(shown[0])[1] > 300
+    left, top, right, bottom = ground(shown[10])
+    assert not (np.abs(shown[10][top:bottom, left:right] - BLUE).max(axis=2) <= 4).any()
+    assert seen(shown[-1])[1] > 300
+    assert len(frames(told(np.full((30, 2), np.nan)), fps=10)) == 3
+
+
+CIRCLE = ("plant.kind=lagrange", "duration=0.6", "metrics.start=0")
+
+
+@pytest.fixture(scope="module")
+def circle():
+    return run(load("circle", CIRCLE))
+
+
+@pytest.mark.parametrize("ending", MOVING)
+@pytest.mark.parametrize("fps", [20, 30])
+def test_frames_and_duration_are_as_stated_and_the_bytes_are_the_same_twice(
+    circle, tmp_path, ending, fps
+):
+    for name in ("one", "two"):
+        moving(tmp_path / f"{name}{ending}", Film({"circle": circle}, Cut(fps=fps, seconds=0.5)))
+    one, two = (tmp_path / f"{name}{ending}" for name in ("one", "two"))
+    if not ending:
+        names = sorted(file.name for file in one.iterdir())
+        assert names == [f"frame-{number:04}.png" for number in range(1, fps // 2 + 1)]
+        assert all((one / name).read_bytes() == (two / name).read_bytes() for name in names)
+        return
+    assert one.read_bytes() == two.read_bytes()
+    with Image.open(one) as picture:
+        assert picture.n_frames == fps / 2
+        assert picture.info["loop"] == 0
+        lasts = []
+        for number in range(picture.n_frames):
+            picture.seek(number)
+            picture.load()
+            lasts.append(picture.info["duration"])
+    assert sum(lasts) == pytest.approx(500)
+
+
+def test_all_endings_are_known():
+    assert {*KINDS, ""} == set(MOVING)
+
+
+def test_corners_are_seen_through_and_smooth(circle, tmp_path):
+    moving(tmp_path / "a.webp", Film({"circle": circle}, Cut(seconds=0.1)))
+    with Image.open(tmp_path / "a.webp") as picture:
+        alpha = np.asarray(picture.convert("RGBA"))[..., 3]
+    assert alpha[0, 0] == alpha[-1, -1] == 0
+    assert alpha[20:-20].min() == 255
+    assert len(np.unique(alpha)) > 4
+
+
+@pytest.mark.parametrize(
+    ("cut", "words"),
+    [
+        ({"fps": 0}, "fps 0: must be from 1 to 50"),
+        ({"size": 10}, "size 10: must be from 300 to 1200"),
+        ({"seconds": float("nan")}, "seconds nan: must be from"),
+        ({"since": 9.0}, "from 9 to 0.598 s: must be within 0 to 0.598 s"),
+        ({"since": float("nan")}, "must be within"),
+        ({"since": 0.4, "until": 0.2}, "from 0.4 to 0.2 s"),
+        ({"until": 2.0}, "from 0 to 2 s"),
+        ({"seconds": 1000.0}, "20000 frames: at most 2000"),
+    ],
+)
+def test_what_no_picture_can_be_is_refused(circle, cut, words):
+    with pytest.raises(RecordError, match=words):
+        Film({"circle": circle}, Cut(**cut))
+
+
+def test_more_runs_than_colours_are_refused(circle):
+    with pytest.raises(RecordError, match="7 runs: at most 6"):
+        Film({str(i): circle for i in range(7)}, Cut())
+
+
+def test_a_run_and_a_log_are_shown_beside_a_run(circle, tmp_path, ballplate):
+    record_run(circle, tmp_path / "runs" / "circle")
+    assert ballplate("export", "runs/circle", "log.csv")[0] == 0
+    code, out, _ = ballplate(
+        "export", "last", "a.webp", "--beside", "runs/circle", "--beside", "log.csv",
+        "--from", "0.2", "--to", "0.4", "--fps", "10", "--size", "300",
+    )  # fmt: skip
+    assert (code, out) == (0, "written to a.webp\n")
+    with Image.open("a.webp") as picture:
+        assert (picture.n_frames, picture.size[0]) == (2, 300)
+    again = bp.load("runs/circle")
+    assert again.export("b.gif", seconds=0.2).is_file()
+
+
+def test_what_export_cannot_do_is_one_line_and_writes_nothing(circle, tmp_path, ballplate):
+    record_run(circle, tmp_path / "made")
+    (tmp_path / "there").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    for line, words in {
+        "there": "there: exists; name a new folder",
+        "a.mp4": "ffmpeg",
+        "a.webp --columns time": "--every and --columns are of signals",
+        "a.csv --fps 10": "are of moving pictures",
+        "a.csv --beside made": "are of moving pictures",
+        "a.webp --fps 99": "fps 99: must be from 1 to 50",
+        "a.webp --from 3": "must be within 0 to 0.598 s",
+        "a.webp --beside no": "no: no such record",
+        "a.webp --beside cure": "cure is a scenario, not a run",
+        "made/run.parquet/a.webp": "a file is where a folder should be",
+    }.items():
+        code, out, err = ballplate("export", "made", *line.split())
+        assert (code, out) == (2, ""), line
+        (told,) = [text for text in err.splitlines() if text.startswith("ballplate: ")]
+        assert words in told
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_nothing_is_left_of_a_folder_that_could_not_be_filled(circle, tmp_path):
+    def fail(number):
+        if number == 2:
+            raise KeyboardInterrupt
+
+    for name in ("frames", "a.webp"):
+        with pytest.raises(KeyboardInterrupt):
+            moving(tmp_path / name, Film({"circle": circle}, Cut()), fail)
+    assert not list(tmp_path.iterdir())
+
+
+def test_neither_a_screen_nor_opengl_is_needed(circle, tmp_path):
+    record_run(circle, tmp_path / "made")
+    program = "import sys; from twin.cli import main\ntry: main(sys.argv[1:])\n"
+    program += "finally: print(*sys.modules)"
+    quiet = {name: text for name, text in os.environ.items() if "DISPLAY" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", program, "export", "made", "a.webp", "--seconds", "0.1"],
+        cwd=tmp_path, env=quiet, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (tmp_path / "a.webp").is_file(), done.stderr
+    assert not {"OpenGL", "glfw", "matplotlib.pyplot", "rerun"} & set(done.stdout.split())
+
+
+@pytest.mark.long
+def test_eight_seconds_of_three_runs_are_at_most_one_and_a_half_megabytes(tmp_path):
+    done = bp.run("circle", beside="cure")
+    assert len(done.shown) == 3
+    file = done.export(tmp_path / "a.webp", since=2, until=10)
+    assert file.stat().st_size < 1.5e6
