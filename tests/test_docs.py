@@ -44,6 +44,8 @@ WRITTEN = {
     "cure_attacks.template.md",
     "tuned.template.md",
     "shadow.template.md",
+    "safety.py",
+    "safety.template.md",
     "reproduction.template.md",
     "experiments.template.md",
     "pages.py",

@@ -226,21 +226,3 @@ def predicted_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Ar
     C = C / np.sqrt(np.diag(R))[:, np.newaxis]
     S = scipy.linalg.solve_discrete_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
     return (S + S.T) / 2
-
-
-def bucy_covariance(A: Array, B: Array, C: Array, Q: Array, R: Array) -> Array:
-    """Steady covariance S of (7.7) in continuous time; S C' R^-1 is the gain (7.8).
-
-    Args:
-        A: State matrix, shape (n, n).
-        B: Input matrix, through which the disturbance comes, shape (n, m).
-        C: Output matrix, shape (p, n).
-        Q: Intensity of the disturbance, shape (m, m).
-        R: Intensity of the noise, diagonal, shape (p, p).
-
-    Returns:
-        Shape (n, n), symmetric.
-    """
-    C = C / np.sqrt(np.diag(R))[:, np.newaxis]
-    S = scipy.linalg.solve_continuous_are(A.T, C.T, B @ Q @ B.T, np.eye(len(C)))
-    return (S + S.T) / 2

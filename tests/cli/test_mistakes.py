@@ -84,7 +84,6 @@ LINES = {
     "report log.csv": "a log has no reference; name the scenario",
     "report": "no run in runs/ yet",
     "view made --connect 127.0.0.1:1": "no viewer there",
-    "safety --doc .": "File '.' is a directory",
     "identify german.csv": "columns are separated by ';'",
     "identify twice.csv": "measured_x: two columns",
     "new law afl": "law 'afl': the name is taken by controllers.nonlinear",

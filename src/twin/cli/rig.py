@@ -202,31 +202,20 @@ def _listen(rig: VirtualRig) -> None:
             console.print(rig.obey(line.strip()))
 
 
-@click.command(cls=Command, example="safety --doc safety.md")
-@click.option(
-    "--doc",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the safety case as Markdown.",
-)
+@click.command(cls=Command, example="safety --json")
 @PROCESSES
 @JSON
-def safety(doc: Path | None, processes: int | None, *, as_json: bool) -> int:
+def safety(processes: int | None, *, as_json: bool) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     from twin.safety.cases import CASES
-    from twin.safety.doc import write_doc
     from twin.safety.trial import run_all
 
-    if doc is not None:
-        check_writable(doc.parent, "--doc")
     with progress("fault matrix", len(CASES)) as advance:
         rows = run_all(processes or cores(), advance)
-    if doc is not None:
-        write_doc(doc, rows)
     good = sum(row.good for row in rows)
     shown = [
         _table(rows),
         f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
-        *([] if doc is None else [f"written to {doc}"]),
     ]
     show([row.as_dict() for row in rows], as_json, shown)
     return int(good < len(rows))

@@ -1,20 +1,29 @@
-"""The safety case as a document: states, conditions, and the measured fault matrix."""
+"""Makes safety.md: states, conditions, and the measured fault matrix.
+
+uv run python docs/safety.py
+"""
 
 from __future__ import annotations
 
 import inspect
 import re
 from collections.abc import Iterable, Sequence
-from importlib import resources
 from pathlib import Path
 
+import click
+from pages import filled
+
+from twin.cli.options import PROCESSES
+from twin.cli.output import progress
 from twin.devices.akd.conditions import CONDITIONS as DRIVE_CONDITIONS
 from twin.devices.lumio.conditions import CONDITIONS as SCREEN_CONDITIONS
 from twin.devices.realtime import TIMING_CONDITIONS
 from twin.hal.interface import SCREEN, Condition
 from twin.hal.supervisor import RIG_CONDITIONS, TRANSITIONS
+from twin.jobs import cores
+from twin.safety.cases import CASES
 from twin.safety.row import HEADING, FaultRow, both, cells
-from twin.safety.trial import AFTER, LEFT
+from twin.safety.trial import AFTER, LEFT, run_all
 from twin.writing import write_whole
 
 GROUPS: dict[str, Iterable[Condition]] = {
@@ -23,39 +32,22 @@ GROUPS: dict[str, Iterable[Condition]] = {
     "The touch screen": SCREEN_CONDITIONS,
     "Drives and bus": DRIVE_CONDITIONS,
 }
-PLACE = re.compile(r"\{\{ (\w+) \}\}")
-
-
-def write_doc(path: Path, rows: Sequence[FaultRow]) -> None:
-    """Write the document.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    text = document(rows)
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def document(rows: Sequence[FaultRow]) -> str:
-    """The document, as Markdown: ``safety.template.md`` with the tables of the code."""
-    template = (resources.files("twin.safety") / "safety.template.md").read_text(encoding="utf-8")
-    parts = {
-        "transitions": _table(("state", "event", "next state"), _transitions()),
-        "conditions": "\n\n".join(
-            [
-                "## Conditions",
-                *(f"### {title}\n\n{_conditions(each)}" for title, each in GROUPS.items()),
-            ]
-        ),
-        "keys": _keys(),
-        "after": f"{AFTER:g}",
-        "left": f"{LEFT:g}",
-        "good": str(sum(row.good for row in rows)),
-        "number": str(len(rows)),
-        "matrix": _table((*HEADING, "then [mm]", "whole", "again", "verdict"), map(_cells, rows)),
-        "limits": _reasons(rows),
-    }
-    return PLACE.sub(lambda place: parts[place[1]], template)
+    """The page, as Markdown: ``safety.template.md`` with the tables of the code."""
+    return filled(
+        "safety",
+        transitions=_table(("state", "event", "next state"), _transitions()),
+        conditions={title: _conditions(each) for title, each in GROUPS.items()},
+        keys=_keys(),
+        after=f"{AFTER:g}",
+        left=f"{LEFT:g}",
+        good=sum(row.good for row in rows),
+        number=len(rows),
+        matrix=_table((*HEADING, "then [mm]", "whole", "again", "verdict"), map(_cells, rows)),
+        limits=_reasons(rows),
+    )
 
 
 def _transitions() -> list[tuple[str, ...]]:
@@ -118,3 +110,17 @@ def _reasons(rows: Sequence[FaultRow]) -> str:
 
 def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in (heading, ["---"] * len(heading), *rows))
+
+
+@click.command()
+@click.option("--doc", type=click.Path(path_type=Path), default=Path(__file__).with_suffix(".md"))
+@PROCESSES
+def main(doc: Path, processes: int | None) -> None:
+    """Inject every fault, and write the page."""
+    with progress("fault matrix", len(CASES)) as advance:
+        text = document(run_all(processes or cores(), advance))
+    write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
