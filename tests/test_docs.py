@@ -60,6 +60,8 @@ WRITTEN = {
     "chapter9.py",
     "explained.md",
     "index.md",
+    "tutorial.md",
+    "from-matlab.md",
     "run.md",
     "see.md",
     "law.md",
