@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from typed import parsed
 
 from controllers import catalog as catalog_module
 from controllers.catalog import catalog
@@ -71,7 +70,6 @@ WRITTEN = {
     "thesis.md",
     "installation.md",
 }
-COMMAND = re.compile(r"^(?:\$ | {4})?(?:uv run )?ballplate ([a-z].*)$", re.MULTILINE)
 SMOOTH = "plant.friction.rolling_mm=0"
 
 
@@ -344,15 +342,6 @@ def test_the_index_links_every_page_once_and_no_page_written_by_hand_is_long():
     assert linked == dict.fromkeys(pages, 1)
     for name in pages & WRITTEN:
         assert len((ROOT / "docs" / name).read_text(encoding="utf-8").splitlines()) <= 250, name
-
-
-def test_every_command_that_a_page_shows_can_be_typed():
-    for page in PAGES:
-        for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
-            try:
-                parsed(line)
-            except (click.ClickException, AssertionError) as error:
-                pytest.fail(f"{page.name}: {line}: {error}")
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import scipy.io
-from typed import parsed
 
 from twin.run.finished import open_run
 from twin.scenario import load
@@ -104,12 +103,6 @@ def told(prose, printed):
     """Every percentage of the prose has been printed."""
     numbers = re.findall(r"[\d.]+(?= %)", prose)
     assert [each for each in numbers if not re.search(rf"(?<![\d.]){each}(?![\d.])", printed)] == []
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_of_a_page_for_beginners_can_be_typed(page):
-    for line in commands(PAGES[page]):
-        parsed(line)
 
 
 def test_what_the_tutorial_says_before_its_first_command_is_so():
