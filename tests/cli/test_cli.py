@@ -1,10 +1,12 @@
 """The command line as a whole: how it begins, what it refuses, what it says meanwhile."""
 
+import re
+import shlex
 from collections import Counter
+from pathlib import Path
 
 import click
 import pytest
-from typed import parsed
 
 from twin.cli import COMMANDS, FIRST, GROUPS, TRY, output
 from twin.cli import ballplate as program
@@ -30,15 +32,30 @@ def every_command():
 EVERY = dict(every_command())
 
 
+COMMAND = re.compile(r"^(?:\$ | {4})?(?:uv run )?ballplate ([a-z].*)$", re.MULTILINE)
+"""A command that a page shows: in a block, indented or after a prompt."""
+ROOT = Path(__file__).parents[2]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+
+
+def parsed(line):
+    """The command of a line without its ``ballplate``, once click has read it all; runs nothing."""
+    name, *words = shlex.split(line.split(" > ")[0], comments=True)
+    command = program.get_command(click.Context(program), name)
+    assert command is not None, f"no command {name}"
+    if isinstance(command, click.Group):
+        name, *words = words
+        command = command.commands[name]
+    command.make_context(name, words)
+    return command
+
+
 def test_without_arguments_it_says_three_things_to_try(ballplate):
     code, out, _ = ballplate()
     assert (code, out) == (0, f"{TRY}\n")
     tried = [line[2:].split("  ")[0] for line in TRY.splitlines() if line.startswith("  ")]
-    assert [parsed(program, each.removeprefix("ballplate "))[0].name for each in tried] == [
-        "run",
-        "explain",
-        "new",
-    ]
+    commands = [parsed(each.removeprefix("ballplate ")) for each in tried]
+    assert [each.name for each in commands] == ["run", "explain", "new"]
 
 
 def test_every_command_is_in_one_group_and_the_most_used_stand_first(ballplate):
@@ -61,7 +78,7 @@ def test_the_help_of_a_command_begins_with_an_example_that_can_be_typed(ballplat
     assert out.splitlines()[0] == f"Example: ballplate {command.example}"
     assert len(out.splitlines()[0]) <= 80
     meant = EVERY[name + " cams"] if name == "calibrate" else command
-    assert parsed(program, command.example)[0] is meant
+    assert parsed(command.example) is meant
 
 
 def test_progress_says_share_rate_and_time_left(monkeypatch):
@@ -76,3 +93,12 @@ def test_progress_says_share_rate_and_time_left(monkeypatch):
     now = iter((0.0, 3.0))
     share = output.Meter(2.0)
     assert [share.text(0.0), share.text(0.5)] == ["0%", "25%, about 9 s left"]
+
+
+def test_every_command_that_a_page_shows_can_be_typed():
+    for page in PAGES:
+        for line in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
+            try:
+                parsed(line)
+            except (click.ClickException, AssertionError) as error:
+                pytest.fail(f"{page.name}: {line}: {error}")

@@ -80,6 +80,8 @@ LINES = {
     "compare no.csv circle": "no.csv: cannot be read: No such file or directory",
     "compare log.csv": "a log has no reference; name the scenario",
     "report circle": "is a scenario, not a run; first: ballplate run circle",
+    "report runs/circle": "runs/circle is not there yet; first: ballplate run circle",
+    "identify runs/excite": "runs/excite is not there yet; first: ballplate run excite",
     "report foreign.parquet": "not a record of ballplate",
     "report log.csv": "a log has no reference; name the scenario",
     "report": "no run in runs/ yet",

@@ -246,16 +246,15 @@ def log_file(path: Path) -> Path:
 
 
 def check_no_scenario(path: Path) -> None:
-    """Make sure that what is to be opened is not the name of a scenario.
+    """Make sure that what is to be opened is not a scenario, or the run of one that was not made.
 
     Raises:
         RecordError: If it is.
     """
-    if path.as_posix() in shipped() and not path.exists():
-        raise RecordError(
-            f"{path} is a scenario, not a run; first: ballplate run {path}, then open "
-            f"runs/{path.name}"
-        )
+    name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path
+    if name.as_posix() in shipped() and not path.exists():
+        what = "is a scenario, not a run" if name == path else "is not there yet"
+        raise RecordError(f"{path} {what}; first: ballplate run {name}, then open runs/{name.name}")
 
 
 OURS = {".csv", ".parquet", ".arrows"}
