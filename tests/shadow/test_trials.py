@@ -132,3 +132,16 @@ def test_hours_between_alarms_are_those_of_the_distribution():
     exceeded = -math.expm1(-math.exp(-(9.0 - 2.0)))
     expected = 60 / 3600 / exceeded
     assert trials.hours_between_alarms(largest, 9.0, 60.0) == pytest.approx(expected, rel=0.25)
+
+
+def test_what_has_been_tried_is_kept_whole_and_only_for_the_same_job(monkeypatch, tmp_path):
+    found = [trial(INJECTED + 1, KINDS[2], 49.0, ("dead time", "level")), trial(JUDGED, HEALTHY)]
+    asked = []
+    monkeypatch.setattr(trials, "carry_out", lambda job: asked.append(job) or found)
+    monkeypatch.setitem(trials.kept.__globals__, "HERE", tmp_path / "docs")
+    jobs = [trials.Job("excite", (trials.Member(seed),)) for seed in (1, 2)]
+    again = [trials.known(job) for job in (*jobs, jobs[0])]
+    assert asked == jobs
+    for each in again:
+        for one, other in zip(each, found, strict=True):
+            assert repr(one) == repr(other)
