@@ -41,7 +41,7 @@ class Slices(ABC):
     """What is laid ahead slice by slice and asked for tick by tick, for one run.
 
     The next slice is made in parts, one in each of the last ticks before it is due, so that none of
-    them takes long.
+    them takes long; where little is known ahead, at once when it is due.
 
     Args:
         preview: Where the path ahead comes from; a slice has as many ticks as it advances.
@@ -63,10 +63,9 @@ class Slices(ABC):
         while tick >= count:
             self._turn()
             tick -= count
-        parts = self._parts()
-        due = tick - count + len(parts) + 1
-        if due > 0:
-            self._make(parts[:due])
+        due = tick - count + self._preview.early + 1
+        if self._preview.early and due > 0:
+            self._make(self._parts()[:due])
         return tick
 
     def _turn(self) -> None:
@@ -210,6 +209,8 @@ def square_of(v: Array) -> Array:
 
 SLICE = 25
 """Control periods that are laid at once: few, so that none of them takes long."""
+EARLY = 4
+"""Ticks before a slice is due at which the first of its parts, at most as many, is made."""
 JUMP = 2e-3
 """Distance in m from one period to the next, beyond what the speed covers, that is a jump."""
 LENGTH = 0.15
@@ -243,14 +244,16 @@ class Preview:
     ) -> None:
         self._reference, self._period, self._spread = reference, period, spread
         ahead = math.floor(horizon / period + 1e-9)
-        self.count = min(SLICE, ahead + 1)
-        """Ticks of a slice."""
-        self.length = ahead + 1
+        self.early = EARLY if ahead >= SLICE + EARLY else 0
+        """Ticks before a slice begins at which it is asked for, so that the window is shorter."""
+        self.length = ahead + 1 - self.early
         """Ticks of the window."""
+        self.count = min(SLICE, self.length)
+        """Ticks of a slice."""
         self._known = 0
         self.window: Array = np.empty((3, 0, *start.shape))
         """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2), of a slice that
-        begins with it and ends the horizon after its begin."""
+        begins with it and ends the horizon after it is asked for."""
         self._jumps: list[_Jump] = []
         self._last = np.stack((start, 0 * start))
 
