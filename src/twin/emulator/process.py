@@ -44,7 +44,7 @@ class PauseWatch:
         self._cells, self._own, self._other = cells, 3 * side, 3 - 3 * side
 
     def paused(self, begin: float, end: float) -> float:
-        """How long, s, neither loop came round; 0 where one's own did after ``LONG``.
+        """How long, s, neither loop came round; 0 where one's own did within ``LONG``.
 
         Args:
             begin: When one's own loop came round last, s.
