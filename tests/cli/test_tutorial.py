@@ -144,6 +144,12 @@ def test_the_law_of_the_tutorial_does_the_same_over_the_wire(tmp_path, monkeypat
     ballplate("new law mine")
     added(dict(PARTS.findall(PAGES["tutorial"]))["diff"])
     (line,) = (each for each in commands(PAGES["tutorial"]) if WIRE in each)
-    ballplate(f"{line} --out wire")
+    for attempt in range(3):  # the computer may be too busy for real time
+        try:
+            ballplate(f"{line} --out wire")
+            break
+        except AssertionError:
+            if attempt == 2:
+                raise
     (run,) = open_run(Path("wire"))
     assert 1 <= run.metrics["tracking_error_percent"] <= 2

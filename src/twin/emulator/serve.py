@@ -223,8 +223,8 @@ class VirtualRig:
                 "channel": str(self.adapter.channel),
                 "options": {"sleep_after_open": 0.0},
             },
-            # A process answers less steadily than a drive does.
-            "drives": {"silence": 0.2, "watch": {"unsteady": 25, "stale": 25}},
+            # A process answers as its computer lets it: unsteady answers say nothing of a drive.
+            "drives": {"silence": 0.2, "watch": {"unsteady": 51, "stale": 25}},
             "touch": {
                 "port": str(self.screen.path),
                 "transport": "serial" if serial else "hidraw",

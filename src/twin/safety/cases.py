@@ -82,6 +82,10 @@ def _lasting_fault(rig: LockstepRig) -> None:
 
 
 def _stall(rig: LockstepRig) -> None:
+    rig.stall = 3 * rig.period
+
+
+def _half(rig: LockstepRig) -> None:
     rig.stall = rig.period
 
 
@@ -219,7 +223,8 @@ SCREEN = (
 
 LOOP = (
     FaultCase("The host falls silent", _silence, akd.PDO_STALE, **BUS_GONE),
-    FaultCase("Every period takes too long", _stall, LOOP_OVERRUN, slow=2.0),
+    FaultCase("Of four periods three are missed", _stall, LOOP_OVERRUN, slow=4.0),
+    FaultCase("Every other period is missed", _half, None),
     FaultCase("Every other command comes late, the drives' answers in time", _uneven, None),
     FaultCase(
         "Every other command comes late, and half of the PDOs of drive phi are missing",

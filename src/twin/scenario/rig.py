@@ -54,7 +54,7 @@ class RigFile(Section):
 
     ``home_deg``: plate angles (phi, theta) at which it stands when switched on.
     ``cams``: file of its cam table; that of the model if it is not given.
-    ``late_periods``: late or missed periods in a row that level the plate.
+    ``late_periods``: missed periods, not made up for by others in time, that level the plate.
     ``patience``: seconds that the ball is waited for.
     ``limits``: the narrower of these and the scenario's hold.
     """

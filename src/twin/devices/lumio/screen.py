@@ -15,6 +15,7 @@ from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
+from twin.devices.scheduling import ahead
 from twin.hal.interface import Fault, Touch
 
 
@@ -69,7 +70,9 @@ class LumioScreen:
             return
         self._begin()
         self._stop.clear()
-        self._thread = threading.Thread(target=self._listen, name="touch screen", daemon=True)
+        self._thread = threading.Thread(
+            target=ahead(self._listen), name="touch screen", daemon=True
+        )
         self._thread.start()
 
     def _begin(self) -> None:
