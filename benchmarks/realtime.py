@@ -1,19 +1,33 @@
-"""What part of its period each law computes for, by control period, on this computer.
+"""What part of its period each law computes for, and how runs on the virtual rig end, here.
 
 uv run python -m benchmarks.realtime
-uv run python -m benchmarks.realtime --wire 20     # and how many runs on the virtual rig finish
+uv run python -m benchmarks.realtime --wire 20 --doc docs/realtime.md
 """
 
 from __future__ import annotations
 
 import os
-from typing import Any
+import platform
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import click
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
 
 import ballplate as bp
+from controllers.arrays import Array
+from twin.markdown import table
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
+from twin.writing import write_whole
 
 PERIODS = (0.001, 0.002, 0.004, 0.01)
 LAWS = {
@@ -26,7 +40,12 @@ LAWS = {
     ),
 }
 SCENARIOS = ("circle", "cure_afl", "cure")
-ALONE, ERROR = ["baseline=false"], "tracking_error_percent"
+ERROR = "tracking_error_percent"
+ALONE = ["baseline=false"]
+SCREEN = "sensors.touch.frame_rate=57.6"
+"""The frames of the virtual rig's screen, for the same run simulated."""
+ORDINARY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
+"""A program behind this has no real-time priority."""
 
 
 def share(scenario: str, changes: tuple[str, ...], period: float) -> str:
@@ -36,33 +55,149 @@ def share(scenario: str, changes: tuple[str, ...], period: float) -> str:
     return f"{found.median / period:.2f} / {found.worst / period:.2f}{mark}"
 
 
+@contextmanager
+def busy(number: int) -> Iterator[None]:
+    """Meanwhile, so many ordinary processes compute without a pause."""
+    with ExitStack() as ended:
+        for _ in range(number):
+            process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            ended.callback(process.wait)
+            ended.callback(process.kill)
+        yield
+
+
+class Wired(NamedTuple):
+    """A run on the virtual rig.
+
+    Attributes:
+        finished: Whether it ran to its end.
+        error: Its tracking error in %; NaN if there is none.
+        lateness: How late each period began, s, shape (ticks,).
+        missed: Periods missed.
+        pauses: How long the computer paused, s.
+    """
+
+    finished: bool
+    error: float
+    lateness: Array
+    missed: int
+    pauses: float
+
+
+def wired(scenario: str, before: Sequence[str] = ()) -> Wired:
+    """Run a scenario on the virtual rig, as a command of its own behind another one."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "run"
+        words = ["run", scenario, "--rig", "emulated", "--set", *ALONE, "--out", str(out)]
+        call = [*before, sys.executable, "-c", "from twin.cli import main; main()", *words]
+        subprocess.run(call, capture_output=True, check=False)
+        run = bp.load(out)
+    ledger = run.ledger
+    return Wired(
+        run.outcome == "finished",
+        run.metrics.get(ERROR, np.nan),
+        run.rows["lateness"],
+        ledger["missed"],
+        1e-6 * sum(ledger["pauses_us"]),
+    )
+
+
+def row(scenario: str, simulated: float, runs: Sequence[Wired]) -> list[str]:
+    """What runs of one scenario came to, as cells of the table."""
+    errors = np.array([run.error for run in runs if run.finished])
+    late: NDArray[np.float64] = 1e3 * np.concatenate([run.lateness for run in runs])
+    missed = sum(run.missed for run in runs)
+    spread = f"{np.median(errors):.2f} ({errors.min():.2f} to {errors.max():.2f})"
+    return [
+        scenario,
+        f"{len(errors)} of {len(runs)}",
+        spread if len(errors) else "-",
+        f"{simulated:.2f}",
+        f"{100 * missed / (missed + len(late)):.2f}",
+        *(f"{np.quantile(late, each):.3f}" for each in (0.5, 0.99, 0.999)),
+        f"{late.max():.1f}",
+        f"{1e3 * sum(run.pauses for run in runs):.0f}",
+    ]
+
+
+HEADINGS = (
+    "scenario",
+    "finished",
+    "error [%]",
+    "simulated [%]",
+    "missed [%]",
+    *(f"late, {each} [ms]" for each in ("p50", "p99", "p99.9", "largest")),
+    "paused [ms]",
+)
+
+
+def on_the_wire(number: int, beside: int, before: Sequence[str] = ()) -> str:
+    """The table of so many runs of each scenario, beside a number of busy processes."""
+    rows = []
+    for scenario in SCENARIOS:
+        simulated = bp.run(scenario, [*ALONE, SCREEN]).metrics[ERROR]
+        with busy(beside):
+            rows.append(row(scenario, simulated, [wired(scenario, before) for _ in range(number)]))
+        click.echo("  ".join(rows[-1]), err=True)
+    return table(HEADINGS, rows)
+
+
+def emulating() -> str:
+    """Part of one processor that the virtual rig takes over a run, in %, its start included."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run = bp.run("circle", ALONE, on="emulated")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return f"{100 * used / run.rows['time'][-1]:.0f}"
+
+
+def computing() -> str:
+    """The table of laws by periods; !: may be late now and then, !!: keeps no period."""
+    laws = [("circle", name, changes) for name, changes in LAWS.items()]
+    laws += [(name, name, ()) for name in SCENARIOS[1:]]
+    rows = [
+        [name, *(share(scenario, changes, each) for each in PERIODS)]
+        for scenario, name, changes in laws
+    ]
+    return table(("law or scenario", *(f"{1e3 * each:g} ms" for each in PERIODS)), rows)
+
+
+def slower() -> str:
+    """The table of what a longer control period costs the cure, simulated."""
+    rows = []
+    for scenario in SCENARIOS[1:]:
+        for period in PERIODS[1:3]:
+            found = bp.run(scenario, [*ALONE, f"rig.period={period}"]).metrics[ERROR]
+            rows.append([scenario, f"{1e3 * period:g}", f"{found:.3f}"])
+    return table(("scenario", "period [ms]", "error [%]"), rows)
+
+
 @click.command()
 @click.option("--wire", type=int, default=0, help="Runs of each scenario on the virtual rig.")
-def main(wire: int) -> None:
-    """Print the table; !: may be late now and then, !!: keeps no period."""
-    click.echo(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    rows = [("circle", name, changes) for name, changes in LAWS.items()]
-    rows += [(name, name, ()) for name in SCENARIOS[1:]]
-    click.echo(f"{'median / p99.9':34}" + "".join(f"{1e3 * each:>16g} ms" for each in PERIODS))
-    for scenario, name, changes in rows:
-        cells = (share(scenario, changes, period) for period in PERIODS)
-        click.echo(f"{name:34}" + "".join(f"{cell:>19}" for cell in cells))
-    for scenario in SCENARIOS if wire else ():
-        simulated = bp.run(scenario, ALONE).metrics[ERROR]
-        for number in range(wire):
-            click.echo(f"{scenario} {number + 1}: {wired(scenario)}, simulated {simulated:.2f} %")
-
-
-def wired(scenario: str, **changes: Any) -> str:
-    """How a run of a scenario on the virtual rig ended, and how late this computer was."""
-    run = bp.run(scenario, ALONE, on="emulated", **changes)
-    ledger, error = run.account["ledger"], run.metrics.get(ERROR)
-    late = ledger["lateness"]
-    return (
-        f"{run.outcome}, missed {ledger['missed']} of {ledger['ticks'] + ledger['missed']}, "
-        f"late p99 {late['p99_us']} us, at most {late['max_us']} us, "
-        f"{len(ledger['pauses_us'])} pauses, error {'-' if error is None else f'{error:.2f} %'}"
-    )
+@click.option("--doc", type=Path, help="Write the page, with runs beside busy processes.")
+def main(wire: int, doc: Path | None) -> None:
+    """Print how long laws compute and how runs on the virtual rig end, or write the page."""
+    parts = {"computing": computing()}
+    click.echo(parts["computing"])
+    if wire:
+        parts["quiet"] = on_the_wire(wire, 0)
+        click.echo(parts["quiet"])
+    if doc:
+        few = max(1, wire // 4)
+        parts |= {
+            "slower": slower(),
+            "emulating": emulating(),
+            "beside_one": on_the_wire(few, 1),
+            "beside_two": on_the_wire(few, 2),
+            "ordinary": on_the_wire(few, 0, ORDINARY),
+            "ordinary_beside_two": on_the_wire(few, 2, ORDINARY),
+            "runs": str(wire),
+            "few": str(few),
+            "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.release()}",
+        }
+        template = doc.with_suffix(".template.md").read_text(encoding="utf-8")
+        strict = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+        write_whole(doc, strict.from_string(template).render(parts))
 
 
 if __name__ == "__main__":
