@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array, Mask, square_of
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.ranges import NotNegative, Positive
@@ -188,13 +188,6 @@ class TwoSided:
         a = (p + q) / 2
         slopes = a, self._Z * (q - p) / 2, self._Z**2 * (a - here)
         return Tilts(*(np.moveaxis(each, -2, 0) for each in slopes))
-
-
-def square_of(v: Array) -> Array:
-    """|v|^2 of vectors of two, shape (..., 1)."""
-    x, y = v[..., :1], v[..., 1:]
-    square: Array = x * x + y * y
-    return square
 
 
 SLICE = 25

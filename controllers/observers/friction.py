@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, every
+from controllers.arrays import Array, Mask, every, square_of
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.linear import NOISE
@@ -128,6 +128,13 @@ RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
+UNLIKELY = 36.0
+"""Square of a touch sample's distance from what is expected, in standard deviations: noise is so
+far away once in 10^8 samples."""
+IN_A_ROW = 2
+"""Samples so far away after which the ball is held to have been struck."""
+BLOW = 0.3
+"""Standard deviation in m/s of what the velocity of a ball may be then, beside what it was."""
 
 
 @dataclass(kw_only=True)
@@ -207,6 +214,7 @@ class FrictionKalman(LateBall):
         for k in range(4):
             self._A[:, k, k + 2] = self.period
         self._seen: Array = np.full((2, self._rigs, 2), np.nan)
+        self._far = np.zeros(self._rigs)
 
     @property
     def innovation(self) -> Array:
@@ -284,12 +292,17 @@ class FrictionKalman(LateBall):
         L = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2)
         W = L @ hP
         change = together((first * ex, cross * ex + second * ey), self._rigs)
+        far = square_of(change)[:, 0] > UNLIKELY
+        self._far = np.where(new, (self._far + 1) * far, self._far)
         change = (change[:, None] @ W)[:, 0]
         moving = np.reshape(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, -1)
         if not every(moving):
             change[~moving, LEARNT] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
+        struck = new & (self._far >= IN_A_ROW)
+        if struck.any():
+            diagonal(self._P)[struck, 2:4] += BLOW**2
         least, most = by.least, by.most
         *_, kx, ky, friction = self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
