@@ -279,7 +279,8 @@ class FeasiblePath:
             path: What is wished from there on, shape (3, K, ..., 2), at least the time ahead.
         """
         able = self.within(np.concatenate((state[:, None], path), axis=1))
-        near = np.abs(state - path[:, 0]) < np.array(BACK).reshape(3, *[1] * (state.ndim - 1))
+        arrived = np.tensordot(_integrated(self._period)[0], state, axes=1)
+        near = np.abs(arrived - path[:, 0]) < np.array(BACK).reshape(3, *[1] * (state.ndim - 1))
         self._astray = astray = ~able | (self._astray & ~near.all(axis=(0, -1)))
         slice_: Array = path[:, : self.count]
         if not astray.any():
@@ -506,11 +507,40 @@ class AboutMotion(Law):
         """The motion of ball and plate, its first slice laid."""
         return MotionPlan(self, x, reference, period)
 
-    def ahead(self, x: Array, reference: Reference, period: float) -> Preview:
-        """The path ahead of a state at the start, shape (..., 8)."""
-        k1 = self.model.k1
-        limits = (k1 * self.slope, k1 * self.slope_rate) if self.slope and self.slope_rate else None
-        return Preview(reference, x[..., 0::4], period, self.preview, self.spread, limits)
+    def ahead(
+        self, x: Array, reference: Reference, period: float, *, feasible: bool = True
+    ) -> Preview:
+        """The path ahead of a state at the start, shape (..., 8).
+
+        Args:
+            x: The state.
+            reference: Path of the ball.
+            period: Control period in s.
+            feasible: Whether it keeps to what the plate can give.
+        """
+        limits = self.model.k1 * self.slope, self.model.k1 * self.slope_rate
+        bounds = limits if feasible and all(limits) else None
+        return Preview(reference, x[..., 0::4], period, self.preview, self.spread, bounds)
+
+    def shaped(self, x: Array, reference: Reference, period: float, count: int) -> Array:
+        """How far the path that is laid is from one that asks too much of the plate, m, (count,).
+
+        Args:
+            x: State at the start, shape (8,).
+            reference: Path of the ball.
+            period: Control period in s.
+            count: Control periods from the start on.
+        """
+        paths = []
+        for feasible in (True, False):
+            ahead, path = self.ahead(x, reference, period, feasible=feasible), []
+            for _ in range(0, count, ahead.count):
+                ahead.ask()
+                ahead.go_on()
+                path.append(ahead.window[0, : ahead.count])
+            paths.append(np.concatenate(path)[:count])
+        away: Array = np.hypot(*(paths[0] - paths[1]).T)
+        return away
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from controllers.stable_inversion import AboutMotion
 from twin.devices.realtime import blamed
 from twin.report.diagnosis import Diagnosis
 from twin.run.assemble import build_law
@@ -27,6 +30,8 @@ SMALL = 1e-4
 CUT = 0.001
 """Share of time in which a limit cut the effort from which on it is said."""
 FREE = "no limit was in the way"
+DIFFERENT = 1e-3
+"""Distance in m from which on a path is said to be another than its reference."""
 STEEP = 0.95
 """Share of the angle limit from which on the plate is said to have reached it."""
 
@@ -87,7 +92,7 @@ class Fact(NamedTuple):
 
 def _limits(run: Run, found: Diagnosis) -> list[Fact]:
     """What limited a run, the weightiest first."""
-    facts = []
+    facts = _shaped(run)
     if found.stuck is not None:
         facts.append(_stuck(run, found, found.stuck))
     if found.lag is not None and found.gain is not None and found.rest is not None:
@@ -121,6 +126,28 @@ def _limits(run: Run, found: Diagnosis) -> list[Fact]:
     if found.untouched:
         facts.append(Fact(f"the screen detected no ball {found.untouched:.1%} of the time"))
     return facts or [Fact(FREE)]
+
+
+def _shaped(run: Run) -> list[Fact]:
+    """A reference that the plate cannot give, if the law laid another path for that reason."""
+    law = None if run.absent else build_law(run.scenario)
+    time = run.rows["time"]
+    if not isinstance(law, AboutMotion) or len(time) < 2:
+        return []
+    x = np.zeros(8)
+    x[0::4] = run.rows["measured_x"][0], run.rows["measured_y"][0]
+    period = run.scenario.rig.period
+    away = law.shaped(x, run.followed, period, round(time[-1] / period) + 1)
+    far = period * (away > DIFFERENT).sum()
+    if not far:
+        return []
+    return [
+        Fact(
+            f"the plate cannot give this reference: the path laid instead was up to "
+            f"{_mm(away.max())} away from it",
+            f", by more than {1000 * DIFFERENT:g} mm for {far:.3g} s in all",
+        )
+    ]
 
 
 def _stuck(run: Run, found: Diagnosis, away: float) -> Fact:
