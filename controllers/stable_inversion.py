@@ -320,6 +320,8 @@ class FeasiblePath:
         return np.moveaxis(made, (-3, -2), (1, 0))
 
 
+DIFFERENT = 1e-3
+"""Distance in m from which on a path is another than what is wished."""
 BACK = (1e-4, 1e-3, 2e-2)
 """Distances in m, m/s and m/s^2 from a path that can be followed below which it is."""
 
@@ -522,8 +524,8 @@ class AboutMotion(Law):
         bounds = limits if feasible and all(limits) else None
         return Preview(reference, x[..., 0::4], period, self.preview, self.spread, bounds)
 
-    def shaped(self, x: Array, reference: Reference, period: float, count: int) -> Array:
-        """How far the path that is laid is from one that asks too much of the plate, m, (count,).
+    def laid(self, x: Array, reference: Reference, period: float, count: int) -> Array:
+        """The path laid where the plate cannot give what is wished, m, (count, 2); NaN elsewhere.
 
         Args:
             x: State at the start, shape (8,).
@@ -539,8 +541,9 @@ class AboutMotion(Law):
                 ahead.go_on()
                 path.append(ahead.window[0, : ahead.count])
             paths.append(np.concatenate(path)[:count])
-        away: Array = np.hypot(*(paths[0] - paths[1]).T)
-        return away
+        laid, wished = paths
+        away = np.hypot(*(laid - wished).T)
+        return np.where(away[:, None] > DIFFERENT, laid, np.nan)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""

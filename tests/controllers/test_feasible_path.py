@@ -4,14 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ballplate as bp
 from controllers.controller import PerRigReference
 from controllers.references import Circle, Setpoints
 from controllers.references.paths import Transition
 from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
-from twin.run.assemble import assemble
-from twin.run.loop import Ending, drive
-from twin.run.record import Recorder
-from twin.scenario.load import load
+from twin.report.summary import judged
 
 T = 0.002
 LAW = StableInversion()
@@ -125,17 +123,20 @@ def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
         "plant.start.y=0.06",
         "duration=6",
     ]
-    kept, lost = (driven(load("cure", [*cure, f"controller.slope={a}"])) for a in (LAW.slope, 0.0))
-    assert kept[0] is Ending.FINISHED
-    assert kept[1] < 0.04
-    assert lost[0] is not Ending.FINISHED or lost[1] > 0.1
-
-
-def driven(run):
-    """How a run ended, and its distance from the reference, RMS in m."""
-    rig, controller = assemble(run)
-    record = Recorder(3000, 1, T, keep=("state",))
-    (outcome,) = drive(rig, controller, run.duration, record)
-    wished = controller.reference(record.time)[0]
-    away = record["state"][:, 0, 0::4] - wished.reshape(-1, 2)
-    return outcome.ending, np.sqrt((away**2).sum(axis=1).mean())
+    kept, lost = (
+        bp.run("cure", [*cure, f"controller.slope={slope}"]) for slope in (LAW.slope, 0.0)
+    )
+    assert kept.outcome == "finished"
+    away = kept.motion.error
+    assert np.sqrt((away**2).sum(axis=1).mean()) < 0.04
+    assert lost.outcome != "finished"
+    # and what was done is in the record, and said
+    laid = np.stack((kept.rows["laid_x"], kept.rows["laid_y"]), axis=1)
+    differs = np.isfinite(laid[:, 0])
+    assert 0.1 < differs.mean() < 0.9
+    ball = np.stack((kept.rows["true_x"], kept.rows["true_y"]), axis=1)
+    assert np.hypot(*(ball - laid)[differs].T).max() < 0.02
+    wished = kept.followed(kept.rows["time"])[0]
+    far = np.hypot(*(laid - wished)[differs].T).max()
+    assert f"up to {1e3 * far:.3g} mm" in judged(kept)
+    assert "laid_x" not in lost.rows
