@@ -16,14 +16,23 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import STATES
 from controllers.catalog import origin
-from controllers.interfaces import Reference
+from controllers.controller import HeldLaw
+from controllers.interfaces import Law, Reference
+from controllers.stable_inversion import AboutMotion
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.jobs import SecondProcess
-from twin.run.assemble import assemble, build_controller, build_limits, build_reference, own_errors
+from twin.run.assemble import (
+    assemble,
+    build_controller,
+    build_law,
+    build_limits,
+    build_reference,
+    own_errors,
+)
 from twin.run.files import (
     STREAM,
     Signals,
@@ -141,6 +150,8 @@ class Run(Signals):
         desired = (reference or build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.add("reference", desired[:, None])  # who draws the record may lack the class
+        if (laid := _laid(scenario, record, reference)) is not None:
+            record.add("laid", laid[:, None])
         motion = Motion.of(record, desired, friction=always_friction(scenario))
         judged = scenario.metrics
         found = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
@@ -317,6 +328,22 @@ def run(
     )
 
 
+def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
+    """The channel of that name; None if the law laid what was wished, or lays nothing."""
+    law = choices("controller")[scenario.controller.kind]
+    if not (issubclass(law, AboutMotion) and record.length):
+        return None
+    built: Law = build_law(scenario)
+    x, period = np.zeros(8), scenario.rig.period
+    x[0::4] = record["measured"][0, 0, 0::2]
+    if isinstance(built, HeldLaw):
+        period, built = built.ticks * period, built.law
+    assert isinstance(built, AboutMotion)
+    ticks = (record.time / period + 1e-6).astype(int)
+    path = built.laid(x, reference or build_reference(scenario), period, int(ticks[-1]) + 1)[ticks]
+    return None if np.isnan(path).all() else path
+
+
 def save(
     run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
 ) -> None:
@@ -387,7 +414,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL = {"state", "age", "touched", "timing", "reference"}
+_OPTIONAL = {"state", "age", "touched", "timing", "reference", "laid"}
 NEEDED = (
     "time",
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
