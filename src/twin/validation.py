@@ -37,8 +37,12 @@ def read_model(model: type[Model], path: Path, **given: Any) -> Model:
         raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
 
 
-def read_tables(path: Path) -> dict[str, Any]:
+def read_tables(path: Path, called: str = "") -> dict[str, Any]:
     """The tables of a TOML file.
+
+    Args:
+        path: The file.
+        called: What a message calls it; its name by default.
 
     Raises:
         ScenarioError: If it cannot be read.
@@ -46,7 +50,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     try:
         return read_toml(path)
     except DataError as error:
-        raise ScenarioError(f"{path.name}: {error}") from error
+        raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
 def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()) -> str:

@@ -126,19 +126,27 @@ def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> li
     return [CompletionItem(Path(incomplete).as_posix() if incomplete else "", type="file")]
 
 
-def _each_once(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
-    """Refuse a key that is given twice: which of both is meant nobody knows."""
+def _note_plant(context: click.Context, __: click.Parameter, plant: str | None) -> None:
+    """Keep what ``--plant`` says, for ``--set``."""
+    context.meta["plant"] = plant
+
+
+def _settings(
+    context: click.Context, __: click.Parameter, values: tuple[str, ...]
+) -> tuple[str, ...]:
+    """The settings with that of ``--plant``; a key given twice means nobody knows which."""
     keys = [text.partition("=")[0].strip() for text in values]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
-    return values
+    plant = context.meta.get("plant")
+    return (*values, f"plant.kind={plant}") if plant else values
 
 
 SETTING = click.option(
     "--set",
     "overrides",
     multiple=True,
-    callback=_each_once,
+    callback=_settings,
     metavar="KEY=VALUE",
     help="Change a key of the scenario.",
     shell_complete=settings,
@@ -146,6 +154,9 @@ SETTING = click.option(
 PLANT = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),
+    expose_value=False,
+    is_eager=True,
+    callback=_note_plant,
     help="Simulate the mechanism, or the exact equations.",
 )
 PROCESSES = click.option(
@@ -201,11 +212,6 @@ def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
     from twin.scenario import load
 
     return load(name, overrides)
-
-
-def with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:
-    """The overrides, and that of the option ``--plant``."""
-    return (*overrides, f"plant.kind={plant}") if plant else overrides
 
 
 __all__ = ["EMPTY_RIG", "EMULATED", "RESET", "RIG"]

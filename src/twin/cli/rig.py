@@ -22,7 +22,6 @@ from twin.cli.options import (
     SETTING,
     Command,
     load_scenario,
-    with_plant,
 )
 from twin.cli.output import console, errors, progress, show, warn
 from twin.doctor.check import CheckStatus
@@ -167,7 +166,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
         text = toml(rig.tables())
-        write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))
+        write_whole(file, text)
         console.print(text, markup=False)
         console.print(f"written to {file}; use it with: ballplate run circle --rig {file}")
         come_forward()
@@ -257,7 +256,6 @@ PORT = 8090
 def play(
     scenario: str,
     overrides: tuple[str, ...],
-    plant: str | None,
     out: Path | None,
     port: int,
     address: str,
@@ -276,7 +274,7 @@ def play(
     from twin.play.serve import Server, folder_of, library, open_browser
 
     library()
-    chosen = load_scenario(scenario, with_plant(overrides, plant))
+    chosen = load_scenario(scenario, overrides)
     folder = out or folder_of(scenario)
     check_writable(folder)
     server = Server(chosen, folder, address=address, port=port, seconds=seconds)
