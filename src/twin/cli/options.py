@@ -214,8 +214,6 @@ def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
     return load(name, overrides)
 
 
-__all__ = ["EMPTY_RIG", "EMULATED", "RESET", "RIG"]
-
 RIG = click.option(
     "--rig",
     metavar="FILE",

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ballplate.running import EMULATED
 from twin.cli import options as tab
 from twin.cli.options import (
-    EMULATED,
     JSON,
     LAW,
     PLANT,

@@ -65,11 +65,14 @@ def blueprint(
         ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
+    state = rrb.StateTimelineView(
+        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
+    )
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
             _plate(roots, groups),
-            rrb.Vertical(_state(roots), _events(roots), row_shares=[1, 2]),
+            rrb.Vertical(state, _events(roots), row_shares=[1, 2]),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
@@ -146,12 +149,6 @@ def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
         name=f"from above [mm]: {ball}, reference white, estimate {WORDS[ORANGE]}, touch grey",
         background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-x, x], y_range=[-y, y]),
-    )
-
-
-def _state(roots: Sequence[str]) -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(
-        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
     )
 
 
