@@ -142,6 +142,13 @@ def _settings(
     return (*values, f"plant.kind={plant}") if plant else values
 
 
+def known(_: click.Context, __: click.Parameter, name: str) -> str:
+    """The name of a scenario; a wrong one is told before anything heavy is imported."""
+    find(name)
+    return name
+
+
+SCENARIO = functools.partial(click.argument, "scenario", callback=known, shell_complete=scenarios)
 SETTING = click.option(
     "--set",
     "overrides",
@@ -199,19 +206,6 @@ LAW = click.option(
 JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
 
 ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
-
-
-def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
-    """The scenario of a shipped name or a TOML file, with ``KEY=VALUE`` overrides.
-
-    Raises:
-        ScenarioError: If it does not exist, which is told before anything heavy is imported, or
-            anything in it is unknown or out of range.
-    """
-    find(name)
-    from twin.scenario import load
-
-    return load(name, overrides)
 
 
 RIG = click.option(

@@ -20,12 +20,12 @@ from twin.cli.options import (
     PROCESSES,
     RESET,
     RIG,
+    SCENARIO,
     SETTING,
     VARY,
     VIEWING,
     Command,
     Viewing,
-    load_scenario,
 )
 from twin.cli.output import (
     Shown,
@@ -57,7 +57,7 @@ def list_scenarios(*, as_json: bool) -> None:
 
 
 @click.command(cls=Command, example="run circle --beside cure")
-@click.argument("scenario", shell_complete=tab.scenarios)
+@SCENARIO()
 @LAW
 @SETTING
 @PLANT
@@ -88,13 +88,13 @@ def run(
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
+    from twin.scenario import load
 
     named = run_folder(scenario, (*overrides, *([] if rig is None else [f"rig={Path(rig).stem}"])))
     own = out is None and rig is None
-    other = own and of_other_class(named, lambda: load_scenario(scenario, overrides))
+    other = own and of_other_class(named, lambda: load(scenario, overrides))
     folder = out or (free(named) if other or rig is not None else named)
     replaced, named_out = former(folder), folder
     replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
@@ -220,7 +220,7 @@ def compare(
 
 
 @click.command(cls=Command, example="sweep circle plant.friction.rolling_mm=0:0.5:6")
-@click.argument("scenario", shell_complete=tab.scenarios)
+@SCENARIO()
 @click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
 @LAW
 @SETTING
@@ -245,7 +245,6 @@ def sweep(
     for each value of another key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
     kept, in sweep.csv.
     """
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from ballplate.studies import sweep as run_sweep
     from twin.run.files import run_folder
     from twin.scenario.variants import parsed, swept, varied

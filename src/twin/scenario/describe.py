@@ -22,6 +22,7 @@ from pydantic.fields import FieldInfo
 from twin.errors import ScenarioError, shortened
 from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
 from twin.settings import Setting, Unit, settings_of
+from twin.validation import is_table
 
 WORDS = {
     "number": "number",
@@ -232,14 +233,8 @@ def _range(schema: Mapping[str, Any]) -> str:
 
 def _table(annotation: object) -> type[BaseModel] | None:
     """The model of a table, of one that may be left out too; None for a value or a list."""
-    if get_origin(annotation) is tuple:
-        return None
-    found = [
-        each
-        for each in (annotation, *get_args(annotation))
-        if isinstance(each, type) and issubclass(each, BaseModel)
-    ]
-    return found[0] if found else None
+    parts = () if get_origin(annotation) is tuple else (annotation, *get_args(annotation))
+    return next(filter(is_table, parts), None)
 
 
 @cache

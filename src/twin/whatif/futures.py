@@ -140,16 +140,6 @@ def difference(recorded: Motion, motion: Motion, period: float) -> float | None:
     return float(apart.max()) if len(apart) else None
 
 
-def save(each: Future, moment: Moment, folder: Path) -> None:
-    """Write the run folder of a future.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    origin = {"of": moment.name, "at": moment.at, "exact": moment.exact, "set": [*each.settings]}
-    record_run(each.run, folder, {"branch": origin})
-
-
 POOR = 5.0
 """Millimetres that twin and record may be apart before a branch that is to be trusted."""
 
@@ -327,7 +317,9 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     folders = []
     for each in found:
         folders.append(free(folder / each.name))
-        save(each, moment, folders[-1])
+        changed = {"exact": moment.exact, "set": [*each.settings]}
+        origin = {"of": moment.name, "at": moment.at, **changed}
+        record_run(each.run, folders[-1], {"branch": origin})
     period = moment.scenario.rig.period
     end = period + max(each.run.motion.time[-1] for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
