@@ -23,24 +23,12 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
     The first entry is ``turn``, the way it lay at the first position. Spin about the normal is not
     seen in positions and so left out.
     """
-    steps = np.diff(position, axis=0)
-    way = np.hypot(steps[:, 0], steps[:, 1])
-    safe = np.where(way > 0, way, 1.0)[:, None]
-    axis = np.stack((-steps[:, 1], steps[:, 0], np.zeros(len(way))), axis=1) / safe
-    half = way[:, None] / radius / 2
-    each = np.concatenate((np.sin(half) * axis, np.cos(half)), axis=1)
-    out = np.empty((len(position), 4))
-    out[0] = x, y, z, w = turn
-    for k, (a, b, c, d) in enumerate(each.tolist(), start=1):
-        x, y, z, w = (
-            d * x + a * w + b * z - c * y,
-            d * y - a * z + b * w + c * x,
-            d * z + a * y - b * x + c * w,
-            d * w - a * x - b * y - c * z,
-        )
-        out[k] = x, y, z, w
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    return out
+    x, y = np.diff(position, axis=0).T / radius
+    steps = Rotation.from_rotvec(np.stack((-y, x, np.zeros(len(x))), axis=1))
+    found = [Rotation.from_quat(turn)]
+    for step in steps:
+        found.append(step * found[-1])
+    return np.stack([each.as_quat() for each in found])
 
 
 def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
