@@ -84,7 +84,8 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     what = "touch calibration"
     known = rig.screen().calibration
     if known is None:
-        size = f"{_area(extent)} that the panel says" if extent else _area(_nominal())
+        nominal = Mounting.of(Calibration.nominal()).size
+        size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
         return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
     mounting = Mounting.of(known)
     width, height = mounting.size
@@ -103,10 +104,6 @@ def _source(rig: RigFile) -> str:
     made = read_calibration(Path(file))[1]
     number, rms, date = (made.get(name, "unknown") for name in ("points", "rms_mm", "date"))
     return f"{Path(file).name}, made {date}, {number} points, {rms} mm RMS"
-
-
-def _nominal() -> tuple[float, float]:
-    return Mounting.of(Calibration.nominal()).size
 
 
 def _area(sides: tuple[float, float]) -> str:

@@ -223,7 +223,8 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
         value = present.get(item.name, item.default)
         several = isinstance(value, list | tuple)
         numbers = list(value) if several else [value]
-        if _unused(item.name, present) or not all(map(_multipliable, numbers)):
+        replaced = item.name == "poles" and present.get("gains") is not None
+        if replaced or not all(map(_multipliable, numbers)):
             continue
         key = f"{table}.{item.name}"
         meaning = meanings.get(key, "")
@@ -250,11 +251,6 @@ def _parts(meaning: str, count: int) -> list[str]:
             if len(parts) == count:
                 return [part.removeprefix("the ") for part in parts]
     return [str(number) for number in range(1, count + 1)]
-
-
-def _unused(name: str, present: Mapping[str, Any]) -> bool:
-    """Whether a setting does nothing, as another takes its place: gains that of poles."""
-    return name == "poles" and present.get("gains") is not None
 
 
 Do = Callable[[Event], None]

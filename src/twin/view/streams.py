@@ -136,7 +136,10 @@ class RunStream:
         reference = self._reference(time)[0]
         for group, plot in self.plots(rows).items():
             for name, signal in plot.items():
-                yield from self._plot(f"{self.root}/{group}/{name}", time, signal)
+                seen = np.isfinite(signal.values) if signal.points else np.full(len(time), True)
+                if seen.any():
+                    shown = rr.Scalars.columns(scalars=signal.values[seen])
+                    yield Batch(f"{self.root}/{group}/{name}", time[seen], shown)
         yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
@@ -147,11 +150,6 @@ class RunStream:
             self._last, self._turn = ball[-1:], turns[-1]
             yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
-
-    def _plot(self, entity: str, time: Array, signal: Signal) -> Iterator[Batch]:
-        seen = np.isfinite(signal.values) if signal.points else np.full(len(time), True)
-        if seen.any():
-            yield Batch(entity, time[seen], rr.Scalars.columns(scalars=signal.values[seen]))
 
     def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Signal]]:
         """The lines of the time plots: group to name to signal."""
