@@ -191,8 +191,7 @@ def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
     """
     from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
 
-    text = html(title, blocks)
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_whole(path, html(title, blocks))
 
 
 def digits(value: Any, unit: str = "", places: int = 4) -> str:

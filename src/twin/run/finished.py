@@ -153,8 +153,7 @@ class Run(Signals):
         if (laid := _laid(scenario, record, reference)) is not None:
             record.add("laid", laid[:, None])
         motion = Motion.of(record, desired, friction=always_friction(scenario))
-        judged = scenario.metrics
-        found = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
+        found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())
         run = cls(
             "run",
@@ -362,7 +361,7 @@ def save(
     picture = begin(drawn, shown, run.scenario.title, run.scenario.rig.limits.area)
     record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
-    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+    write_whole(folder / "picture.png", picture())
 
 
 def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
@@ -475,14 +474,16 @@ def open_run(path: Path) -> list[Run]:
         metadata.get("classes", {}),
         absent,
     )
-    return [_killed(run) if file.name == STREAM else run]
+    if file.name != STREAM:
+        return [run]
+    return [
+        judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + scenario.rig.period, KILLED))
+    ]
 
 
-def _killed(run: Run) -> Run:
-    """A run that nobody could judge when it ended."""
-    ended = Outcome(Ending.ABORTED, run.rows["time"][-1] + run.scenario.rig.period, KILLED)
-    judged = run.scenario.metrics
-    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
+def judged_as(run: Run, ended: Outcome) -> Run:
+    """A run that nobody could judge when it ended, as one that ended so."""
+    metrics = measure(run.motion, ended, **dict(run.scenario.metrics))
     return replace(run, metrics=metrics.as_dict())
 
 
