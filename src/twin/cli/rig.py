@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,6 +54,7 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
+@click.option("--install", is_flag=True, help="Only say what this installation lacks for what.")
 @SETTING
 @JSON
 def doctor(
@@ -64,6 +65,7 @@ def doctor(
     move: bool,
     reset: bool,
     udev: bool,
+    install: bool,
     as_json: bool,
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
@@ -74,20 +76,31 @@ def doctor(
         return 0
     from twin.doctor.check import next_step
     from twin.doctor.examine import examine
+    from twin.doctor.install import examine_installation
     from twin.scenario import load
 
+    if install:
+        found = _told(examine_installation(), as_json)
+        show([each.as_dict() for each in found], as_json, ())
+        return 0
     chosen = load(scenario, overrides)
-    found: list[CheckResult] = []
     with rig_file(rig, chosen) as (file, ask):
-        for result in examine(chosen, file, ask, move=move, reset=reset):
-            found.append(result)
-            if not as_json:
-                _print(result)
+        found = _told(examine(chosen, file, ask, move=move, reset=reset), as_json)
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     shown = (told, next_step(found, rig, move=move))
     show([each.as_dict() for each in found], as_json, shown)
     return 1 if counts[CheckStatus.FAIL] else 0
+
+
+def _told(results: Iterable[CheckResult], as_json: bool) -> list[CheckResult]:
+    """All results, each told when it comes unless JSON is wanted."""
+    found = []
+    for result in results:
+        found.append(result)
+        if not as_json:
+            _print(result)
+    return found
 
 
 def _print(result: CheckResult) -> None:
