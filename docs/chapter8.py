@@ -26,7 +26,7 @@ from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import COLUMNS, Agreement, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.thesis.neglected import terms
-from twin.writing import write_whole
+from twin.writing import write_text, write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
@@ -208,7 +208,7 @@ def write_doc(
             groups.append((title, parts[0][0].shared, parts))
     sentence, summary = chapter8.sentence(cells), _summary(tables, cells)
     text = filled("reproduction", sentence=sentence, summary=summary, groups=groups)
-    write_whole(path, lambda target: target.write_text(text.rstrip() + "\n", encoding="utf-8"))
+    write_text(path, text.rstrip() + "\n")
 
 
 def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:

@@ -23,7 +23,7 @@ from twin.jobs import cores
 from twin.markdown import table
 from twin.thesis import chapter9
 from twin.thesis.chapter9 import COLUMNS, Row, errors, goals, held_out_goals, stored
-from twin.writing import write_json, write_whole
+from twin.writing import write_json, write_text, write_whole
 
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "src" / "twin" / "thesis" / "data" / "chapter_9.json"
@@ -227,8 +227,7 @@ def main(found: Path | None) -> None:
     cells = chapter9.rows(processes=cores())
     confirmed = chapter9.rows(settings=chapter9.MECHANISM, processes=cores())
     draw(HERE / "figures" / FIGURE, cells)
-    text = page(cells, confirmed)
-    write_whole(HERE / "experiments.md", lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(HERE / "experiments.md", page(cells, confirmed))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import sympy as sp
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.markdown import table
-from twin.writing import write_whole
+from twin.writing import write_text
 
 MODEL = BallPlate()
 X = x1, x2, x3, x4, x5, x6, x7, x8 = sp.symbols("x1:9")
@@ -227,6 +227,4 @@ def page(found: list[Claim]) -> str:
 
 
 if __name__ == "__main__":
-    text = page(claims())
-    path = Path(__file__).parent / "claims.md"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(Path(__file__).with_suffix(".md"), page(claims()))

@@ -24,7 +24,7 @@ from twin.jobs import cores
 from twin.safety.cases import CASES
 from twin.safety.row import HEADING, FaultRow, both, cells
 from twin.safety.trial import AFTER, LEFT, run_all
-from twin.writing import write_whole
+from twin.writing import write_text
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -118,8 +118,8 @@ def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def main(doc: Path, processes: int | None) -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
-        text = document(run_all(processes or cores(), advance))
-    write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
+        rows = run_all(processes or cores(), advance)
+    write_text(doc, document(rows))
 
 
 if __name__ == "__main__":

@@ -114,11 +114,19 @@ def _why(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text whole, in UTF-8.
+
+    Raises:
+        RecordError: If the folder cannot be written.
+    """
+    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file whole.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    text = json.dumps(content, indent=2) + "\n"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(path, json.dumps(content, indent=2) + "\n")

@@ -22,7 +22,7 @@ from twin.study.family import Point
 from twin.study.figures import ENOUGH, figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.work import Work
-from twin.writing import write_whole
+from twin.writing import write_text, write_whole
 
 NAMED = 5
 """Variants that a sentence ranks; of more, the table does."""
@@ -159,7 +159,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     """
     study, drawn = work.study, _inline_figures(work, found)
     for name, picture in drawn.items():
-        _write(folder / "figures" / f"{name}.svg", picture)
+        write_text(folder / "figures" / f"{name}.svg", picture)
     table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
@@ -198,9 +198,9 @@ def document(work: Work, found: Sequence[Answer], path: Path) -> None:
     blocks: list[Block] = [Text([_about(work)]), Text(sentences(study, found))]
     for name, picture in _inline_figures(work, found).items():
         file = f"{path.stem}-{name}.svg"
-        _write(path.with_name(file), picture)
+        write_text(path.with_name(file), picture)
         blocks.append(Picture(HEADINGS[name], picture, file=file))
-    _write(path, as_markdown(study.title, [*blocks, compared(study, found)]))
+    write_text(path, as_markdown(study.title, [*blocks, compared(study, found)]))
 
 
 def _inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
@@ -232,10 +232,6 @@ def endings(work: Work, rows: pa.Table) -> list[str]:
         f"{variant}: {len(reasons)} {outcome}, as '{reasons[0]}'"
         for (variant, outcome), reasons in counted.items()
     ]
-
-
-def _write(path: Path, text: str) -> None:
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def grids(study: Study, found: Sequence[Answer]) -> list[Table]:

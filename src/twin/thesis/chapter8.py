@@ -192,26 +192,7 @@ class ThesisColumn:
 
 
 COLUMNS = {
-    "e_ss": ThesisColumn(label="e_ss", unit="m", metric="steady_error"),
-    "overshoot": ThesisColumn(label="overshoot", unit="%", zero=0.5),
-    "t_ss": ThesisColumn(label="t_ss", unit="s", judged="reading"),
-    "rms_error": ThesisColumn(label="average tracking error", unit="m", metric="rms_error"),
-    "max_steady_error": ThesisColumn(
-        label="max. steady tracking error", unit="m", metric="max_steady_error"
-    ),
-    "e_tt": ThesisColumn(
-        label="tracking error e_tt", unit="%", judged="noise", metric="tracking_error_percent"
-    ),
-    "phi_max": ThesisColumn(label="phi_max", unit="deg", metric="phi_max_deg"),
-    "u1_max": ThesisColumn(label="u1_max", unit="rad/s^2", metric="u1_max"),
-    "theta_max": ThesisColumn(label="theta_max", unit="deg", metric="theta_max_deg"),
-    "u2_max": ThesisColumn(label="u2_max", unit="rad/s^2", metric="u2_max"),
-    **{
-        f"x{number}_error": ThesisColumn(
-            label=f"x{number} estimation error", unit=unit, judged="noise"
-        )
-        for number, unit in enumerate(("m", "m/s", "rad", "rad/s"), start=1)
-    },
+    name: ThesisColumn(**about) for name, about in tomllib.loads(_read("columns.toml")).items()
 }
 """The columns by the names the data files use.
 
