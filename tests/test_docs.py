@@ -34,6 +34,7 @@ WRITTEN = {
     "screenshots.py",
     "settings.py",
     "study_page.py",
+    "study.template.md",
 } | {
     "bring_up.py",
     "bring-up.template.md",

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,9 +15,8 @@ from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.numbers import differing, in_json, indicators, rows
 from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
-from twin.run.picture import LOOK, MOST, picture, style
+from twin.run.picture import MOST, drawn, picture, style
 
-Format = Literal["svg", "png", "pdf"]
 DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
     "spectrum": (
         "Spectrum of the error (RMS of x, y)",
@@ -49,8 +46,7 @@ def details(runs: Sequence[Run]) -> Figure:
     """Error spectrum, estimation error, distribution of the error; in real time, lateness."""
     late = {index: each for index, run in enumerate(runs) if (each := lateness(run)) is not None}
     names = ["spectrum", "estimate", "share", *(["late"] if late else [])]
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 3.4), layout="constrained")
+    with drawn(12, 3.4) as figure:
         panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
             frequency, amplitude = spectrum(run)
@@ -75,7 +71,6 @@ def details(runs: Sequence[Run]) -> Figure:
         if 1 < len(runs) <= MOST:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
-        figure.draw_without_rendering()
     return figure
 
 
@@ -89,16 +84,6 @@ def lateness(run: Run) -> np.ndarray | None:
     """How late each period of a real-time run began, us, shape (K,); None in simulated time."""
     names = [name for name in run.rows if name.startswith("late")]
     return 1e6 * run.rows[names[0]] if names else None
-
-
-def encoded(figure: Figure, kind: Format) -> bytes:
-    """A figure as a file's content; the same figure gives the same bytes."""
-    store = io.BytesIO()
-    left_out = {"svg": ("Date", "Creator", "Format", "Type"), "pdf": ("CreationDate",)}
-    fixed = dict.fromkeys(left_out.get(kind, ()))
-    with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
-        figure.savefig(store, format=kind, dpi=150, metadata=fixed or None)
-    return store.getvalue()
 
 
 LISTED = 40
