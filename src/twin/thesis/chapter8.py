@@ -129,7 +129,24 @@ def tables() -> dict[str, SimulatedTable]:
     for group, bound in FILES.items():
         content = tomllib.loads(_read(f"{group}.toml"))
         for entry in content["table"]:
-            found[entry["id"]] = _table(entry, group, bound, content)
+            common = {
+                "seeds": content.get("seeds", 1),
+                "bands": entry.get("bands", (5.0,)),
+                "causes": {**content.get("causes", {}), **entry.get("causes", {})},
+            }
+            setup = laid_over(content["setup"], entry.get("setup", {}))
+            found[entry["id"]] = SimulatedTable(
+                id=entry["id"],
+                title=entry["title"],
+                group=group,
+                bound=bound,
+                shared=tuple(content["remarks"]),
+                own=tuple(entry.get("remarks", ())),
+                rows=tuple(
+                    SimulatedRow(**common | row | {"setup": laid_over(setup, row.get("setup", {}))})
+                    for row in entry["row"]
+                ),
+            )
     return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
 
 
@@ -141,29 +158,6 @@ def continuous() -> dict[str, Any]:
     """
     found: dict[str, Any] = json.loads(_read("chapter_8.json"))
     return found
-
-
-def _table(
-    entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]
-) -> SimulatedTable:
-    common = {
-        "seeds": content.get("seeds", 1),
-        "bands": entry.get("bands", (5.0,)),
-        "causes": {**content.get("causes", {}), **entry.get("causes", {})},
-    }
-    setup = laid_over(content["setup"], entry.get("setup", {}))
-    return SimulatedTable(
-        id=entry["id"],
-        title=entry["title"],
-        group=group,
-        bound=bound,
-        shared=tuple(content["remarks"]),
-        own=tuple(entry.get("remarks", ())),
-        rows=tuple(
-            SimulatedRow(**{**common, **row, "setup": laid_over(setup, row.get("setup", {}))})
-            for row in entry["row"]
-        ),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
