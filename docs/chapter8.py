@@ -24,7 +24,7 @@ from controllers.ballplate import BallPlate
 from twin import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Agreement, Excerpt, Results, SimulatedTable, ThesisCell
+from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.thesis.neglected import terms
 from twin.writing import write_text, write_whole
 
@@ -206,32 +206,20 @@ def write_doc(
             parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
         if parts:
             groups.append((title, parts[0][0].shared, parts))
-    sentence, summary = chapter8.sentence(cells), _summary(tables, cells)
-    text = filled("reproduction", sentence=sentence, summary=summary, groups=groups)
+    text = filled(
+        "reproduction",
+        sentence=chapter8.sentence(cells),
+        steps=chapter8.STEPS,
+        summary=[(table, chapter8.summary(_of(table, cells))) for table in tables],
+        columns=COLUMNS,
+        groups=groups,
+    )
     write_text(path, text.rstrip() + "\n")
 
 
 def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:
     """The cells of one table."""
     return [cell for cell in cells if cell.table == table.id]
-
-
-def _summary(tables: Sequence[SimulatedTable], cells: Sequence[ThesisCell]) -> str:
-    """A line for every table: how many cells agree how well."""
-    steps = [f"within {step:g} %" for step in chapter8.STEPS]
-    head = ("table", "cells", "agree", "exceptions", "differ", *steps, "worst that agrees")
-    rows = []
-    for table in tables:
-        found = chapter8.summary(_of(table, cells))
-        worst: ThesisCell | None = found["worst"]
-        name = ""
-        if worst is not None:
-            quantity = COLUMNS[worst.column].name
-            name = f"{worst.deviation_percent:+.2f} % ({worst.row}, {quantity})"
-        within = [f"{count} of {found['values']}" for count in found["within"].values()]
-        counts = [str(found[key]) for key in ("cells", *Agreement)]
-        rows.append((f"{table.id} {table.title}", *counts, *within, name))
-    return markdown.table(head, rows, words=(0, -1))
 
 
 def main() -> None:

@@ -119,7 +119,9 @@ def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
 def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_a_scenario():
     attacks = script("cure_attacks")
     plan = tomllib.loads((ROOT / "docs" / "cure_attacks.toml").read_text(encoding="utf-8"))
-    page = attacks.page(plan, {"one": [0.123, None]})
+    page = attacks.filled(
+        "cure_attacks", plan=plan, table={"one": [0.123, None]}, said=attacks.said
+    )
     assert "| one | 0.12 | - |" in page
     every = {
         load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]]).model_dump_json()
