@@ -16,7 +16,7 @@ from pathlib import Path
 from benchmarks import measurements, physics_step
 from benchmarks.figures import Figure, groups
 from twin.markdown import filled, table
-from twin.writing import write_text
+from twin.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
 ROUNDS = 5
@@ -66,7 +66,7 @@ def main() -> None:
         if options.add:
             measurements.add(measurement)
     if options.doc is not None:
-        write_text(options.doc, page().strip() + "\n")
+        write_whole(options.doc, page().strip() + "\n")
 
 
 if __name__ == "__main__":

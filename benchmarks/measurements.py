@@ -14,7 +14,7 @@ from typing import NamedTuple
 from benchmarks.figures import GOALS, Figure
 from twin.data_file import read_toml
 from twin.markdown import table
-from twin.writing import write_text
+from twin.writing import write_whole
 
 FILE = Path(__file__).parent.parent / "docs" / "data" / "performance.toml"
 LIBRARIES = ("mujoco", "numpy", "scipy")
@@ -70,7 +70,7 @@ def add(measurement: Measurement, file: Path = FILE) -> None:
         lines += ["", f"[measured.{name}]"]
         lines += [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in values.items()]
     text = file.read_text(encoding="utf-8") + "\n".join(lines) + "\n"
-    write_text(file, text)
+    write_whole(file, text)
 
 
 def kept(file: Path = FILE) -> list[Measurement]:

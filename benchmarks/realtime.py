@@ -26,7 +26,7 @@ from controllers.arrays import Array
 from twin.markdown import filled, table
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
-from twin.writing import write_text
+from twin.writing import write_whole
 
 PERIODS = (0.001, 0.002, 0.004, 0.01)
 LAWS = {
@@ -194,7 +194,7 @@ def main(wire: int, doc: Path | None) -> None:
             "few": str(few),
             "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.release()}",
         }
-        write_text(doc, filled(doc.with_suffix(".template.md"), **parts))
+        write_whole(doc, filled(doc.with_suffix(".template.md"), **parts))
 
 
 if __name__ == "__main__":

@@ -89,3 +89,10 @@ def elementwise(formula: Callable[Concatenate[Arithmetic, ...], Any], *arrays: A
         return several
     one = map(formula, repeat(NUMBERS), *[array.tolist()[0] for array in arrays])
     return np.array([list(one)])
+
+
+def square_of(v: Array) -> Array:
+    """|v|^2 of vectors of two, shape (..., 1)."""
+    x, y = v[..., :1], v[..., 1:]
+    square: Array = x * x + y * y
+    return square

@@ -52,7 +52,7 @@ class TimeVaryingLQR(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> VaryingGain:
         """The motion and the gains of the first half second."""
-        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self, x, reference, period)
         return VaryingGain(self, motion, reference, period)
 
     def command(self, now: Feedback) -> Array:
@@ -255,7 +255,7 @@ class Predictive(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> Horizon:
         """The motion over the first horizon."""
-        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self, x, reference, period)
         return Horizon(self, motion, period)
 
     def command(self, now: Feedback) -> Array:

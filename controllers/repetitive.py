@@ -155,7 +155,7 @@ class IterativeLearning(AboutMotion):
 
     def start(self, x: Array, reference: Reference, period: float) -> Laps:
         """The motion, and a table with nothing learnt."""
-        motion = MotionPlan(self.model, x, reference, period, self.preview, self.spread)
+        motion = MotionPlan(self, x, reference, period)
         return Laps(self, motion, x, reference)
 
     def command(self, now: Feedback) -> Array:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from controllers.arrays import Array
+from controllers.arrays import Array, Mask, square_of
 from controllers.ballplate import SIGN, BallPlate
 from controllers.interfaces import Feedback, Law, Reference
 from controllers.ranges import NotNegative, Positive
@@ -88,26 +88,16 @@ class MotionPlan(Slices):
     """The motion for one run: the plate's by the stable, two-sided inverse of the ball's.
 
     Args:
-        model: Ball and plate.
+        law: Whose.
         x: State at the start, shape (..., 8).
         reference: Path of the ball.
         period: Control period in s.
-        preview: How far the reference is asked ahead, s.
-        spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
     """
 
-    def __init__(
-        self,
-        model: BallPlate,
-        x: Array,
-        reference: Reference,
-        period: float,
-        preview: float,
-        spread: float,
-    ) -> None:
-        self._k1 = model.k1
-        ahead = Preview(reference, x[..., 0::4], period, preview, spread)
-        self._inverse = inverse(model, ahead, period)
+    def __init__(self, law: AboutMotion, x: Array, reference: Reference, period: float) -> None:
+        self._k1 = law.model.k1
+        ahead = law.ahead(x, reference, period)
+        self._inverse = inverse(law.model, ahead, period)
         super().__init__(ahead, period)
 
     def at(self, t: float) -> DesiredMotion:
@@ -117,7 +107,7 @@ class MotionPlan(Slices):
         return DesiredMotion(position[tick], velocity[tick], Tilts(*(each[tick] for each in slope)))
 
     def _parts(self) -> Sequence[Callable[[], None]]:
-        return self._preview.ask, self._preview.spread_jumps, self._lay
+        return self._preview.ask, self._preview.go_on, self._lay
 
     def _lay(self) -> None:
         count, (position, velocity, acceleration) = self._preview.count, self._preview.window
@@ -200,13 +190,6 @@ class TwoSided:
         return Tilts(*(np.moveaxis(each, -2, 0) for each in slopes))
 
 
-def square_of(v: Array) -> Array:
-    """|v|^2 of vectors of two, shape (..., 1)."""
-    x, y = v[..., :1], v[..., 1:]
-    square: Array = x * x + y * y
-    return square
-
-
 SLICE = 25
 """Control periods that are laid at once: few, so that none of them takes long."""
 EARLY = 4
@@ -215,6 +198,145 @@ JUMP = 2e-3
 """Distance in m from one period to the next, beyond what the speed covers, that is a jump."""
 LENGTH = 0.15
 """Length of a jump in m to which its time refers."""
+
+
+AHEAD = 1.2
+"""Time in s beyond the window over which a path that the plate cannot give is made one it can."""
+PIECES = 2
+"""Pieces of constant jerk in a slice of such a path."""
+
+
+class FeasiblePath:
+    """The path nearest to another one whose acceleration and jerk keep to limits, slice by slice.
+
+    The least mean square distance over some time ahead, of paths whose jerk is constant over short
+    pieces, from the end of the slice before: a quadratic programme with bounds, by the method of
+    multipliers (Boyd et al. 2011, "Distributed optimization and statistical learning via the
+    alternating direction method of multipliers", 3.1), which goes on from the slice before.
+
+    Args:
+        limits: Of acceleration, m/s^2, and jerk, m/s^3, along either axis.
+        period: Time from one sample to the next, s.
+        count: Samples of a slice.
+    """
+
+    STEPS = 20
+    """Of the method in each slice."""
+    WEIGHT = 3e-3
+    """Of the bounds in the method, m^2."""
+
+    def __init__(self, limits: tuple[float, float], period: float, count: int) -> None:
+        self.count, self._limits, self._period = count, limits, period
+        piece = count * period / PIECES
+        self.length = n = PIECES * math.ceil(AHEAD / (count * period))
+        """Pieces that are looked ahead."""
+        self._places = np.arange(1, n + 1) * piece / period
+        """Of the ends of pieces among the samples, the last of the slice before being 0."""
+        on, by = _integrated(piece)
+        state, push = np.eye(3), np.zeros((3, n))
+        states, pushes = np.empty((n, 3, 3)), np.empty((n, 3, n))
+        for k in range(n):
+            state, push = on @ state, on @ push
+            push[:, k] += by
+            states[k], pushes[k] = state, push
+        A, J = limits
+        self._free, self._moved = states[:, 0], pushes[:, 0]
+        self._tilted, self._bounded = states[:, 2] / A, np.vstack((pushes[:, 2] / A, np.eye(n) / J))
+        H = self._moved.T @ self._moved + self.WEIGHT * self._bounded.T @ self._bounded
+        self._solved = np.linalg.inv(H + 1e-9 * np.eye(n))
+        self._pull = self.WEIGHT * self._bounded.T
+        times = np.arange(1, count + 1) * period
+        within = np.minimum(np.floor((times - 1e-9) / piece).astype(int), PIECES - 1)
+        self._samples = np.empty((count, 3, 3 + PIECES))
+        for row, time, k in zip(self._samples, times, within.tolist(), strict=True):
+            on, by = _integrated(time - k * piece)
+            begin = np.hstack((np.eye(3), np.zeros((3, PIECES))))
+            if k:
+                begin = np.hstack((states[k - 1], pushes[k - 1][:, :PIECES]))
+            row[:] = on @ begin
+            row[:, 3 + k] += by
+        self._warm: tuple[Array, Array] | None = None
+        self._astray: Mask = np.zeros((), bool)
+
+    def within(self, path: Array) -> Mask:
+        """Whether acceleration and jerk of a path keep to the limits, shape (...,).
+
+        Args:
+            path: Position, velocity, acceleration, shape (3, K, ..., 2).
+        """
+        A, J = self._limits
+        kept: Mask = (np.abs(path[2]) <= A).all(axis=(0, -1))
+        for limit, each in ((A, path[1]), (J, path[2])):  # a corner has no acceleration
+            step = np.abs(np.diff(each, axis=0))
+            kept = kept & (step <= limit * self._period).all(axis=(0, -1))
+        return kept
+
+    def follow(self, state: Array, path: Array) -> Array:
+        """The next slice, shape (3, count, ..., 2).
+
+        Args:
+            state: Position, velocity and acceleration at the end of the slice before, (3, ..., 2).
+            path: What is wished from there on, shape (3, K, ..., 2), at least the time ahead.
+        """
+        able = self.within(np.concatenate((state[:, None], path), axis=1))
+        arrived = np.tensordot(_integrated(self._period)[0], state, axes=1)
+        near = np.abs(arrived - path[:, 0]) < np.array(BACK).reshape(3, *[1] * (state.ndim - 1))
+        self._astray = astray = ~able | (self._astray & ~near.all(axis=(0, -1)))
+        slice_: Array = path[:, : self.count]
+        if not astray.any():
+            self._warm = None
+            return slice_
+        return np.where(astray[..., None], self._nearest(state, path), slice_)
+
+    def _nearest(self, state: Array, path: Array) -> Array:
+        """The slice of the nearest path within the limits."""
+        A, J = self._limits
+        x = np.moveaxis(state, 0, -2)  # every rig by itself, so that it gets the same bits alone
+        place = np.minimum(self._places, path.shape[1]) - 1
+        low = np.floor(place).astype(int)
+        high = np.minimum(low + 1, path.shape[1] - 1)
+        share = (place - low).reshape(-1, *[1] * (path.ndim - 2))
+        wished = np.moveaxis(path[0][low] + share * (path[0][high] - path[0][low]), 0, -2)
+        base = self._moved.T @ (wished - self._free @ x)
+        tilted = self._tilted @ x
+        room = np.concatenate((tilted, np.zeros_like(tilted)), axis=-2)
+        z, price = self._warm or (np.zeros_like(room), np.zeros_like(room))
+        for _ in range(self.STEPS):
+            jerk = self._solved @ (base + self._pull @ (z - price))
+            done = self._bounded @ jerk
+            z = np.clip(done + price, -1 - room, 1 - room)
+            price = price + done - z
+        kept = self._astray[..., None, None]
+        self._warm = kept * _shifted(z), kept * _shifted(price)
+        piece, now, pushes = self.count * self._period / PIECES, x[..., 2, :], []
+        for k in range(PIECES):  # what the method leaves beyond the limits
+            push = np.clip(jerk[..., k, :], -J, J)
+            end = np.clip(now + piece * push, -A, A)
+            pushes.append((end - now) / piece)
+            now = end
+        begin = np.concatenate((x, np.stack(pushes, axis=-2)), axis=-2)
+        made = self._samples.reshape(3 * self.count, -1) @ begin
+        made = made.reshape(*made.shape[:-2], self.count, 3, 2)
+        return np.moveaxis(made, (-3, -2), (1, 0))
+
+
+DIFFERENT = 1e-3
+"""Distance in m from which on a path is another than what is wished."""
+BACK = (1e-4, 1e-3, 2e-2)
+"""Distances in m, m/s and m/s^2 from a path that can be followed below which it is."""
+
+
+def _integrated(time: float) -> tuple[Array, Array]:
+    """Position, velocity, acceleration after a time in s: by those at first, and by the jerk."""
+    on = np.array([[1, time, time**2 / 2], [0, 1, time], [0, 0, 1]])
+    return on, np.array([time**3 / 6, time**2 / 2, time])
+
+
+def _shifted(bounds: Array) -> Array:
+    """What belongs to acceleration and jerk of each piece, a slice on."""
+    n = bounds.shape[-2] // 2
+    order = np.minimum(np.arange(n) + PIECES, n - 1)
+    return np.take(bounds, np.concatenate((order, n + order)), axis=-2)
 
 
 class _Jump(NamedTuple):
@@ -237,10 +359,17 @@ class Preview:
         period: Control period in s.
         horizon: How far the reference is asked ahead, s; 0 for not at all.
         spread: Time in s over which a jump of 0.15 m is spread; 0 leaves jumps as they are.
+        limits: Of acceleration, m/s^2, and jerk, m/s^3, along either axis; None for none.
     """
 
     def __init__(
-        self, reference: Reference, start: Array, period: float, horizon: float, spread: float
+        self,
+        reference: Reference,
+        start: Array,
+        period: float,
+        horizon: float,
+        spread: float,
+        limits: tuple[float, float] | None = None,
     ) -> None:
         self._reference, self._period, self._spread = reference, period, spread
         ahead = math.floor(horizon / period + 1e-9)
@@ -251,32 +380,47 @@ class Preview:
         self.count = min(SLICE, self.length)
         """Ticks of a slice."""
         self._known = 0
-        self.window: Array = np.empty((3, 0, *start.shape))
+        able = limits is not None and self.early > 0
+        self._feasible = FeasiblePath(limits, period, self.count) if able and limits else None
+        self._further = math.ceil(AHEAD / period) if able else 0
+        self._asked: Array = np.empty((3, 0, *start.shape))
+        self._made = self._asked
+        self.window: Array = self._asked
         """Position, velocity, acceleration, in m and s, shape (3, length, ..., 2), of a slice that
         begins with it and ends the horizon after it is asked for."""
         self._jumps: list[_Jump] = []
         self._last = np.stack((start, 0 * start))
 
     def ask(self) -> None:
-        """Go on by a slice, jumps as they are."""
-        kept = self.window[:, self.count :]
-        count = self.length - kept.shape[1]
+        """Ask for a slice more of the reference, its jumps spread."""
+        count = self.count
+        if not self._known:
+            count = -(-self.length // count) * count + self._further
         times = (self._known + np.arange(count)) * self._period
         r = self._reference(times)[:3]
-        rigs = kept.shape[2:-1]
+        rigs = self.window.shape[2:-1]
         r = r.reshape(3, count, *r.shape[2:-1] or [1] * len(rigs), 2)
-        r = np.broadcast_to(r, (3, count, *rigs, 2))
-        self.window = np.concatenate((kept, r), axis=1)
-        self._times = times
+        r = np.array(np.broadcast_to(r, (3, count, *rigs, 2)))
+        if self._spread:
+            self._spread_jumps(r, times)
+        self._asked = np.concatenate((self._asked, r), axis=1)
         self._known += count
 
-    def spread_jumps(self) -> None:
-        """Spread the jumps of what was asked last."""
-        if not self._spread:
-            return
-        T, times = self._period, self._times
-        count, first = len(times), self._known == len(times)
-        r = self.window[:, -count:]
+    def go_on(self) -> None:
+        """Go on by a slice, along what plate and ball can do of what was asked for."""
+        made = self._made[:, self.count :]
+        while made.shape[1] < self.length:
+            slice_ = self._asked[:, : self.count]
+            if self._feasible is not None:
+                before = made[:, -1] if made.shape[1] else slice_[:, 0]
+                slice_ = self._feasible.follow(before, self._asked)
+            made = np.concatenate((made, slice_), axis=1)
+            self._asked = self._asked[:, self.count :]
+        self._made, self.window = made, made[:, : self.length]
+
+    def _spread_jumps(self, r: Array, times: Array) -> None:
+        """Spread the jumps of what was asked for last, shape (3, K, ..., 2), in place."""
+        T, count, first = self._period, len(times), self._known == 0
         position = np.concatenate((self._last[:1], r[0]))
         velocity = np.concatenate((self._last[1:], r[1]))
         self._last = np.stack((r[0, -1], r[1, -1]))
@@ -338,6 +482,11 @@ class AboutMotion(Law):
     spread: NotNegative = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""
+    slope: NotNegative = 0.12
+    """Slope of the plate in rad that the path may ask for, less than a rig allows: friction and
+    feedback need the rest. 0 for whatever it takes."""
+    slope_rate: NotNegative = 0.8
+    """Rate of that slope in rad/s; 0 for whatever it takes."""
 
     K: Array = field(init=False, repr=False, compare=False)
     """Gain from eta, its rate, slope and its rate to the slope's acceleration, shape (4,)."""
@@ -358,7 +507,43 @@ class AboutMotion(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> Any:
         """The motion of ball and plate, its first slice laid."""
-        return MotionPlan(self.model, x, reference, period, self.preview, self.spread)
+        return MotionPlan(self, x, reference, period)
+
+    def ahead(
+        self, x: Array, reference: Reference, period: float, *, feasible: bool = True
+    ) -> Preview:
+        """The path ahead of a state at the start, shape (..., 8).
+
+        Args:
+            x: The state.
+            reference: Path of the ball.
+            period: Control period in s.
+            feasible: Whether it keeps to what the plate can give.
+        """
+        limits = self.model.k1 * self.slope, self.model.k1 * self.slope_rate
+        bounds = limits if feasible and all(limits) else None
+        return Preview(reference, x[..., 0::4], period, self.preview, self.spread, bounds)
+
+    def laid(self, x: Array, reference: Reference, period: float, count: int) -> Array:
+        """The path laid where the plate cannot give what is wished, m, (count, 2); NaN elsewhere.
+
+        Args:
+            x: State at the start, shape (8,).
+            reference: Path of the ball.
+            period: Control period in s.
+            count: Control periods from the start on.
+        """
+        paths = []
+        for feasible in (True, False):
+            ahead, path = self.ahead(x, reference, period, feasible=feasible), []
+            for _ in range(0, count, ahead.count):
+                ahead.ask()
+                ahead.go_on()
+                path.append(ahead.window[0, : ahead.count])
+            paths.append(np.concatenate(path)[:count])
+        laid, wished = paths
+        away = np.hypot(*(laid - wished).T)
+        return np.where(away[:, None] > DIFFERENT, laid, np.nan)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2), about the motion."""
@@ -485,7 +670,7 @@ class InversePlan(Slices):
 
     def __init__(self, law: StableInversion, x: Array, reference: Reference, period: float) -> None:
         self._law = law
-        preview = Preview(reference, x[..., 0::4], period, law.preview, law.spread)
+        preview = law.ahead(x, reference, period)
         self._free, self._drag = (inverse(law.model, preview, period) for _ in range(2))
         super().__init__(preview, period)
 
@@ -497,7 +682,7 @@ class InversePlan(Slices):
         return InverseMotion(laid.position[tick], laid.velocity[tick], laid.pace[tick], free, drag)
 
     def _parts(self) -> Sequence[Callable[[], None]]:
-        return self._preview.ask, self._preview.spread_jumps, self._lay_free, self._lay
+        return self._preview.ask, self._preview.go_on, self._lay_free, self._lay
 
     def _lay_free(self) -> None:
         self._free_laid = self._free.lay(self._preview.window[2] / self._law.model.k1)

@@ -26,7 +26,7 @@ from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
 from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.thesis.neglected import terms
-from twin.writing import write_text, write_whole
+from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
@@ -214,7 +214,7 @@ def write_doc(
         columns=COLUMNS,
         groups=groups,
     )
-    write_text(path, text.rstrip() + "\n")
+    write_whole(path, text.rstrip() + "\n")
 
 
 def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:

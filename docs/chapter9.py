@@ -22,7 +22,7 @@ from twin.fit.schema import read
 from twin.jobs import cores
 from twin.thesis import chapter9
 from twin.thesis.chapter9 import COLUMNS, Row, errors, goals, held_out_goals, stored
-from twin.writing import write_json, write_text, write_whole
+from twin.writing import write_json, write_whole
 
 KEPT = HERE.parent / "src" / "twin" / "thesis" / "data" / "chapter_9.json"
 FIGURE = "experiments.png"
@@ -141,7 +141,7 @@ def main(found: Path | None) -> None:
     cells = chapter9.rows(processes=cores())
     confirmed = chapter9.rows(settings=chapter9.MECHANISM, processes=cores())
     draw(HERE / "figures" / FIGURE, cells)
-    write_text(HERE / "experiments.md", page(cells, confirmed))
+    write_whole(HERE / "experiments.md", page(cells, confirmed))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import sympy as sp
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.markdown import table
-from twin.writing import write_text
+from twin.writing import write_whole
 
 MODEL = BallPlate()
 X = x1, x2, x3, x4, x5, x6, x7, x8 = sp.symbols("x1:9")
@@ -227,4 +227,4 @@ def page(found: list[Claim]) -> str:
 
 
 if __name__ == "__main__":
-    write_text(Path(__file__).with_suffix(".md"), page(claims()))
+    write_whole(Path(__file__).with_suffix(".md"), page(claims()))

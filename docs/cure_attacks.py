@@ -10,7 +10,7 @@ import click
 from cure import known
 from pages import HERE, filled, planned, said
 
-from twin.writing import write_text
+from twin.writing import write_whole
 
 
 @click.command()
@@ -26,7 +26,7 @@ def main() -> None:
             run = load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]])
             table[attack["name"]] += known([run], task["judged"]) or [None]
         click.echo(f"{attack['name']}: {table[attack['name']]}")
-    write_text(HERE / "cure_attacks.md", filled("cure_attacks", plan=plan, table=table, said=said))
+    write_whole(HERE / "cure_attacks.md", filled("cure_attacks", plan=plan, table=table, said=said))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from twin.jobs import cores
 from twin.safety.cases import CASES
 from twin.safety.row import HEADING, FaultRow, both, cells
 from twin.safety.trial import AFTER, LEFT, run_all
-from twin.writing import write_text
+from twin.writing import write_whole
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -90,7 +90,7 @@ def main(doc: Path, processes: int | None) -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
         rows = run_all(processes or cores(), advance)
-    write_text(doc, document(rows))
+    write_whole(doc, document(rows))
 
 
 if __name__ == "__main__":

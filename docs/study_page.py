@@ -8,7 +8,7 @@ from pages import HERE, filled
 from ballplate import study
 from twin.markdown import table
 from twin.study import report
-from twin.writing import write_text
+from twin.writing import write_whole
 
 
 def write(name: str, folder: Path) -> None:
@@ -18,7 +18,7 @@ def write(name: str, folder: Path) -> None:
     asked, found = done.work.study, done.answers
     pictures = report.inline_figures(done.work, found)
     for each, picture in pictures.items():
-        write_text(folder / f"{stem}-{each}.svg", picture)
+        write_whole(folder / f"{stem}-{each}.svg", picture)
     compared = report.compared(asked, found)
     text = filled(
         "study", title=asked.title, about=report.what_ran(done.work),
@@ -26,7 +26,7 @@ def write(name: str, folder: Path) -> None:
         pictures={each: report.HEADINGS[each] for each in pictures},
         heading=compared.title, compared=table(compared.heads, compared.rows),
     )  # fmt: skip
-    write_text(folder / f"{stem}.md", text)
+    write_whole(folder / f"{stem}.md", text)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from controllers.arrays import Array, Mask, every
+from controllers.arrays import Array, Mask, every, square_of
 from controllers.interfaces import Measurement, Quantity
 from controllers.observers.late_ball import Derivatives, LateBall, Tilt, components, together
 from controllers.observers.linear import NOISE
@@ -128,6 +128,14 @@ RESTING = 0.004
 """Speed in m/s at which a ball counts as resting by a quarter: what noise leaves of rest."""
 LARGEST_GAIN = 0.2
 """Bound of the error of the tilt gain."""
+UNLIKELY = 36.0
+"""Square of a touch sample's distance from what is expected, in standard deviations: noise is so
+far away once in 10^8 samples. Two in a row on the same side, and the ball has been struck: after a
+wrong one the next is on the other side."""
+BLOW = 0.3
+"""Standard deviation in m/s of how the velocity of a ball may have changed then,"""
+SINCE = 0.015
+"""and for how long in s it had been so, unseen."""
 
 
 @dataclass(kw_only=True)
@@ -207,6 +215,7 @@ class FrictionKalman(LateBall):
         for k in range(4):
             self._A[:, k, k + 2] = self.period
         self._seen: Array = np.full((2, self._rigs, 2), np.nan)
+        self._far = np.zeros((self._rigs, 2))
 
     @property
     def innovation(self) -> Array:
@@ -284,12 +293,17 @@ class FrictionKalman(LateBall):
         L = together((first, 0.0 * first, cross, second), self._rigs).reshape(-1, 2, 2)
         W = L @ hP
         change = together((first * ex, cross * ex + second * ey), self._rigs)
+        far = change * (square_of(change) > UNLIKELY)
+        struck = (far * self._far).sum(axis=1) > 0.0
+        self._far = np.where(new[:, None], far, self._far)
         change = (change[:, None] @ W)[:, 0]
         moving = np.reshape(way[0] * way[0] + way[1] * way[1] > self.learning_speed**2, -1)
         if not every(moving):
             change[~moving, LEARNT] = 0.0
         self._reduce(W, moving)
         self._correct_by(change)
+        if struck.any():
+            self._P[struck, :4, :4] += _blow()
         least, most = by.least, by.most
         *_, kx, ky, friction = self._s
         self._s[6] = least(most(kx, -LARGEST_GAIN), LARGEST_GAIN)
@@ -308,6 +322,13 @@ class FrictionKalman(LateBall):
     def _correct_by(self, change: Array) -> None:
         """Add to the estimate what a touch sample says of it, shape (N, 9)."""
         self._s = [a + b for a, b in zip(self._s, components(change), strict=True)]
+
+
+def _blow() -> Array:
+    """What a blow adds to the covariance of (eta, eta'), shape (4, 4)."""
+    passed = np.vstack((SINCE * np.eye(2), np.eye(2)))
+    added: Array = BLOW**2 * passed @ passed.T
+    return added
 
 
 def diagonal(P: Array) -> Array:

@@ -37,14 +37,11 @@ class Log(Signals):
 
     def plot(self) -> Figure:
         """Ball and plate as they were measured, over time."""
-        import matplotlib as mpl
         import numpy as np
-        from matplotlib.figure import Figure
 
-        from twin.run.picture import LOOK
+        from twin.run.picture import drawn
 
-        with mpl.rc_context(LOOK):
-            figure = Figure(figsize=(9, 5), layout="constrained")
+        with drawn(9, 5) as figure:
             ball, plate = figure.subplots(2, sharex=True)
             for axis in ("x", "y"):
                 ball.plot(self.time, 1000 * self[f"measured_{axis}"], label=axis)
@@ -54,7 +51,6 @@ class Log(Signals):
             plate.set(xlabel="time [s]", ylabel="plate [deg]")
             ball.legend(loc="upper right")
             plate.legend(loc="upper right")
-            figure.draw_without_rendering()
         return showable(figure)
 
     def _repr_html_(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
 from io import BytesIO
 from time import monotonic
@@ -46,7 +46,7 @@ class Reporter:
             unit: What is counted, as ``runs``; without one the share done is meant.
         """
         del what, total, unit
-        return _silent()
+        return nullcontext(lambda *_: None)
 
     def warn(self, message: str) -> None:
         """Something is allowed but not wise."""
@@ -89,11 +89,6 @@ class Notebook(Reporter):
 def default() -> Reporter:
     """The reporter of where this program runs: a notebook has its own."""
     return Notebook() if hasattr(shell(), "kernel") else Reporter()
-
-
-@contextmanager
-def _silent() -> Iterator[Advance]:
-    yield lambda *_: None
 
 
 def _bar(what: str, share: float, words: str) -> str:

@@ -95,8 +95,7 @@ class Result(Run):
         from twin.report.html import html
         from twin.writing import write_whole
 
-        text = html([self])
-        write_whole(Path(file), lambda target: target.write_text(text, encoding="utf-8"))
+        write_whole(Path(file), html([self]))
         return Path(file)
 
     def export(

@@ -82,7 +82,7 @@ def run(
     chosen = scenario_of(scenario, changed)
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
-    from twin.jobs import SecondProcess
+    from twin.jobs import SecondProcess, cores
     from twin.run.files import free
     from twin.run.finished import holds_finished
     from twin.run.plants import PLANTS
@@ -93,7 +93,8 @@ def run(
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
-    parallel = SecondProcess(wanted=compared and on is None and _parallel(chosen))
+    saves = chosen.duration >= WORTH_PROCESS and cores() > 1 and importable(chosen)
+    parallel = SecondProcess(wanted=compared and on is None and saves)
     with alone, parallel as second, ExitStack() as written:
         baseline = _begun(chosen, second, report) if compared else None
         attached = watch(chosen) if watch is not None else nullcontext(lambda _: None)
@@ -181,14 +182,6 @@ def importable(scenario: Scenario) -> bool:
 
     kinds = (scenario.controller.kind, scenario.observer.kind, scenario.reference.kind)
     return registered().isdisjoint(kinds)
-
-
-def _parallel(scenario: Scenario) -> bool:
-    """Whether a second process saves time."""
-    from twin import jobs
-
-    worth = scenario.duration >= WORTH_PROCESS
-    return worth and jobs.cores() > 1 and importable(scenario)
 
 
 def _begun(scenario: Scenario, beside: SecondProcess, reporter: Reporter) -> Callable[[], Run]:

@@ -116,24 +116,21 @@ class Sweep:
         Raises:
             ScenarioError: If there is none of that name.
         """
-        import matplotlib as mpl
         import numpy as np
-        from matplotlib.figure import Figure
 
         from twin.report.numbers import LABELS
-        from twin.run.picture import LOOK, style
+        from twin.run.picture import drawn, style
 
         known = [name for name in DRAWN if any(each is not None for each in self[name])]
-        drawn = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}
+        wanted = {name: self[name] for name in metrics or known[:1] or DRAWN[:1]}
         values = self.values
         numeric = all(isinstance(value, int | float) for value in values)
         at = np.array(values if numeric else range(len(values)), float)
-        with mpl.rc_context(LOOK):
-            figure = Figure(figsize=(8, 1.6 + 2.8 * len(drawn)), layout="constrained")
+        with drawn(8, 1.6 + 2.8 * len(wanted)) as figure:
             lines = textwrap.wrap(self.title, WIDTH)
             figure.suptitle("\n".join(lines), fontsize=11, fontweight="bold")
-            panels = figure.subplots(len(drawn), sharex=True, squeeze=False)[:, 0]
-            for panel, name in zip(panels, drawn, strict=True):
+            panels = figure.subplots(len(wanted), sharex=True, squeeze=False)[:, 0]
+            for panel, name in zip(panels, wanted, strict=True):
                 words, unit = LABELS.get(name, (name, ""))
                 scale = 1000 if unit == "mm" else 1
                 for index, (curve, rows) in enumerate(self.curves.items()):
@@ -154,7 +151,6 @@ class Sweep:
                 handles = panels[0].get_legend_handles_labels()
                 of = ", ".join(self.keys[1:])
                 figure.legend(*handles, loc="outside lower center", ncols=4, title=of)
-            figure.draw_without_rendering()
         return showable(figure)
 
     def save(self, folder: str | Path) -> Path:
@@ -167,7 +163,7 @@ class Sweep:
 
         figure, text, place = self.plot(), self.csv(), Path(folder)
         write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))
-        write_whole(place / "sweep.csv", lambda file: file.write_text(text, encoding="utf-8"))
+        write_whole(place / "sweep.csv", text)
         return place
 
     def _repr_html_(self) -> str:

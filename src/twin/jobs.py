@@ -160,11 +160,7 @@ class _Pool(ProcessPoolExecutor):
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out some work; starts a process if all are busy."""
-        with program_left_out():
-            return self._handed(work, *args, **kwargs)
-
-    def _handed(self, work: Callable[..., Result], *args: Any, **kwargs: Any) -> Future[Result]:
-        with undisturbed(*_ENDING, forks=self._forks):
+        with program_left_out(), undisturbed(*_ENDING, forks=self._forks):
             return super().submit(work, *args, **kwargs)
 
 
@@ -250,6 +246,20 @@ def orphaned() -> bool:
     parent = multiprocessing.parent_process()
     # a forked process itself holds open what would tell it of its parent's end
     return parent is not None and os.getppid() != parent.pid
+
+
+def wait_until(done: Callable[[], bool], limit: float, every: float = 0.005) -> bool:
+    """Look again and again whether something is done, for a time in s at most; whether it is.
+
+    Args:
+        done: Says so.
+        limit: Longest time, s.
+        every: From one look to the next, s.
+    """
+    end = time.monotonic() + limit
+    while not (found := done()) and time.monotonic() < end:
+        time.sleep(every)
+    return found
 
 
 def _end_with_parent() -> None:

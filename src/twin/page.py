@@ -208,9 +208,9 @@ def write(path: Path, title: str, blocks: Sequence[Block]) -> None:
     Raises:
         RecordError: If it cannot be written.
     """
-    from twin.writing import write_text  # noqa: PLC0415  a notebook writes nothing
+    from twin.writing import write_whole  # noqa: PLC0415  a notebook writes nothing
 
-    write_text(path, html(title, blocks))
+    write_whole(path, html(title, blocks))
 
 
 def digits(value: Any, unit: str = "", places: int = 4) -> str:

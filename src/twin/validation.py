@@ -40,8 +40,12 @@ def read_model(model: type[Model], path: Path, **given: Any) -> Model:
         raise ScenarioError(f"{path.name}: {one_line(model, error)}") from None
 
 
-def read_tables(path: Path) -> dict[str, Any]:
+def read_tables(path: Path, called: str = "") -> dict[str, Any]:
     """The tables of a TOML file.
+
+    Args:
+        path: The file.
+        called: What a message calls it; its name by default.
 
     Raises:
         ScenarioError: If it cannot be read.
@@ -49,7 +53,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     try:
         return read_toml(path)
     except DataError as error:
-        raise ScenarioError(f"{path.name}: {error}") from error
+        raise ScenarioError(f"{called or path.name}: {error}") from error
 
 
 def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence[str] = ()) -> str:
@@ -107,7 +111,7 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     """Every dotted key of a table and the tables in it."""
     for name, field in model.model_fields.items():
         candidates = get_args(field.annotation) or (field.annotation,)
-        inner = next(filter(_is_table, candidates), None)
+        inner = next(filter(is_table, candidates), None)
         if inner is None:
             yield f"{prefix}{name}"
         else:
@@ -118,16 +122,17 @@ def _fields(model: type[BaseModel], path: Sequence[str]) -> list[str]:
     """The keys of the table at a path, or of the last one on the way to it."""
     hint: Any = model
     for name in path:
-        if _is_table(hint):
+        if is_table(hint):
             model = hint
             field = model.model_fields.get(name)
             hint = None if field is None else field.annotation
             if get_origin(hint) in (Union, UnionType):  # a table that may be left out
-                hint = next(filter(_is_table, get_args(hint)), hint)
+                hint = next(filter(is_table, get_args(hint)), hint)
         else:  # a key of a dictionary, or a place in a list
-            hint = next(filter(_is_table, get_args(hint)), None)
-    return list((hint if _is_table(hint) else model).model_fields)
+            hint = next(filter(is_table, get_args(hint)), None)
+    return list((hint if is_table(hint) else model).model_fields)
 
 
-def _is_table(hint: object) -> TypeGuard[type[BaseModel]]:
+def is_table(hint: object) -> TypeGuard[type[BaseModel]]:
+    """Whether a type is the model of a table."""
     return isinstance(hint, type) and issubclass(hint, BaseModel)

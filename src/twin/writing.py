@@ -65,8 +65,12 @@ def written_alone(folder: Path, option: str = "--out") -> Iterator[None]:
             name.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary file beside ``path`` and rename it: a whole file or none.
+def write_whole(path: Path, content: str | bytes | Callable[[Path], object]) -> None:
+    """Fill a temporary file beside ``path`` and rename it: a whole file or none.
+
+    Args:
+        path: The file; its folder is made if missing.
+        content: What it holds, or what writes that into a file.
 
     Raises:
         RecordError: If the folder cannot be written.
@@ -80,7 +84,10 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         temporary = Path(name)
         temporary.chmod(0o644)
         try:
-            write(temporary)
+            if callable(content):
+                content(temporary)
+            else:
+                temporary.write_bytes(content.encode() if isinstance(content, str) else content)
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
@@ -114,19 +121,10 @@ def _why(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text whole, in UTF-8.
-
-    Raises:
-        RecordError: If the folder cannot be written.
-    """
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file whole.
 
     Raises:
         RecordError: If the folder cannot be written.
     """
-    write_text(path, json.dumps(content, indent=2) + "\n")
+    write_whole(path, json.dumps(content, indent=2) + "\n")

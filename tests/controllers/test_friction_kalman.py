@@ -7,7 +7,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from controllers.ballplate import BallPlate
 from controllers.interfaces import Measurement
-from controllers.observers import FrictionKalman, FrictionMapKalman
+from controllers.observers import FrictionKalman, FrictionMapKalman, friction
 
 MODEL = BallPlate()
 T = 0.002
@@ -389,3 +389,56 @@ def test_a_ball_that_has_run_away_is_nowhere_and_the_others_go_on():
     assert np.isfinite(x[0]).all()
     assert np.isnan(x[1, 0])
     assert np.isnan(single[0])
+
+
+NOISE = np.sqrt((7.2538e-7, 1.7721e-7))  # Table B.1
+STRUCK = np.array([0.3, -0.2])
+
+
+def seen(observer, jump, ticks=280):
+    """Estimated velocities after each tick of a ball at rest whose place is changed from 0.5 s on.
+
+    Args:
+        observer: Who looks.
+        jump: Metres by seconds since then.
+        ticks: How long.
+    """
+    observer.start(np.zeros((1, 8)))
+    rng, found = np.random.default_rng(4), []
+    for tick in range(ticks):
+        y = np.zeros((1, 4))
+        y[:, 0::2] = NOISE * rng.normal(size=(1, 2)) + jump(tick * T - 0.5)
+        found.append(observer.correct(measured(y))[0, 1::4])
+        observer.predict(np.zeros((1, 2)))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("kind", [FrictionKalman, FrictionMapKalman])
+def test_a_ball_that_is_struck_has_its_new_velocity_within_hundredths_of_a_second(
+    kind, monkeypatch
+):
+    def struck(since):
+        return STRUCK * max(since, 0.0)
+
+    after = 250 + 20  # 40 ms
+    assert np.abs(seen(kind(), struck)[after] - STRUCK).max() < 0.05
+    monkeypatch.setattr(friction, "BLOW", 0.0)
+    assert np.abs(seen(kind(), struck)[after] - STRUCK).max() > 0.1
+
+
+def test_neither_noise_nor_one_wrong_sample_is_taken_for_a_blow(monkeypatch):
+    def one_wrong(since):
+        return 0.05 * (0 <= since < T / 2)
+
+    with_it = seen(FrictionKalman(), one_wrong)
+    monkeypatch.setattr(friction, "BLOW", 0.0)
+    np.testing.assert_array_equal(with_it, seen(FrictionKalman(), one_wrong))
+
+
+def test_two_samples_on_one_side_are_a_blow(monkeypatch):
+    def two_wrong(since):
+        return 0.05 * (0 <= since < 1.5 * T)
+
+    with_it = seen(FrictionKalman(), two_wrong)
+    monkeypatch.setattr(friction, "BLOW", 0.0)
+    assert np.abs(with_it - seen(FrictionKalman(), two_wrong)).max() > 0.01

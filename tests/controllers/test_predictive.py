@@ -119,7 +119,7 @@ def test_with_no_plan_and_no_answer_the_limits_are_kept(monkeypatch):
 def test_on_its_path_it_asks_for_the_motion_of_ball_and_plate():
     law, path = Predictive(), Circle(amplitude=0.1, omega=1.5)
     plan = law.start(np.zeros((1, 8)), path, T)
-    fresh = MotionPlan(MODEL, np.zeros((1, 8)), path, T, law.preview, law.spread)
+    fresh = MotionPlan(law, np.zeros((1, 8)), path, T)
     none, still = np.zeros((1, 0)), np.zeros((1, 2))
     for tick in range(1500):
         wanted = fresh.at(tick * T)

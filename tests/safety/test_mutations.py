@@ -18,10 +18,11 @@ from twin.emulator.drive import EmulatedDrive
 from twin.hal.interface import Clamp
 from twin.hal.supervisor import Supervisor
 from twin.safety.case import Stopper
-from twin.safety.cases import AT_START, CASES
+from twin.safety.cases import CASES, GROUPS
 from twin.safety.row import FaultRow
 from twin.safety.trial import Trial
 
+AT_START = GROUPS["at_start"]
 CASE = {case.name: case for case in CASES}
 ALONE = "Supervisor alone: the screen says nothing any more, and waits for 1 s itself"
 OTHER = "refused for another reason"

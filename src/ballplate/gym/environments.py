@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -13,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from ballplate.gym.task import HOLD, PREVIEW, REWARD_SCALE, Task
+from ballplate.gym.task import REWARD_SCALE, Task
 from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask, put
 from twin.errors import TwinError
@@ -133,25 +132,24 @@ class Rigs:
 
 
 class RigEnv(gymnasium.Env[Array, Array]):
-    """One rig, as ``ballplate.gym.task`` tells; arguments are those of ``Task``.
+    """One rig, as ``ballplate.gym.task`` tells.
 
     ``reset(seed=n)`` begins the episode of seed n, that of ``ballplate run SCENARIO --set seed=n``;
     ``reset()`` draws the next seed.
+
+    Args:
+        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview.
+        render_mode: None are known.
+        more: Those of them that are named.
+
+    Raises:
+        TwinError: If anything is unknown or out of range.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  as the base class has it
 
-    def __init__(
-        self,
-        scenario: str | Path,
-        settings: Mapping[str, Any] | Sequence[str] = (),
-        family: str | None = None,
-        hold: int = HOLD,
-        rate: float | None = None,
-        preview: Sequence[float] = PREVIEW,
-        render_mode: str | None = None,
-    ) -> None:
-        task = Task(scenario, settings, family, hold, rate, preview)
+    def __init__(self, *of_task: Any, render_mode: str | None = None, **more: Any) -> None:
+        task = Task(*of_task, **more)
         self.render_mode = render_mode
         self.observation_space, self.action_space = task.observation_space, task.action_space
         self.rigs = Rigs(task, 1)
@@ -186,7 +184,7 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
 
 class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
-    """N rigs, as ``ballplate.gym.task`` tells; the first arguments are those of ``Task``.
+    """N rigs, as ``ballplate.gym.task`` tells.
 
     Seeds are those of ``SyncVectorEnv``: ``reset(seed=n)`` gives rig i the episodes of an
     environment that is reset with n + i. ``reset(options={"reset_mask": mask})`` begins the
@@ -196,17 +194,13 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     that are no multiple of 40 ms.
 
     Args:
+        of_task: Arguments of ``Task``: scenario, settings, family, hold, rate, preview.
         num_envs: How many rigs.
         autoreset_mode: Whether a rig whose episode is over begins the next one in the next step, in
             the same step, or when it is reset; until then it gets nothing.
         threads: Threads of the engine; 0 for one per processor. Bits do not depend on them.
-        scenario: As for ``Task``, and those that follow.
-        settings: What is changed of it.
-        family: What each episode draws its rig from.
-        hold: Control periods for which an action is held.
-        rate: Plate rate in rad/s that an action of 1 means.
-        preview: How far ahead the goal is seen besides now, s.
         render_mode: None are known.
+        more: Those of ``Task`` that are named.
 
     Raises:
         TwinError: If anything is unknown or out of range.
@@ -214,21 +208,16 @@ class RigVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     def __init__(
         self,
-        scenario: str | Path,
-        settings: Mapping[str, Any] | Sequence[str] = (),
-        family: str | None = None,
-        hold: int = HOLD,
-        rate: float | None = None,
-        preview: Sequence[float] = PREVIEW,
-        *,
+        *of_task: Any,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
         render_mode: str | None = None,
+        **more: Any,
     ) -> None:
         if num_envs < 1:
             raise TwinError(f"num_envs: must be at least 1, got {num_envs}")
-        task = Task(scenario, settings, family, hold, rate, preview)
+        task = Task(*of_task, **more)
         self.mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
         self.num_envs, self.render_mode = num_envs, render_mode

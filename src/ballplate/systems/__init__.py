@@ -57,18 +57,9 @@ DESIRED = ("reference_x", "reference_y")
 AGE = "contact_age"
 
 UNITS = {
-    "x": "m",
-    "x_rate": "m/s",
-    "phi": "rad",
-    "phi_rate": "rad/s",
-    "y": "m",
-    "y_rate": "m/s",
-    "theta": "rad",
-    "theta_rate": "rad/s",
-    "phi_acc": "rad/s^2",
-    "theta_acc": "rad/s^2",
-    "reference_x": "m",
-    "reference_y": "m",
+    **dict(zip(STATES, 2 * ("m", "m/s", "rad", "rad/s"), strict=True)),
+    **dict.fromkeys(INPUTS, "rad/s^2"),
+    **dict.fromkeys(DESIRED, "m"),
     AGE: "1",
 }
 """Unit of each input and output, and of the states of ball and plate."""

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SETTING, Command
+from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SETTING, Command
 from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
 from twin.page import Table
-from twin.shipped import find
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
@@ -34,7 +32,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 
 
 @click.command(cls=Command, example="analyse circle --set controller.kind=lqr")
-@click.argument("scenario", default="sine", shell_complete=tab.scenarios)
+@SCENARIO(default="sine")
 @LAW
 @SETTING
 @JSON
@@ -44,7 +42,6 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
     analyse.
     """
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from controllers.analysis import design_rows, linear_designs
     from controllers.ballplate import BallPlate
     from twin.scenario import load

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli.options import EMPTY_RIG, EMULATED, JSON, SETTING, Command, Group
+from ballplate.running import EMULATED
+from twin.cli.options import EMPTY_RIG, JSON, SETTING, Command, Group
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
@@ -67,8 +68,8 @@ def lost_motion(
     Settings are those of the virtual rig.
     """
     from twin.doctor.lost_motion import measure
-    from twin.hal.cams import CamTable
     from twin.identify.lost_motion import KEYS
+    from twin.run.connect import cams_of
     from twin.scenario import load
 
     with _turned(rig, load("circle", overrides), "turning the plate", 1.0) as (
@@ -78,7 +79,7 @@ def lost_motion(
     ):
         found = measure(
             servos,
-            CamTable.from_file(Path(file.cams) if file.cams else model_path("cams.json")),
+            cams_of(file),
             amplitude=math.radians(amplitude),
             rate=math.radians(rate),
             cycles=cycles,
@@ -306,7 +307,7 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
     with _turned(rig, load("circle"), "measuring the cams", lines**2 + 1) as (_, servos, advance):
         found = measure(
             servos,
-            CamTable.from_file(model_path("cams.json")),
+            CamTable.packaged(),
             reach=math.radians(reach),
             lines=lines,
             progress=advance,

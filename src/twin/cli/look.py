@@ -16,6 +16,7 @@ from twin.cli.output import Terminal, console, warn
 from twin.errors import RecordError, TwinError, ViewError
 from twin.paths import model_path
 from twin.run.files import run_folder
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from twin.run.finished import Run
@@ -103,7 +104,7 @@ ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex"
 """Format to the ending of its file."""
 
 
-def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
+def _contents(kind: str, runs: list[Run]) -> dict[str, str | bytes]:
     """What is added to the stem of each file of a format, and the file's content."""
     from twin.report.numbers import as_csv, as_latex
 
@@ -115,30 +116,20 @@ def _contents(kind: str, runs: list[Run]) -> dict[str, bytes]:
             figures = {"": overview, "-details": details}
             return {more: encoded(make(runs), kind, dpi=150) for more, make in figures.items()}
         case "csv":
-            return {"": as_csv(runs).encode()}
+            return {"": as_csv(runs)}
         case "latex":
-            return {"": as_latex(runs).encode()}
+            return {"": as_latex(runs)}
     from twin.report.html import html
 
-    return {"": html(runs).encode()}
+    return {"": html(runs)}
 
 
-class Formats(click.ParamType[tuple[str, ...]]):
-    """A list of formats with commas between."""
-
-    name = "formats"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """The formats named."""
-        if isinstance(value, tuple):
-            return value
-        names = tuple(name.strip() for name in str(value).split(","))
-        wrong = [name for name in names if name not in ENDINGS]
-        if wrong:
-            self.fail(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})", param, ctx)
-        return names
+def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
+    """The formats in a list with commas between."""
+    names = [name.strip() for name in listed.split(",")]
+    if wrong := [name for name in names if name not in ENDINGS]:
+        raise click.BadParameter(f"no format '{wrong[0]}' (known: {', '.join(ENDINGS)})")
+    return names
 
 
 @click.command(cls=Command, example="report runs/circle --format html,png")
@@ -146,14 +137,14 @@ class Formats(click.ParamType[tuple[str, ...]]):
 @AGAINST
 @SETTING
 @click.option(
-    "--format", "formats", type=Formats(), default="html", metavar="html,png,pdf,csv,latex"
+    "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
 def report(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
-    formats: tuple[str, ...],
+    formats: list[str],
     out: Path | None,
 ) -> int:
     """Report on one run folder, or compare several: a page, pictures, a table.
@@ -174,15 +165,9 @@ def report(
     for name in formats:
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
-            _write(path, content)
+            write_whole(path, content)
             console.print(f"written to {path}")
     return 0
-
-
-def _write(path: Path, content: bytes) -> None:
-    from twin.writing import write_whole
-
-    write_whole(path, lambda target: target.write_bytes(content))
 
 
 @click.command(cls=Command, example="export runs/circle circle.mat")

@@ -126,19 +126,34 @@ def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> li
     return [CompletionItem(Path(incomplete).as_posix() if incomplete else "", type="file")]
 
 
-def _each_once(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
-    """Refuse a key that is given twice: which of both is meant nobody knows."""
+def _note_plant(context: click.Context, __: click.Parameter, plant: str | None) -> None:
+    """Keep what ``--plant`` says, for ``--set``."""
+    context.meta["plant"] = plant
+
+
+def _settings(
+    context: click.Context, __: click.Parameter, values: tuple[str, ...]
+) -> tuple[str, ...]:
+    """The settings with that of ``--plant``; a key given twice means nobody knows which."""
     keys = [text.partition("=")[0].strip() for text in values]
     if twice := [key for key in keys if keys.count(key) > 1]:
         raise ScenarioError(f"--set {twice[0]}: given {keys.count(twice[0])} times; give it once")
-    return values
+    plant = context.meta.get("plant")
+    return (*values, f"plant.kind={plant}") if plant else values
 
 
+def known(_: click.Context, __: click.Parameter, name: str) -> str:
+    """The name of a scenario; a wrong one is told before anything heavy is imported."""
+    find(name)
+    return name
+
+
+SCENARIO = functools.partial(click.argument, "scenario", callback=known, shell_complete=scenarios)
 SETTING = click.option(
     "--set",
     "overrides",
     multiple=True,
-    callback=_each_once,
+    callback=_settings,
     metavar="KEY=VALUE",
     help="Change a key of the scenario.",
     shell_complete=settings,
@@ -146,6 +161,9 @@ SETTING = click.option(
 PLANT = click.option(
     "--plant",
     type=click.Choice(["mujoco", "lagrange"]),
+    expose_value=False,
+    is_eager=True,
+    callback=_note_plant,
     help="Simulate the mechanism, or the exact equations.",
 )
 PROCESSES = click.option(
@@ -189,26 +207,6 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and noth
 
 ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
 
-
-def load_scenario(name: str, overrides: Sequence[str]) -> Scenario:
-    """The scenario of a shipped name or a TOML file, with ``KEY=VALUE`` overrides.
-
-    Raises:
-        ScenarioError: If it does not exist, which is told before anything heavy is imported, or
-            anything in it is unknown or out of range.
-    """
-    find(name)
-    from twin.scenario import load
-
-    return load(name, overrides)
-
-
-def with_plant(overrides: tuple[str, ...], plant: str | None) -> tuple[str, ...]:
-    """The overrides, and that of the option ``--plant``."""
-    return (*overrides, f"plant.kind={plant}") if plant else overrides
-
-
-__all__ = ["EMPTY_RIG", "EMULATED", "RESET", "RIG"]
 
 RIG = click.option(
     "--rig",

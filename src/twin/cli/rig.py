@@ -12,24 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twin.cli import options as tab
+from ballplate.running import EMULATED
 from twin.cli.options import (
-    EMULATED,
     JSON,
     LAW,
     PLANT,
     PROCESSES,
+    SCENARIO,
     SETTING,
     Command,
-    load_scenario,
-    with_plant,
+    known,
 )
 from twin.cli.output import console, errors, progress, show, warn
 from twin.doctor.check import CheckStatus
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
 from twin.page import Table
-from twin.shipped import find
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -50,7 +48,9 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
     default=EMULATED,
     help="Rig file [`emulated`, the virtual rig].",
 )
-@click.option("--scenario", default="circle", help="Scenario that the rig is to run [circle].")
+@click.option(
+    "--scenario", default="circle", callback=known, help="Scenario that the rig is to run [circle]."
+)
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
@@ -72,7 +72,6 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.doctor.check import next_step
     from twin.doctor.examine import examine
     from twin.scenario import load
@@ -138,7 +137,7 @@ def request(word: str) -> str:
 
 
 @click.command(cls=Command, example="emulate circle --write rig.toml")
-@click.argument("scenario", default="circle", shell_complete=tab.scenarios)
+@SCENARIO(default="circle")
 @SETTING
 @click.option(
     "--protocol",
@@ -160,14 +159,13 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     and put for the ball, touch X Y (mm) for a finger, unplug and plug for the screen, lag for how
     far it is behind the clock; Ctrl-C ends it.
     """
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.emulator.process import come_forward
     from twin.emulator.serve import VirtualRig
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
         text = toml(rig.tables())
-        write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))
+        write_whole(file, text)
         console.print(text, markup=False)
         console.print(f"written to {file}; use it with: ballplate run circle --rig {file}")
         come_forward()
@@ -234,7 +232,7 @@ PORT = 8090
 
 
 @click.command(cls=Command, example="play circle")
-@click.argument("scenario", default="hold", shell_complete=tab.scenarios)
+@SCENARIO(default="hold")
 @LAW
 @SETTING
 @PLANT
@@ -257,7 +255,6 @@ PORT = 8090
 def play(
     scenario: str,
     overrides: tuple[str, ...],
-    plant: str | None,
     out: Path | None,
     port: int,
     address: str,
@@ -272,11 +269,11 @@ def play(
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.play.serve import Server, folder_of, library, open_browser
+    from twin.scenario import load
 
     library()
-    chosen = load_scenario(scenario, with_plant(overrides, plant))
+    chosen = load(scenario, overrides)
     folder = out or folder_of(scenario)
     check_writable(folder)
     server = Server(chosen, folder, address=address, port=port, seconds=seconds)

@@ -20,13 +20,12 @@ from twin.cli.options import (
     PROCESSES,
     RESET,
     RIG,
+    SCENARIO,
     SETTING,
     VARY,
     VIEWING,
     Command,
     Viewing,
-    load_scenario,
-    with_plant,
 )
 from twin.cli.output import (
     Shown,
@@ -58,7 +57,7 @@ def list_scenarios(*, as_json: bool) -> None:
 
 
 @click.command(cls=Command, example="run circle --beside cure")
-@click.argument("scenario", shell_complete=tab.scenarios)
+@SCENARIO()
 @LAW
 @SETTING
 @PLANT
@@ -78,7 +77,6 @@ def list_scenarios(*, as_json: bool) -> None:
 def run(
     scenario: str,
     overrides: tuple[str, ...],
-    plant: str | None,
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
@@ -90,21 +88,20 @@ def run(
     as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
+    from twin.scenario import load
 
-    changed = with_plant(overrides, plant)
-    named = run_folder(scenario, (*changed, *([] if rig is None else [f"rig={Path(rig).stem}"])))
+    named = run_folder(scenario, (*overrides, *([] if rig is None else [f"rig={Path(rig).stem}"])))
     own = out is None and rig is None
-    other = own and of_other_class(named, lambda: load_scenario(scenario, changed))
+    other = own and of_other_class(named, lambda: load(scenario, overrides))
     folder = out or (free(named) if other or rig is not None else named)
     replaced, named_out = former(folder), folder
     replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
     terminal = Terminal()
     done = run_scenario(
         scenario,
-        changed,
+        overrides,
         beside=beside,
         out=folder,
         on=rig,
@@ -170,7 +167,6 @@ def _examined(folder: Path) -> Examined | None:
 def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
-    plant: str | None,
     vary: tuple[str, ...],
     out: Path | None,
     processes: int | None,
@@ -192,16 +188,16 @@ def compare(
     from twin.run.logs import distances
     from twin.scenario.variants import parsed, varied
 
-    over, changed = parsed(vary), with_plant(overrides, plant)
+    over = parsed(vary)
 
     def folder_of(names: Sequence[str]) -> Path:
         stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
-        return run_folder(f"compare-{'-'.join(stems)}", (*varied(over), *changed))
+        return run_folder(f"compare-{'-'.join(stems)}", (*varied(over), *overrides))
 
     found = compare_sources(
         *sources,
         vary=over,
-        settings=changed,
+        settings=overrides,
         out=out or folder_of,
         processes=processes,
         reporter=Terminal(),
@@ -224,7 +220,7 @@ def compare(
 
 
 @click.command(cls=Command, example="sweep circle plant.friction.rolling_mm=0:0.5:6")
-@click.argument("scenario", shell_complete=tab.scenarios)
+@SCENARIO()
 @click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
 @LAW
 @SETTING
@@ -237,7 +233,6 @@ def sweep(
     scenario: str,
     values: str,
     overrides: tuple[str, ...],
-    plant: str | None,
     vary: tuple[str, ...],
     out: Path | None,
     processes: int | None,
@@ -250,19 +245,17 @@ def sweep(
     for each value of another key, as in controller.kind=[afl,lqr]. Of the runs the indicators are
     kept, in sweep.csv.
     """
-    changed = with_plant(overrides, plant)
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from ballplate.studies import sweep as run_sweep
     from twin.run.files import run_folder
     from twin.scenario.variants import parsed, swept, varied
 
     (key, points), curves = swept(values), parsed(vary)
-    named = (values.replace(":", ".."), *varied(curves), *changed)
+    named = (values.replace(":", ".."), *varied(curves), *overrides)
     folder = out or run_folder(f"sweep-{Path(scenario).stem}", named)
     done = run_sweep(
         scenario,
         {key: points, **curves},
-        settings=changed,
+        settings=overrides,
         out=folder,
         processes=processes,
         reporter=Terminal(),

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING, Command
+from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
 from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
-from twin.shipped import chosen, find, shipped_in, titles
+from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command, example="explain circle")
-@click.argument("scenario", shell_complete=tab.scenarios)
+@SCENARIO()
 @LAW
 @SETTING
 @click.option(
@@ -43,7 +43,6 @@ def explain(
     as_json: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
-    find(scenario)  # a wrong name is told before anything heavy is imported
     from twin.explain.attribution import explain as explain_scenario
     from twin.explain.attribution import plan, summary
     from twin.explain.effects import with_typical

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from functools import wraps
+from typing import NamedTuple, ParamSpec
+
+from twin.errors import TwinError
 
 
 def next_step(found: Sequence[CheckResult], rig: str, *, move: bool) -> str:
@@ -82,3 +85,23 @@ def warned(what: str, seen: str, advice: str) -> CheckResult:
 def failed(what: str, seen: str, advice: str) -> CheckResult:
     """A run would not work."""
     return CheckResult(what, CheckStatus.FAIL, seen, advice)
+
+
+Given = ParamSpec("Given")
+Check = Callable[Given, Iterator[CheckResult]]
+
+
+def reported(what: str, advice: str) -> Callable[[Check[Given]], Check[Given]]:
+    """Give a check's error as its last result: what failed, and what to do."""
+
+    def decorated(check: Check[Given]) -> Check[Given]:
+        @wraps(check)
+        def checked(*args: Given.args, **more: Given.kwargs) -> Iterator[CheckResult]:
+            try:
+                yield from check(*args, **more)
+            except TwinError as error:
+                yield failed(what, str(error), advice)
+
+        return checked
+
+    return decorated

@@ -13,9 +13,8 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.frames import fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import CheckResult, failed, passed, warned
+from twin.doctor.check import CheckResult, failed, passed, reported, warned
 from twin.doctor.steps import enable, exchange, hold_level, stopped_by, turn, until
-from twin.errors import TwinError
 from twin.hal.interface import Transmission
 
 TILT = radians(1.0)
@@ -63,13 +62,10 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
         yield warned(fault.where, f"{fault.condition.name}: {fault.detail}", "")
 
 
+@reported("torque", "close STO, reset the faults (--reset)")
 def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
-    try:
-        enable(servos)
-    except TwinError as error:
-        yield failed("torque", str(error), "close STO, reset the faults (--reset)")
-        return
+    enable(servos)
     if not servos.enabled:
         states = ", ".join(axis.state.name.lower() for axis in servos.axes)
         yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
@@ -97,13 +93,10 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     servos.faults()
 
 
+@reported("motion", "reset the faults (--reset)")
 def motion(servos: AkdServos, cams: Transmission) -> Iterator[CheckResult]:
     """Tilt each axis by a degree and back; its plate encoder must follow."""
-    try:
-        level = hold_level(servos, cams)
-    except TwinError as error:
-        yield failed("motion", str(error), "reset the faults (--reset)")
-        return
+    level = hold_level(servos, cams)
     for index, axis in enumerate(servos.axes):
         tilted = level.copy()
         tilted[0, index] = TILT

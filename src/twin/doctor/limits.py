@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,9 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd.conditions import INTERNAL_LIMIT, RUNAWAY
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import CheckResult, CheckStatus, failed, passed, warned
+from twin.doctor.check import CheckResult, CheckStatus, failed, passed, reported, warned
 from twin.doctor.steps import enable, exchange
-from twin.errors import TwinError
-from twin.hal.interface import Fault, Severity
+from twin.hal.interface import Severity
 
 RATE, RAMP = 1.2, 50.0
 """Limits set for this, at the cam shafts in rad/s and rad/s^2."""
@@ -29,6 +28,7 @@ GAP = 0.01
 """Time in s between two answers above which nothing can be said of a ramp."""
 
 
+@reported("limits in the drives", "see the fault")
 def limits(servos: AkdServos) -> Iterator[CheckResult]:
     """Ask each drive for more than its limit; what it does tells what its counts mean.
 
@@ -45,7 +45,8 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
             times, rates = _asked(servos, index, ASKED)
             _asked(servos, index, -ASKED)
             faults = servos.faults()
-            stop = _stop(faults)
+            stops = (each for each in faults if each.condition.severity is Severity.STOP)
+            stop = next(stops, None)
             if stop is None or stop.condition is RUNAWAY:
                 shown = any(each.condition is INTERNAL_LIMIT for each in faults)
                 result = _judged(axis.config.name, times, rates)
@@ -58,15 +59,10 @@ def limits(servos: AkdServos) -> Iterator[CheckResult]:
                 return
         servos.quick_stop()
         exchange(servos, 0.1)
-    except TwinError as error:
-        yield failed("limits in the drives", str(error), "see the fault")
     finally:
         servos.config = usual
         servos.stop()
-    try:
-        servos.start()
-    except TwinError as error:
-        yield failed("limits in the drives", str(error), "see the fault")
+    servos.start()
 
 
 def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
@@ -81,11 +77,6 @@ def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
                 samples.append((axis.plate_sampled, axis.rate))
     times, rates = np.array(samples).T
     return times, rates
-
-
-def _stop(faults: Iterable[Fault]) -> Fault | None:
-    """The fault that took the drives off, if one did."""
-    return next((each for each in faults if each.condition.severity is Severity.STOP), None)
 
 
 def _judged(name: str, times: Array, rates: Array) -> CheckResult:

@@ -1,8 +1,7 @@
-"""Steps done with drives outside of a run: exchange, wait, turn the shafts."""
+"""Steps done with drives outside of a run: exchange, turn the shafts."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -10,9 +9,6 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd.servos import AkdServos
 from twin.hal.interface import Transmission
-
-LOOK = 0.005
-"""Seconds between two looks at a screen, which reports every 17 ms."""
 
 
 def turn(servos: AkdServos, start: Array, end: Array, seconds: float = 1.0) -> bool:
@@ -63,13 +59,3 @@ def exchange(servos: AkdServos, seconds: float) -> None:
         servos.send()
         servos.settle(period / 2)
         servos.sleep(max(0.0, begin + period - servos.now()))
-
-
-def wait_until(done: Callable[[], bool], limit: float) -> bool:
-    """Look again and again, without drives, whether something is done, at most for a time in s."""
-    end = time.monotonic() + limit
-    while time.monotonic() < end:
-        if done():
-            return True
-        time.sleep(LOOK)
-    return done()

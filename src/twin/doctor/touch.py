@@ -31,11 +31,12 @@ from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.stream import Sample, TouchState
 from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
-from twin.doctor.check import Ask, CheckResult, failed, passed, warned
-from twin.doctor.steps import exchange, hold_level, stopped_by, turn, wait_until
+from twin.doctor.check import Ask, CheckResult, failed, passed, reported, warned
+from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError, TwinError
 from twin.hal.interface import SCREEN, Transmission
 from twin.hal.supervisor import LOST_AFTER
+from twin.jobs import wait_until
 from twin.scenario.rig import RigFile
 
 ALIKE = 0.05
@@ -83,7 +84,8 @@ def calibrated(rig: RigFile, extent: tuple[float, float] | None) -> CheckResult:
     what = "touch calibration"
     known = rig.screen().calibration
     if known is None:
-        size = f"{_area(extent)} that the panel says" if extent else _area(_nominal())
+        nominal = Mounting.of(Calibration.nominal()).size
+        size = f"{_area(extent)} that the panel says" if extent else _area(nominal)
         return warned(what, f"never measured; square, centred, {size}: assumed", CALIBRATE)
     mounting = Mounting.of(known)
     width, height = mounting.size
@@ -104,10 +106,6 @@ def _source(rig: RigFile) -> str:
     return f"{Path(file).name}, made {date}, {number} points, {rms} mm RMS"
 
 
-def _nominal() -> tuple[float, float]:
-    return Mounting.of(Calibration.nominal()).size
-
-
 def _area(sides: tuple[float, float]) -> str:
     return f"{100 * sides[0]:.1f} x {100 * sides[1]:.1f} cm"
 
@@ -119,6 +117,7 @@ EDGES = ("short", "long")
 """Edges that dip when the plate is tilted about phi, and about theta: x lies along the length."""
 
 
+@reported("which drive is phi", "reset the faults (--reset)")
 def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckResult]:
     """Rock the plate about phi alone and ask which edges dipped.
 
@@ -131,11 +130,7 @@ def swapped(servos: AkdServos, cams: Transmission, ask: Ask) -> Iterator[CheckRe
         ask: Asked for ``watch`` before and ``edge`` after; the answer is one of ``EDGES``.
     """
     _answer(servos, ask, "watch")
-    try:
-        level = hold_level(servos, cams)
-    except TwinError as error:
-        yield failed("which drive is phi", str(error), "reset the faults (--reset)")
-        return
+    level = hold_level(servos, cams)
     there: Array = np.array([[ROCK, 0.0]])
     for start, end in pairwise([level, *(there, -there) * TIMES, level]):
         if not turn(servos, cams.motor(start), cams.motor(end)):
@@ -225,8 +220,7 @@ def _lift(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     seen = f"noticed; the ball counts as lost after {1e3 * LOST_AFTER:.0f} ms"
     yield passed("lift-off", seen)
     ask("put")
-    back = wait_until(lambda: screen.state is TouchState.TOUCHING, patience)
-    if not back:
+    if not wait_until(lambda: screen.state is TouchState.TOUCHING, patience):
         yield failed("touch again", f"not within {patience:g} s", "put the ball back")
 
 

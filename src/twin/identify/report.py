@@ -22,7 +22,7 @@ from twin.identify.verdict import (
 from twin.identify.windows import LOOKBACK
 from twin.page import Block, Picture, Table, Text, Verdict, digits, html
 from twin.run.picture import COLOURS, drawn
-from twin.writing import write_text
+from twin.writing import write_whole
 
 SHOWN = 6
 """This many windows of the fit are drawn."""
@@ -144,9 +144,9 @@ def write(found: Identification, folder: Path) -> None:
     Raises:
         RecordError: If a file cannot be written.
     """
-    write_text(folder / "report.html", page(found))
+    write_whole(folder / "report.html", page(found))
     if any(each.word == IDENTIFIED for each in found.verdicts):
-        write_text(folder / "parameters.toml", parameters(found))
+        write_whole(folder / "parameters.toml", parameters(found))
 
 
 def interval(each: ParameterVerdict) -> str:

@@ -221,24 +221,25 @@ def gains(tables: Mapping[str, Any], table: str) -> list[Gain]:
         if item.name in given or not item.init:
             continue
         value = present.get(item.name, item.default)
-        if _unused(item.name, present):
-            continue
-        numbers = list(value) if isinstance(value, list | tuple) else [value]
-        if not all(isinstance(each, int | float) and each for each in numbers):
-            continue
-        if any(isinstance(each, bool) for each in numbers):
+        several = isinstance(value, list | tuple)
+        numbers = list(value) if several else [value]
+        replaced = item.name == "poles" and present.get("gains") is not None
+        if replaced or not all(map(_multipliable, numbers)):
             continue
         key = f"{table}.{item.name}"
         meaning = meanings.get(key, "")
-        if not isinstance(value, list | tuple):
-            found.append(Gain(key, None, item.name, float(value), meaning))
-            continue
-        for entry, (part, number) in enumerate(
-            zip(_parts(meaning, len(numbers)), numbers, strict=True)
-        ):
-            label, more = f"{item.name}: {part}", "" if entry else meaning
-            found.append(Gain(key, entry, label, float(number), more))
+        labels = [item.name]
+        if several:
+            labels = [f"{item.name}: {part}" for part in _parts(meaning, len(numbers))]
+        for entry, (label, number) in enumerate(zip(labels, numbers, strict=True)):
+            more = "" if entry else meaning
+            found.append(Gain(key, entry if several else None, label, float(number), more))
     return found
+
+
+def _multipliable(value: Any) -> bool:
+    """Whether a value is a number other than 0."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
 
 
 def _parts(meaning: str, count: int) -> list[str]:
@@ -250,11 +251,6 @@ def _parts(meaning: str, count: int) -> list[str]:
             if len(parts) == count:
                 return [part.removeprefix("the ") for part in parts]
     return [str(number) for number in range(1, count + 1)]
-
-
-def _unused(name: str, present: Mapping[str, Any]) -> bool:
-    """Whether a setting does nothing, as another takes its place: gains that of poles."""
-    return name == "poles" and present.get("gains") is not None
 
 
 Do = Callable[[Event], None]
@@ -301,7 +297,7 @@ class Page:
             with ui.column().style("flex:99 1 20rem;min-width:0;gap:.5rem"):
                 with ui.card().style("width:100%;padding:.6rem"):
                     with ui.row().classes("items-center").style("width:100%;gap:.4rem .8rem"):
-                        plate = Plate(area, self._goal, self._push)
+                        plate = Plate(area, lambda *to: do(Goal(*to)), lambda *by: do(Push(*by)))
                         self.plate = plate.style("flex:99 1 18rem;min-width:0")
                         self.sides = Sides().style("flex:1 1 16rem;min-width:0")
                     self._legend()
@@ -420,12 +416,6 @@ class Page:
                 bar.on("update:model-value", told, throttle=THROTTLE)
                 bar.on("change", act)
                 bar.set_enabled(self._drives)
-
-    def _goal(self, x: float, y: float) -> None:
-        self._do(Goal(x, y))
-
-    def _push(self, x_rate: float, y_rate: float) -> None:
-        self._do(Push(x_rate, y_rate))
 
     def _turn_pause(self) -> None:
         self._do(Pause(not self._status.paused))

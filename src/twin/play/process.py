@@ -54,11 +54,11 @@ class Simulation:
         with undisturbed():
             self._process.start()
         its.close()
-        self._first: list[Status] = []
         begun = monotonic()
+        said: list[Status] = []
         try:
-            while not self._first and self.failure is None:
-                self._first += self.news(wait=0.1)
+            while not said and self.failure is None:
+                said = self.news(wait=0.1)
                 if monotonic() - begun > START:
                     raise TwinError(f"the simulation does not start within {START:g} s")
             if self.failure is not None:
@@ -66,6 +66,8 @@ class Simulation:
         except BaseException:
             self.close()
             raise
+        self.first: Status = said[-1]
+        """How things are to begin with."""
 
     def send(self, event: Event) -> None:
         """Let something happen."""
@@ -80,7 +82,7 @@ class Simulation:
 
     def news(self, wait: float = 0.0) -> list[Status]:
         """What is to be said since the last call, oldest first."""
-        found, self._first = getattr(self, "_first", []), []
+        found: list[Status] = []
         try:
             while self._pipe.poll(wait):
                 said = self._pipe.recv()

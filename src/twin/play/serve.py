@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from twin.errors import ViewError
 from twin.play.process import Simulation
-from twin.play.session import Errors, Event, Pause, Save, Status
+from twin.play.session import Errors, Event, Pause, Save
 from twin.run.files import free, slug
 from twin.scenario.schema import Scenario
 
@@ -206,7 +206,7 @@ class Server:
         except BaseException:
             self._socket.close()
             raise
-        self._status: Status = self._simulation.news()[-1]
+        self._status = self._simulation.first
         self._taken: set[Path] = set()
         self._begun = False
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from twin.devices.realtime import blamed
 from twin.report.diagnosis import Diagnosis
 from twin.run.assemble import build_law
@@ -87,7 +89,7 @@ class Fact(NamedTuple):
 
 def _limits(run: Run, found: Diagnosis) -> list[Fact]:
     """What limited a run, the weightiest first."""
-    facts = []
+    facts = _shaped(run)
     if found.stuck is not None:
         facts.append(_stuck(run, found, found.stuck))
     if found.lag is not None and found.gain is not None and found.rest is not None:
@@ -121,6 +123,22 @@ def _limits(run: Run, found: Diagnosis) -> list[Fact]:
     if found.untouched:
         facts.append(Fact(f"the screen detected no ball {found.untouched:.1%} of the time"))
     return facts or [Fact(FREE)]
+
+
+def _shaped(run: Run) -> list[Fact]:
+    """A reference that the plate cannot give, if the law laid another path for that reason."""
+    if "laid_x" not in run.rows:
+        return []
+    laid, time = np.stack((run.rows["laid_x"], run.rows["laid_y"]), axis=1), run.rows["time"]
+    away = np.nanmax(np.hypot(*(laid - run.followed(time)[0]).T))
+    seconds = np.isfinite(laid[:, 0]).mean() * (time[-1] - time[0])
+    return [
+        Fact(
+            "the plate cannot give this reference: the path laid instead was up to "
+            f"{_mm(away)} away from it",
+            f", for {seconds:.3g} s in all",
+        )
+    ]
 
 
 def _stuck(run: Run, found: Diagnosis, away: float) -> Fact:

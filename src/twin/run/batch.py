@@ -114,9 +114,8 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
             time, reason = outcome.time, outcome.reason
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
             continue
-        judged = scenario.metrics
         motion = (Motion.seen if seen else Motion.of)(record, desired[paths[at]], at)
-        found.append(measure(motion, outcome, start=judged.start, band_percent=judged.band_percent))
+        found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
 
 

@@ -16,14 +16,23 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import STATES
 from controllers.catalog import origin
-from controllers.interfaces import Reference
+from controllers.controller import HeldLaw
+from controllers.interfaces import Law, Reference
+from controllers.stable_inversion import AboutMotion
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError, ScenarioError
 from twin.hal.interface import Limits
 from twin.hal.rig import Entry, Rig
 from twin.hal.supervisor import State
 from twin.jobs import SecondProcess
-from twin.run.assemble import assemble, build_controller, build_limits, build_reference, own_errors
+from twin.run.assemble import (
+    assemble,
+    build_controller,
+    build_law,
+    build_limits,
+    build_reference,
+    own_errors,
+)
 from twin.run.files import (
     STREAM,
     Signals,
@@ -141,9 +150,10 @@ class Run(Signals):
         desired = (reference or build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
             record.add("reference", desired[:, None])  # who draws the record may lack the class
+        if (laid := _laid(scenario, record, reference)) is not None:
+            record.add("laid", laid[:, None])
         motion = Motion.of(record, desired, friction=always_friction(scenario))
-        judged = scenario.metrics
-        found = measure(motion, outcome, start=judged.start, band_percent=judged.band_percent)
+        found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())
         run = cls(
             "run",
@@ -317,6 +327,22 @@ def run(
     )
 
 
+def _laid(scenario: Scenario, record: Recorder, reference: Reference | None) -> Array | None:
+    """The channel of that name; None if the law laid what was wished, or lays nothing."""
+    law = choices("controller")[scenario.controller.kind]
+    if not (issubclass(law, AboutMotion) and record.length):
+        return None
+    built: Law = build_law(scenario)
+    x, period = np.zeros(8), scenario.rig.period
+    x[0::4] = record["measured"][0, 0, 0::2]
+    if isinstance(built, HeldLaw):
+        period, built = built.ticks * period, built.law
+    assert isinstance(built, AboutMotion)
+    ticks = (record.time / period + 1e-6).astype(int)
+    path = built.laid(x, reference or build_reference(scenario), period, int(ticks[-1]) + 1)[ticks]
+    return None if np.isnan(path).all() else path
+
+
 def save(
     run: Run, folder: Path, shown: dict[str, Motion], beside: SecondProcess | None = None
 ) -> None:
@@ -335,7 +361,7 @@ def save(
     picture = begin(drawn, shown, run.scenario.title, run.scenario.rig.limits.area)
     record_run(run, folder)
     write_json(folder / "metrics.json", run.summary())
-    write_whole(folder / "picture.png", lambda path: path.write_bytes(picture()))
+    write_whole(folder / "picture.png", picture())
 
 
 def record_run(run: Run, folder: Path, more: Mapping[str, Any] | None = None) -> None:
@@ -387,7 +413,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL = {"state", "age", "touched", "timing", "reference"}
+_OPTIONAL = {"state", "age", "touched", "timing", "reference", "laid"}
 NEEDED = (
     "time",
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),
@@ -448,14 +474,16 @@ def open_run(path: Path) -> list[Run]:
         metadata.get("classes", {}),
         absent,
     )
-    return [_killed(run) if file.name == STREAM else run]
+    if file.name != STREAM:
+        return [run]
+    return [
+        judged_as(run, Outcome(Ending.ABORTED, values["time"][-1] + scenario.rig.period, KILLED))
+    ]
 
 
-def _killed(run: Run) -> Run:
-    """A run that nobody could judge when it ended."""
-    ended = Outcome(Ending.ABORTED, run.rows["time"][-1] + run.scenario.rig.period, KILLED)
-    judged = run.scenario.metrics
-    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
+def judged_as(run: Run, ended: Outcome) -> Run:
+    """A run that nobody could judge when it ended, as one that ended so."""
+    metrics = measure(run.motion, ended, **dict(run.scenario.metrics))
     return replace(run, metrics=metrics.as_dict())
 
 

@@ -10,7 +10,6 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +20,9 @@ from twin.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.hal.supervisor import State
 from twin.run.files import is_record
-from twin.run.finished import Run
+from twin.run.finished import Run, judged_as
 from twin.run.loop import Ending, Outcome
-from twin.run.metrics import Motion, measure
+from twin.run.metrics import Motion
 from twin.run.record import CHANNELS
 from twin.scenario.schema import Scenario
 
@@ -252,10 +251,7 @@ def log_run(rows: dict[str, Array], scenario: Scenario, name: str) -> Run:
     if all(column in rows for column in CHANNELS["state"].columns):
         known = rows
     run = Run(name, scenario, {**seen, **applied, **requested, **others, **known}, UNITS)
-    ended = Outcome(Ending.FINISHED, float(time[-1]))
-    judged = scenario.metrics
-    metrics = measure(run.motion, ended, start=judged.start, band_percent=judged.band_percent)
-    return replace(run, metrics=metrics.as_dict())
+    return judged_as(run, Outcome(Ending.FINISHED, float(time[-1])))
 
 
 def fitting(rows: dict[str, Array], scenario: Scenario) -> list[str]:

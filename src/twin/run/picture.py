@@ -152,8 +152,7 @@ def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, 
     Raises:
         RecordError: If the file cannot be written.
     """
-    content = png(runs, title, area)
-    write_whole(path, lambda target: target.write_bytes(content))
+    write_whole(path, png(runs, title, area))
 
 
 def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> bytes:

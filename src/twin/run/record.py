@@ -63,9 +63,11 @@ CHANNELS = {
     "supervisor": Channel(("supervisor",), ("1",)),
     "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
     "reference": Channel(("reference_x", "reference_y"), ("m", "m")),
+    "laid": Channel(("laid_x", "laid_y"), ("m", "m")),
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
-``reference`` of those whose reference is not part of this program."""
+``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
+another path because the plate cannot give it: of these times, else NaN."""
 
 
 @dataclass

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from twin.devices.akd import conditions as c
 from twin.emulator.can_faults import Towards
 from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives
-from twin.hal.interface import Condition
 
 TPDO1, TPDO2 = 0x181, 0x281
 
@@ -193,46 +189,3 @@ def sto(rig: LockstepDrives) -> None:
 def warning(rig: LockstepDrives) -> None:
     """Drive phi warns."""
     rig.drives[0].warning = True
-
-
-CASES: tuple[tuple[Callable[[LockstepDrives], None], Condition], ...] = (
-    (bus_off, c.BUS_OFF),
-    (error_passive, c.ERROR_PASSIVE),
-    (adapter_gone, c.ADAPTER_GONE),
-    (heartbeat_lost, c.HEARTBEAT_LOST),
-    (node_silent, c.HEARTBEAT_LOST),
-    (node_silent, c.PDO_STALE),
-    (rebooted, c.DRIVE_REBOOTED),
-    (left_operational, c.NMT_LEFT),
-    (monitoring_off, c.MONITORING_OFF),
-    (sdo_silent, c.SDO_TIMEOUT),
-    (sdo_abort, c.SDO_ABORT),
-    (emergency, c.EMERGENCY),
-    (emergency_burst, c.EMERGENCY_BURST),
-    (emergency_short, c.EMERGENCY_SHORT),
-    (pdo_missing, c.PDO_MISSING),
-    (pdo_stale, c.PDO_STALE),
-    (pdo_short, c.PDO_SHORT),
-    (pdo_late, c.PDO_LATE),
-    (pdo_wrong_cycle, c.PDO_WRONG_CYCLE),
-    (pdo_unsteady, c.PDO_UNSTEADY),
-    (duplicate, c.DUPLICATE_ID),
-    (second_node, c.DUPLICATE_ID),
-    (frozen, c.FROZEN),
-    (frozen_plate, c.PLATE_FROZEN),
-    (motor_jump, c.ENCODER_JUMP),
-    (plate_jump, c.ENCODER_JUMP),
-    (stalled, c.RUNAWAY),
-    (mode, c.MODE_CHANGED),
-    (drive_fault, c.DRIVE_FAULT),
-    (drive_fault, c.FAULT_NUMBER),
-    (disabled, c.DRIVE_DISABLED),
-    (quick_stopped, c.QUICK_STOPPED),
-    (remote, c.REMOTE_LOST),
-    (remote, c.STOP_IGNORED),
-    (limit, c.INTERNAL_LIMIT),
-    (no_dc_link, c.NO_DC_LINK),
-    (sto, c.STO_OPEN),
-    (warning, c.DRIVE_WARNING),
-)
-"""Every cause with a condition that it makes the host report."""

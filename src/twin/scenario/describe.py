@@ -22,6 +22,7 @@ from pydantic.fields import FieldInfo
 from twin.errors import ScenarioError, shortened
 from twin.scenario.schema import KINDS, Choice, Scenario, Section, choices, settings_model
 from twin.settings import Setting, Unit, settings_of
+from twin.validation import is_table
 
 WORDS = {
     "number": "number",
@@ -41,6 +42,8 @@ UNIT = re.compile(
     r"mm per m/s|mm|um|m/s|m s|m\^2|m|rad/s\^2|rad/s|rad\^2|rad|deg/s|deg|s)(?=[\s.,;:]|$)"
 )
 """The unit in a sentence, after a comma or the word in."""
+BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+"""Bounds of a range as JSON schema calls them, and in signs."""
 FOREIGN = ("abc", "builtins", "pydantic", "typing")
 """Packages whose classes have no settings."""
 
@@ -225,23 +228,13 @@ def _range(schema: Mapping[str, Any]) -> str:
         return ", ".join(map(str, schema["enum"]))
     if "const" in schema:
         return str(schema["const"])
-    low = [(">=", schema["minimum"])] if "minimum" in schema else []
-    low += [(">", schema["exclusiveMinimum"])] if "exclusiveMinimum" in schema else []
-    high = [("<=", schema["maximum"])] if "maximum" in schema else []
-    high += [("<", schema["exclusiveMaximum"])] if "exclusiveMaximum" in schema else []
-    return ", ".join(f"{sign} {value:g}" for sign, value in low + high)
+    return ", ".join(f"{sign} {schema[key]:g}" for key, sign in BOUNDS.items() if key in schema)
 
 
 def _table(annotation: object) -> type[BaseModel] | None:
     """The model of a table, of one that may be left out too; None for a value or a list."""
-    if get_origin(annotation) is tuple:
-        return None
-    found = [
-        each
-        for each in (annotation, *get_args(annotation))
-        if isinstance(each, type) and issubclass(each, BaseModel)
-    ]
-    return found[0] if found else None
+    parts = () if get_origin(annotation) is tuple else (annotation, *get_args(annotation))
+    return next(filter(is_table, parts), None)
 
 
 @cache

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from controllers.catalog import broken
-from twin.data_file import DEEPEST, DataError, parse_toml, read_toml
+from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
 from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
 from twin.shipped import find
-from twin.validation import Model, keys_of, one_line
+from twin.validation import Model, keys_of, one_line, read_tables
 
 if TYPE_CHECKING:
     from twin.scenario.schema import Scenario
@@ -128,10 +128,7 @@ def read(name: str) -> tuple[Tables, str]:
         ScenarioError: If there is no such scenario, or its file is not TOML.
     """
     path = find(name)
-    try:
-        return read_toml(path), path.name
-    except DataError as error:
-        raise ScenarioError(f"{path}: {error}") from error
+    return read_tables(path, str(path)), path.name
 
 
 def _parameters(file: Any, source: str) -> Tables:
@@ -142,10 +139,7 @@ def _parameters(file: Any, source: str) -> Tables:
     """
     if not isinstance(file, str):
         raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-    try:
-        return read_toml(Path(file))
-    except DataError as error:
-        raise ScenarioError(f"{source}: parameters: {file}: {error}") from error
+    return read_tables(Path(file), f"{source}: parameters: {file}")
 
 
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:

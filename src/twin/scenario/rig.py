@@ -9,7 +9,6 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Field
 
-from twin.data_file import DataError, read_toml
 from twin.devices.akd.config import AkdConfig, AxisConfig, BusConfig
 from twin.devices.lumio.calibration import CalibrationError, read_calibration
 from twin.devices.lumio.config import LumioConfig
@@ -17,6 +16,7 @@ from twin.devices.nets import wider
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
 from twin.scenario.schema import RigLimitsTable, Section, dataclass_of, model_of
+from twin.validation import read_tables
 
 Settings = TypeVar("Settings")
 
@@ -132,11 +132,7 @@ def read_rig(file: Path) -> RigFile:
     Raises:
         TwinError: If it cannot be read, or anything in it is unknown or out of range.
     """
-    try:
-        tables = read_toml(file)
-    except DataError as error:
-        raise ScenarioError(f"--rig {file}: {error}") from error
-    return check_rig(tables, file.name)
+    return check_rig(read_tables(file, f"--rig {file}"), file.name)
 
 
 def check_rig(tables: Tables, source: str) -> RigFile:

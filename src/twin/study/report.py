@@ -21,7 +21,7 @@ from twin.study.family import Point
 from twin.study.figures import ENOUGH, figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.work import Work
-from twin.writing import write_text, write_whole
+from twin.writing import write_whole
 
 NAMED = 5
 """Variants that a sentence ranks; of more, the table does."""
@@ -158,7 +158,7 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     """
     study, drawn = work.study, inline_figures(work, found)
     for name, picture in drawn.items():
-        write_text(folder / "figures" / f"{name}.svg", picture)
+        write_whole(folder / "figures" / f"{name}.svg", picture)
     table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))

@@ -21,7 +21,7 @@ from twin.run.picture import drawn
 from twin.study.family import Point
 from twin.tune.trials import Trials
 from twin.tune.tune import CONFIDENCE, TuneResult
-from twin.writing import write_json, write_text
+from twin.writing import write_json, write_whole
 
 CONTROLLER = ("controller", "observer", "predictor")
 """Tables of a scenario that belong together and are given as a whole."""
@@ -316,7 +316,7 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
             "As data: tune.json beside this page; the tuned controller: tuned.toml.",
         ),
     ]
-    write_text(folder / FRAGMENT, toml(tuned, head))
+    write_whole(folder / FRAGMENT, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
     page.write(folder / "report.html", found.tune.title, blocks)
 

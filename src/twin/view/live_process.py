@@ -134,7 +134,7 @@ class SharedRingBuffer:
 ROWS = 32768
 """Rows the buffer holds: a minute of a real-time run at 2 ms."""
 WIDTH = 96
-"""Most columns per rig."""
+"""Most columns."""
 FIRST = 60.0
 """Seconds the process may take to start; a shorter run waits for that at its end."""
 LAST = 5.0
@@ -158,18 +158,11 @@ class LiveProcess:
     Args:
         work: Body of the process; is given the buffer's address, then ``arguments``.
         arguments: What else it needs.
-        rigs: Which of N rigs are observed.
     """
 
-    def __init__(
-        self,
-        work: Callable[..., None],
-        arguments: tuple[Any, ...],
-        rigs: tuple[int, ...] = (0,),
-    ) -> None:
-        self._ring = SharedRingBuffer(ROWS, 1 + WIDTH * len(rigs))
-        self._rigs = rigs
-        self._plan: list[tuple[str, int, int, int]] = []
+    def __init__(self, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        self._ring = SharedRingBuffer(ROWS, 1 + WIDTH)
+        self._plan: list[tuple[str, int, int]] = []
         self.dropped = 0
         """Rows that the process missed, known after ``finish``."""
         context = multiprocessing.get_context("spawn")
@@ -191,18 +184,17 @@ class LiveProcess:
             self._arrange(channels)
         row = self._ring.slot()
         row[0] = time
-        for name, rig, begin, end in self._plan:
-            row[begin:end] = channels[name][rig]
+        for name, begin, end in self._plan:
+            row[begin:end] = channels[name][0]
         self._ring.put()
 
     def _arrange(self, channels: Mapping[str, NDArray[Any]]) -> None:
         names = ["time"]
-        for rig in self._rigs:
-            for channel, values in channels.items():
-                columns = self._channel(channel).columns
-                if values[rig].size:
-                    self._plan.append((channel, rig, len(names), len(names) + len(columns)))
-                    names += columns
+        for channel, values in channels.items():
+            columns = self._channel(channel).columns
+            if values[0].size:
+                self._plan.append((channel, len(names), len(names) + len(columns)))
+                names += columns
         self._ring.name(names)
 
     def begun(self) -> bool:

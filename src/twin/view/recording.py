@@ -6,11 +6,11 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
@@ -65,11 +65,14 @@ def blueprint(
         ranges: Entities of the plots to what their axis shows, where the lines are known.
     """
     worlds = [_world(root, len(roots) > 1) for root in roots]
+    state = rrb.StateTimelineView(
+        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
+    )
     left = rrb.Vertical(
         rrb.Horizontal(*worlds) if len(worlds) > 1 else worlds[0],
         rrb.Horizontal(
             _plate(roots, groups),
-            rrb.Vertical(_state(roots), _events(roots), row_shares=[1, 2]),
+            rrb.Vertical(state, _events(roots), row_shares=[1, 2]),
             column_shares=[2, 1],
         ),
         row_shares=[3, 2],
@@ -149,12 +152,6 @@ def _plate(roots: Sequence[str], groups: Words) -> rrb.Spatial2DView:
     )
 
 
-def _state(roots: Sequence[str]) -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(
-        origin="/", contents=[f"+ {root}/supervisor" for root in roots], name="supervisor state"
-    )
-
-
 def _events(roots: Sequence[str]) -> rrb.TextLogView:
     kinds = ("EntityPath", "Body") if len(roots) > 1 else ("Body",)
     shown = [rrb.encodings.TextLogColumn(kind) for kind in kinds]
@@ -216,8 +213,7 @@ def write(path: Path, runs: Sequence[Run]) -> None:
         RecordError: If the file cannot be written.
         TwinError: If a run's scenario cannot be assembled, or what is saved of its twin is damaged.
     """
-    content = encoded(runs)
-    write_whole(path, lambda target: target.write_bytes(content))
+    write_whole(path, encoded(runs))
 
 
 def encoded(runs: Sequence[Run]) -> bytes:
@@ -329,13 +325,7 @@ DROPPED = "/view/dropped_rows"
 
 
 def show(
-    scenario: Scenario,
-    name: str,
-    url: str,
-    *,
-    rigs: tuple[int, ...] = (0,),
-    recording: str | None = None,
-    twin: bool = False,
+    scenario: Scenario, name: str, url: str, *, recording: str | None = None, twin: bool = False
 ) -> LiveProcess:
     """Show a run live.
 
@@ -343,12 +333,10 @@ def show(
         scenario: What is run.
         name: What the run is called.
         url: Address of the viewer, or of the server of a page.
-        rigs: Which of N rigs are shown, over each other.
         recording: Identity of the recording, if another process adds to it.
         twin: Whether that is the run's twin, which then has plots.
     """
-    names = (name,) if len(rigs) == 1 else tuple(f"{name}-rig-{rig}" for rig in rigs)
-    return LiveProcess(work, (scenario, names, url, recording, twin), rigs)
+    return LiveProcess(work, (scenario, name, url, recording, twin))
 
 
 def address(text: str) -> str:
@@ -379,72 +367,42 @@ def reach(url: str) -> str:
 
 
 def work(
-    buffer: Address,
-    scenario: Scenario,
-    names: tuple[str, ...],
-    url: str,
-    recording: str | None,
-    twin: bool,
+    buffer: Address, scenario: Scenario, name: str, url: str, recording: str | None, twin: bool
 ) -> None:
     """Send rows until the writer has ended, or is gone; the body of the process."""
     step_back()
     os.environ.update(environment())
     with closing(SharedRingBuffer(*buffer)) as ring:
-        sender = partial(_begin, url=url, twin=twin)
-        _send_rows(ring, scenario, new_stream(names[0], recording), names, sender)
-
-
-def _send_rows(
-    ring: SharedRingBuffer,
-    scenario: Scenario,
-    stream: rr.RecordingStream,
-    names: tuple[str, ...],
-    begin: Callable[[rr.RecordingStream, list[RunStream], dict[str, Array]], None],
-) -> None:
-    together = len(names) > 1
-    runs = [RunStream(name, scenario, i if together else None) for i, name in enumerate(names)]
-    while not ring.columns:
-        if ring.done or orphaned():
-            return
-        time.sleep(EVERY)
-    width = (len(ring.columns) - 1) // len(names)
-    columns = ring.columns[1 : 1 + width]
-    started = False
-    shown = -1
-    while True:
-        done = ring.done or orphaned()
-        rows = ring.take(MOST)
-        for i, each in enumerate(runs):
-            own = rows[:, 1 + i * width : 1 + (i + 1) * width]
-            block = {"time": rows[:, 0], **dict(zip(columns, own.T, strict=True))}
-            if len(rows) and not started:
-                begin(stream, runs, block)
-                started = True
-            for batch in each.batches(block):
-                send(stream, batch)
-        if len(rows) and ring.dropped != shown:
-            shown = ring.dropped
-            send(stream, Batch(DROPPED, rows[-1:, 0], rr.Scalars.columns(scalars=[shown])))
-        if len(rows):
-            stream.flush()
-        elif done:
-            return
-        if len(rows) < MOST:
-            time.sleep(EVERY)
+        stream, run = new_stream(name, recording), RunStream(name, scenario)
+        begun, shown = False, -1
+        while True:
+            done = ring.done or orphaned()
+            columns = ring.columns
+            rows = ring.take(MOST) if columns else np.empty((0, 0))
+            if len(rows):
+                block = dict(zip(columns, rows.T, strict=True))
+                if not begun:
+                    _begin(stream, run, block, url, twin=twin)
+                    begun = True
+                for batch in run.batches(block):
+                    send(stream, batch)
+                if ring.dropped != shown:
+                    shown = ring.dropped
+                    missed = rr.Scalars.columns(scalars=[shown])
+                    send(stream, Batch(DROPPED, rows[-1:, 0], missed))
+                stream.flush()
+            elif done:
+                return
+            if len(rows) < MOST:
+                time.sleep(EVERY)
 
 
 def _begin(
-    stream: rr.RecordingStream,
-    runs: list[RunStream],
-    block: dict[str, Array],
-    *,
-    url: str,
-    twin: bool,
+    stream: rr.RecordingStream, run: RunStream, block: dict[str, Array], url: str, *, twin: bool
 ) -> None:
     """Connect, and send what does not change."""
-    plan = _plan(runs, [block] * len(runs), live=True, twin=twin)
+    plan = _plan([run], [block], live=True, twin=twin)
     stream.connect_grpc(url, default_blueprint=plan)
     if twin:  # whose process may have come first, and the viewer made a plan of its own
         stream.send_blueprint(plan, make_active=True, make_default=True)
-    for each in runs:
-        _log_fixed(stream, each, block)
+    _log_fixed(stream, run, block)

@@ -23,24 +23,12 @@ def rolled(turn: Array, position: Array, radius: float) -> Array:
     The first entry is ``turn``, the way it lay at the first position. Spin about the normal is not
     seen in positions and so left out.
     """
-    steps = np.diff(position, axis=0)
-    way = np.hypot(steps[:, 0], steps[:, 1])
-    safe = np.where(way > 0, way, 1.0)[:, None]
-    axis = np.stack((-steps[:, 1], steps[:, 0], np.zeros(len(way))), axis=1) / safe
-    half = way[:, None] / radius / 2
-    each = np.concatenate((np.sin(half) * axis, np.cos(half)), axis=1)
-    out = np.empty((len(position), 4))
-    out[0] = x, y, z, w = turn
-    for k, (a, b, c, d) in enumerate(each.tolist(), start=1):
-        x, y, z, w = (
-            d * x + a * w + b * z - c * y,
-            d * y - a * z + b * w + c * x,
-            d * z + a * y - b * x + c * w,
-            d * w - a * x - b * y - c * z,
-        )
-        out[k] = x, y, z, w
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    return out
+    x, y = np.diff(position, axis=0).T / radius
+    steps = Rotation.from_rotvec(np.stack((-y, x, np.zeros(len(x))), axis=1))
+    found = [Rotation.from_quat(turn)]
+    for step in steps:
+        found.append(step * found[-1])
+    return np.stack([each.as_quat() for each in found])
 
 
 def marked_ball(radius: float, upright: float) -> rr.Mesh3D:
@@ -93,27 +81,13 @@ def fixed(
         surface: How friction varies over the screen; None for a plain one.
         colour: Of the ball and its trail.
     """
-    width, height = 1000 * np.array(SCREEN)
-    yield (
-        f"{root}/screen",
-        rr.Boxes2D(
-            centers=[[0, 0]],
-            half_sizes=[[width / 2, height / 2]],
-            colors=[[120, 130, 140]],
-            radii=1.2,
-            draw_order=1.0,
-        ),
-    )
-    yield (
-        f"{root}/operating_area",
-        rr.Boxes2D(
-            centers=[[0, 0]],
-            half_sizes=[[1000 * area[0], 1000 * area[1]]],
-            colors=[[120, 170, 200]],
-            radii=0.7,
-            draw_order=2.0,
-        ),
-    )
+    half = 500 * np.array(SCREEN)
+    for name, sides, dot, thick, order in (
+        ("screen", half, (120, 130, 140), 1.2, 1.0),
+        ("operating_area", 1000 * np.array(area), (120, 170, 200), 0.7, 2.0),
+    ):
+        look = {"colors": [dot], "radii": thick, "draw_order": order}
+        yield f"{root}/{name}", rr.Boxes2D(centers=[[0, 0]], half_sizes=[sides], **look)
     corner = np.array([-0.32, -0.17])
     tips = in_view(np.array([[0.06, 0.0], [0.0, 0.06]]))
     yield (
@@ -127,8 +101,7 @@ def fixed(
         ),
     )
     if surface is not None and surface.relative is not None:
-        shift = [-width / 2, -height / 2, 0.0]
-        yield f"{root}/friction_map", rr.Transform3D(translation=shift)
+        yield f"{root}/friction_map", rr.Transform3D(translation=[*-half, 0.0])
         yield f"{root}/friction_map", _map(surface)
     yield (
         f"{root}/reference_path",
@@ -140,8 +113,8 @@ def fixed(
         ("estimate", (230, 159, 0), 5.0, 21.0),
         ("reference", (255, 255, 255), 5.0, 22.0),
     ):
-        look = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
-        yield f"{root}/{name}", look
+        point = rr.Points2D.from_fields(colors=[dot], radii=[radius], draw_order=order)
+        yield f"{root}/{name}", point
     trail = rr.LineStrips2D.from_fields(colors=[colour], radii=[1.6], draw_order=12.0)
     yield f"{root}/trail", trail
 

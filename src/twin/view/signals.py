@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.arrays import Array, Mask
+from controllers.arrays import Array
 from twin.hal.interface import Limits
 from twin.run.finished import states_of
 
@@ -208,19 +208,13 @@ def shown_range(plots: Sequence[Mapping[str, Signal]]) -> tuple[float, float]:
 def _effort(rows: Mapping[str, Array]) -> dict[str, Signal]:
     """Applied accelerations, and a mark where a clamp made them less than requested."""
     applied = _pair(rows, "applied_{}_acc", AXES)
+    requested = _pair(rows, "requested_{}_acc", AXES)
+    cut = np.abs(applied - requested) > 1e-6 + 1e-6 * np.abs(requested)
     plot = _lines(AXES, applied.T)
-    cut = saturated(rows)
     for axis, (name, colour) in enumerate(((AXES[0], SKY), (AXES[1], ORANGE))):
         marks = np.where(cut[:, axis], applied[:, axis], np.nan)
         plot[f"{name}_saturated"] = Signal(marks, colour, 3.0, points=True)
     return plot
-
-
-def saturated(rows: Mapping[str, Array]) -> Mask:
-    """Where the applied accelerations (phi, theta) differ from the requested ones, shape (K, 2)."""
-    applied = _pair(rows, "applied_{}_acc", AXES)
-    requested = _pair(rows, "requested_{}_acc", AXES)
-    return np.asarray(np.abs(applied - requested) > 1e-6 + 1e-6 * np.abs(requested))
 
 
 def _pair(rows: Mapping[str, Array], pattern: str, names: str | tuple[str, str]) -> Array:

@@ -18,7 +18,6 @@ from controllers.interfaces import Reference
 from twin.errors import RecordError
 from twin.hal.cams import CamTable
 from twin.hal.supervisor import State
-from twin.paths import model_path
 from twin.run.assemble import build_limits, build_reference
 from twin.run.finished import Run, columns, states_of
 from twin.run.plants import build_friction
@@ -27,7 +26,18 @@ from twin.settings import changed
 from twin.sim.plant.model import load_model
 from twin.sim.plant.parts import Parts
 from twin.view.scene import Scene, fixed, in_view, rolled
-from twin.view.signals import BLACK, GREY, PINK, RUNS, VERMILION, WORDS, Signal, signals, tinted
+from twin.view.signals import (
+    BLACK,
+    GREY,
+    PINK,
+    RUNS,
+    VERMILION,
+    WORDS,
+    Colour,
+    Signal,
+    signals,
+    tinted,
+)
 
 TIMELINE = "simulated time [s]"
 FRAMES = 50.0
@@ -83,7 +93,7 @@ class RunStream:
         self._scenario = scenario
         model = load_model(parts=changed(Parts, scenario))
         self.scene = Scene(model, f"{self.root}/mechanism")
-        self._cams = CamTable.from_file(model_path("cams.json"))
+        self._cams = CamTable.packaged()
         self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._last: Array | None = None
         self._trail = np.empty((0, 3))
@@ -126,7 +136,10 @@ class RunStream:
         reference = self._reference(time)[0]
         for group, plot in self.plots(rows).items():
             for name, signal in plot.items():
-                yield from self._plot(f"{self.root}/{group}/{name}", time, signal)
+                seen = np.isfinite(signal.values) if signal.points else np.full(len(time), True)
+                if seen.any():
+                    shown = rr.Scalars.columns(scalars=signal.values[seen])
+                    yield Batch(f"{self.root}/{group}/{name}", time[seen], shown)
         yield from self._states_and_events(rows)
         keep = self._frames(time)
         if len(keep):
@@ -137,15 +150,6 @@ class RunStream:
             self._last, self._turn = ball[-1:], turns[-1]
             yield from self._moving(frames, turns)
             yield from self._on_plate(frames, reference[keep])
-
-    def _plot(self, entity: str, time: Array, signal: Signal) -> Iterator[Batch]:
-        seen = np.isfinite(signal.values)
-        if signal.points and not seen.all():
-            time, values = time[seen], signal.values[seen]
-        else:
-            values = signal.values
-        if len(values):
-            yield Batch(entity, time, rr.Scalars.columns(scalars=values))
 
     def plots(self, rows: Mapping[str, Array]) -> dict[str, dict[str, Signal]]:
         """The lines of the time plots: group to name to signal."""
@@ -163,16 +167,7 @@ class RunStream:
                 called = name.replace("_", " ")
                 if self._among is not None:
                     called = f"{self.name}: {called}"
-                look: rr.AsComponents = rr.SeriesLines(
-                    colors=[signal.colour], widths=[signal.width], names=[called]
-                )
-                if signal.points:
-                    look = rr.SeriesPoints(
-                        colors=[signal.colour],
-                        marker_sizes=[signal.width],
-                        names=[called],
-                        markers=["circle"],
-                    )
+                look = _look(signal.colour, signal.width, called, points=signal.points)
                 yield f"{self.root}/{group}/{name}", look
 
     def _frames(self, time: Array) -> NDArray[np.integer]:
@@ -203,13 +198,7 @@ class RunStream:
             began = np.flatnonzero(np.diff(mask.astype(int), prepend=self._marks.get(what, 0)) > 0)
             self._marks[what] = bool(mask[-1])
             events += [(time[k], what) for k in began[:20]]
-        if events:
-            events.sort(key=lambda event: event[0])
-            yield Batch(
-                f"{self.root}/events",
-                np.array([when for when, _ in events]),
-                rr.TextLog.columns(text=[text for _, text in events], level=["INFO"] * len(events)),
-            )
+        yield from _told(self.root, sorted(events, key=lambda event: event[0]), "INFO")
 
     def _moving(self, rows: Mapping[str, Array], turns: Array) -> Iterator[Batch]:
         time, state = rows["time"], states_of(rows)
@@ -255,6 +244,23 @@ class RunStream:
         high = self.scene.surface + 0.0015
         lifted = [np.column_stack((trail, np.full(len(trail), high))) for trail in trails]
         yield Batch(f"{self.scene.plate}/trail", time, rr.LineStrips3D.columns(strips=lifted))
+
+
+def _look(colour: Colour, width: float, called: str, *, points: bool) -> rr.AsComponents:
+    """How a line of the plots is drawn, or its points."""
+    if not points:
+        return rr.SeriesLines(colors=[colour], widths=[width], names=[called])
+    return rr.SeriesPoints(
+        colors=[colour], marker_sizes=[width], names=[called], markers=["circle"]
+    )
+
+
+def _told(root: str, events: Sequence[tuple[float, str]], level: str) -> Iterator[Batch]:
+    """Times in s and texts of what happened, if anything did."""
+    if events:
+        times, texts = zip(*events, strict=True)
+        lines = rr.TextLog.columns(text=texts, level=[level] * len(events))
+        yield Batch(f"{root}/events", np.array(times), lines)
 
 
 def _arrows(entity: str, time: Array, at: Array, way: Array) -> Batch:
@@ -325,24 +331,13 @@ class TwinStream:
             f"{self.root}/plate_mm/twin",
             rr.Points2D.from_fields(colors=[GHOST], radii=[9.0]),
         )
-        for entity, colour, called in (
-            ("twin_score/score", VERMILION, "score"),
-            ("twin_error_mm/distance", GREY, "distance"),
+        for entity, colour, width, called, points in (
+            ("twin_score/score", VERMILION, 4.0, "score", True),
+            ("twin_error_mm/distance", GREY, 4.0, "distance", True),
+            ("twin_score/as_predicted", BLACK, 1.2, "as predicted", False),
+            ("twin_error_mm/band", PINK, 1.2, "95 % band", False),
         ):
-            yield (
-                f"{self.root}/{entity}",
-                rr.SeriesPoints(
-                    colors=[colour], marker_sizes=[4.0], names=[called], markers=["circle"]
-                ),
-            )
-        for entity, colour, called in (
-            ("twin_score/as_predicted", BLACK, "as predicted"),
-            ("twin_error_mm/band", PINK, "95 % band"),
-        ):
-            yield (
-                f"{self.root}/{entity}",
-                rr.SeriesLines(colors=[colour], widths=[1.2], names=[called]),
-            )
+            yield f"{self.root}/{entity}", _look(colour, width, called, points=points)
 
     def batches(
         self, scores: Scores | None, events: Sequence[tuple[float, str]]
@@ -372,12 +367,7 @@ class TwinStream:
                 scores.ball_time,
                 rr.Points2D.columns(positions=in_view(scores.ball)),
             )
-        if events:
-            yield Batch(
-                f"{self.root}/events",
-                np.array([when for when, _ in events]),
-                rr.TextLog.columns(text=[text for _, text in events], level=["WARN"] * len(events)),
-            )
+        yield from _told(self.root, events, "WARN")
 
 
 COLUMNS = ("time", "told", "score", "distance", "band", "twin_x", "twin_y")

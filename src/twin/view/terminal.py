@@ -16,7 +16,7 @@ from rich.table import Table
 
 from controllers.arrays import Array
 from twin.hal.supervisor import State
-from twin.jobs import orphaned
+from twin.jobs import orphaned, wait_until
 from twin.run.assemble import build_reference
 from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
@@ -119,14 +119,7 @@ def _print(ring: SharedRingBuffer, scenario: Scenario) -> None:
                 sys.stderr.flush()
             if done:
                 return
-            _wait(every, ring)
-
-
-def _wait(seconds: float, ring: SharedRingBuffer) -> None:
-    """Sleep, but not past the end of the run."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until and not (ring.done or orphaned()):
-        time.sleep(0.05)
+            wait_until(lambda: ring.done or orphaned(), every, 0.05)
 
 
 def _table(title: str, shown: Mapping[str, str]) -> Table:

@@ -16,6 +16,7 @@ from urllib.parse import quote
 from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
+from twin.jobs import wait_until
 
 NEEDS = "it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
 
@@ -142,21 +143,19 @@ def headless(
     try:
         client = _connect(viewer, port, wait)
         client.open(str(path.resolve()))
-        until = time.monotonic() + wait
-        while True:
-            state = client.get_state()
-            ready = any(recording.timelines for recording in state.recordings)
-            if ready and not state.loading:
-                break
-            if time.monotonic() > until:
-                raise ViewError(f"the viewer did not load {path} within {wait:g} s")
-            time.sleep(0.1)
+        if not wait_until(lambda: _loaded(client), wait, 0.1):
+            raise ViewError(f"the viewer did not load {path} within {wait:g} s")
         yield client
     except ConnectionError as error:
         raise ViewError(f"the viewer ended by itself; {NEEDS}") from error
     finally:
         viewer.terminate()
         viewer.wait()
+
+
+def _loaded(client: ViewerClient) -> bool:
+    state = client.get_state()
+    return not state.loading and any(each.timelines for each in state.recordings)
 
 
 def _connect(viewer: subprocess.Popen[bytes], port: int, wait: float) -> ViewerClient:

@@ -14,7 +14,7 @@ from twin.errors import RecordError, ScenarioError
 from twin.jobs import SecondProcess
 from twin.page import Block, Picture, Text, Verdict, digits, html
 from twin.report.numbers import IndicatorRow, all_rows, indicators
-from twin.run.assemble import assemble, build_reference
+from twin.run.assemble import assemble
 from twin.run.files import WHATIF, forget_listed, free, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
@@ -22,7 +22,7 @@ from twin.run.metrics import Motion
 from twin.run.record import Recorder
 from twin.scenario.load import check, load, put, setting
 from twin.scenario.schema import JUMPS, RAMPS, Scenario
-from twin.whatif.moment import LOOK_BACK, Moment, Recorded, exact, save_recorded, take_over
+from twin.whatif.moment import LOOK_BACK, Moment, exact, save_recorded, take_over
 from twin.writing import write_json, write_whole
 
 CONTROL = ("controller.", "observer.", "predictor.", "reference.")
@@ -131,23 +131,13 @@ def future(moment: Moment, scenario: Scenario, settings: tuple[str, ...]) -> Fut
     return Future(settings, run, difference(moment.recorded, run.motion, period))
 
 
-def difference(recorded: Recorded, motion: Motion, period: float) -> float | None:
+def difference(recorded: Motion, motion: Motion, period: float) -> float | None:
     """Largest distance in m of a motion's ball from the recorded one at the periods of both."""
     ticks = [np.rint(time / period).astype(int) for time in (recorded.time, motion.time)]
     _, known, own = np.intersect1d(*ticks, return_indices=True)
     apart = np.hypot(*(recorded.ball[known] - motion.ball[own]).T)
     apart = apart[np.isfinite(apart)]
     return float(apart.max()) if len(apart) else None
-
-
-def save(each: Future, moment: Moment, folder: Path) -> None:
-    """Write the run folder of a future.
-
-    Raises:
-        RecordError: If it cannot be written.
-    """
-    origin = {"of": moment.name, "at": moment.at, "exact": moment.exact, "set": [*each.settings]}
-    record_run(each.run, folder, {"branch": origin})
 
 
 POOR = 5.0
@@ -327,16 +317,17 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     folders = []
     for each in found:
         folders.append(free(folder / each.name))
-        save(each, moment, folders[-1])
+        changed = {"exact": moment.exact, "set": [*each.settings]}
+        origin = {"of": moment.name, "at": moment.at, **changed}
+        record_run(each.run, folders[-1], {"branch": origin})
     period = moment.scenario.rig.period
     end = period + max(each.run.motion.time[-1] for each in found)
     save_recorded(moment, moment.at - SHOWN_BEFORE, end, folder / "recorded")
     kept = {"folders": ["recorded", *(own.name for own in folders)]}
     write_json(folder / WHATIF, summary(moment, found) | kept)
     drawing = picture()
-    write_whole(folder / "picture.png", lambda path: path.write_bytes(drawing))
-    text = page(moment, found, drawing)
-    write_whole(folder / "report.html", lambda path: path.write_text(text, encoding="utf-8"))
+    write_whole(folder / "picture.png", drawing)
+    write_whole(folder / "report.html", page(moment, found, drawing))
 
 
 def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
@@ -344,12 +335,11 @@ def shown(moment: Moment, found: Sequence[Future]) -> dict[str, Motion]:
     recorded = moment.recorded
     end = max(each.run.motion.time[-1] for each in found)
     rows = (recorded.time > moment.at - SHOWN_BEFORE) & (recorded.time <= end)
-    time, ball, plate, u = (values[rows] for values in recorded)
-    ball = ball.copy()
+    parts = {name: getattr(recorded, name)[rows] for name in ("time", "plate", "u", "reference")}
+    ball, time = recorded.ball[rows], parts["time"]
     for begin, until in moment.gaps:
         ball[(time >= begin) & (time <= until)] = np.nan
-    reference = build_reference(moment.scenario)(time)[0]
-    known = Motion(time=time, ball=ball, plate=plate, u=u, reference=reference)
+    known = Motion(ball=ball, **parts)
     return {"recorded": known} | {each.label: each.run.motion for each in found}
 
 

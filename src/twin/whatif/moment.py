@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,9 +21,10 @@ from twin.hal.supervisor import State
 from twin.identify.log import Log
 from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import interpolated
-from twin.run.assemble import assemble, build_controller
+from twin.run.assemble import assemble, build_controller, build_reference
 from twin.run.finished import Run, versions
 from twin.run.loop import drive
+from twin.run.metrics import Motion
 from twin.run.record import CHANNELS, Recorder, write_run
 from twin.run.state import Snapshot, snapshots_of
 from twin.scenario.schema import Scenario
@@ -81,22 +81,6 @@ LOOK_BACK = 1.0
 """Time in s before a moment over which twin and record are compared."""
 
 
-class Recorded(NamedTuple):
-    """What a record or a log says, for comparison.
-
-    Attributes:
-        time: In s, shape (K,).
-        ball: True or smoothed position in m, shape (K, 2); NaN where there is none.
-        plate: Plate angles (phi, theta) in rad, shape (K, 2).
-        u: Applied plate accelerations in rad/s^2, shape (K, 2).
-    """
-
-    time: Array
-    ball: Array
-    plate: Array
-    u: Array
-
-
 @dataclass(frozen=True, kw_only=True)
 class Moment:
     """A moment of a run.
@@ -105,7 +89,8 @@ class Moment:
         name: Of the run.
         at: Its time, s; a whole number of periods.
         scenario: Of the run.
-        recorded: What was recorded before and after it, for comparison.
+        recorded: What was recorded before and after it, for comparison; the ball smoothed along a
+            log, NaN where there is none.
         columns: All of it, by the names of a record.
         exact: Whether the state is the run's own to the bit, or estimated.
         before_mm: Largest distance in mm of twin and record over the last second before it; None
@@ -119,7 +104,7 @@ class Moment:
     name: str
     at: float
     scenario: Scenario
-    recorded: Recorded
+    recorded: Motion
     columns: Mapping[str, Array]
     exact: bool
     before_mm: float | None
@@ -174,7 +159,7 @@ def exact(run: Run, file: Path, at: float) -> Moment:
         name=run.name,
         at=at,
         scenario=run.scenario,
-        recorded=Recorded(motion.time, motion.ball, motion.plate, motion.u),
+        recorded=motion,
         columns=run.rows,
         exact=True,
         before_mm=None if apart is None else 1000 * apart,
@@ -419,7 +404,13 @@ def estimated(name: str, log: Usable, scenario: Scenario, at: float) -> Moment:
         name=name,
         at=at,
         scenario=scenario,
-        recorded=Recorded(log.time, ball, log.plate, u),
+        recorded=Motion(
+            time=log.time,
+            ball=ball,
+            plate=log.plate,
+            u=u,
+            reference=build_reference(scenario)(log.time)[0],
+        ),
         columns=columns,
         exact=False,
         before_mm=_apart(log, scenario, at),

@@ -9,7 +9,49 @@ from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, still
 from twin.safety import drive_causes as cause_of
-from twin.safety.drive_causes import CASES, TPDO1
+from twin.safety.drive_causes import TPDO1
+
+CASES = (
+    (cause_of.bus_off, c.BUS_OFF),
+    (cause_of.error_passive, c.ERROR_PASSIVE),
+    (cause_of.adapter_gone, c.ADAPTER_GONE),
+    (cause_of.heartbeat_lost, c.HEARTBEAT_LOST),
+    (cause_of.node_silent, c.HEARTBEAT_LOST),
+    (cause_of.node_silent, c.PDO_STALE),
+    (cause_of.rebooted, c.DRIVE_REBOOTED),
+    (cause_of.left_operational, c.NMT_LEFT),
+    (cause_of.monitoring_off, c.MONITORING_OFF),
+    (cause_of.sdo_silent, c.SDO_TIMEOUT),
+    (cause_of.sdo_abort, c.SDO_ABORT),
+    (cause_of.emergency, c.EMERGENCY),
+    (cause_of.emergency_burst, c.EMERGENCY_BURST),
+    (cause_of.emergency_short, c.EMERGENCY_SHORT),
+    (cause_of.pdo_missing, c.PDO_MISSING),
+    (cause_of.pdo_stale, c.PDO_STALE),
+    (cause_of.pdo_short, c.PDO_SHORT),
+    (cause_of.pdo_late, c.PDO_LATE),
+    (cause_of.pdo_wrong_cycle, c.PDO_WRONG_CYCLE),
+    (cause_of.pdo_unsteady, c.PDO_UNSTEADY),
+    (cause_of.duplicate, c.DUPLICATE_ID),
+    (cause_of.second_node, c.DUPLICATE_ID),
+    (cause_of.frozen, c.FROZEN),
+    (cause_of.frozen_plate, c.PLATE_FROZEN),
+    (cause_of.motor_jump, c.ENCODER_JUMP),
+    (cause_of.plate_jump, c.ENCODER_JUMP),
+    (cause_of.stalled, c.RUNAWAY),
+    (cause_of.mode, c.MODE_CHANGED),
+    (cause_of.drive_fault, c.DRIVE_FAULT),
+    (cause_of.drive_fault, c.FAULT_NUMBER),
+    (cause_of.disabled, c.DRIVE_DISABLED),
+    (cause_of.quick_stopped, c.QUICK_STOPPED),
+    (cause_of.remote, c.REMOTE_LOST),
+    (cause_of.remote, c.STOP_IGNORED),
+    (cause_of.limit, c.INTERNAL_LIMIT),
+    (cause_of.no_dc_link, c.NO_DC_LINK),
+    (cause_of.sto, c.STO_OPEN),
+    (cause_of.warning, c.DRIVE_WARNING),
+)
+"""Every cause with a condition that it makes the host report."""
 
 
 def swing(t):

@@ -1,0 +1,292 @@
+"""What is done to a rig, each as a function: rows of the fault matrix name them.
+
+A row without a name of its own is called what its function's docstring says.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.devices.akd import conditions as akd
+from twin.emulator.can_faults import Frame, Towards
+from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen import ScreenFault
+from twin.emulator.screen_bytes import Protocol
+from twin.hal.interface import Limits, Transmission
+from twin.safety import drive_causes
+from twin.safety.case import Act
+from twin.safety.limits import BEYOND
+
+_RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
+_ENABLE = struct.pack("<H", 0x0F)
+_COUNT = 0.001 * math.pi / 30
+"""Of a target rate, rad/s."""
+_HANG = 3.0
+"""Time in s that a host hangs: until after the run's end."""
+_LIMITS = Limits()
+_EDGE = np.add(_LIMITS.area, _LIMITS.margin)
+"""Where the ball may be at most, x and y, m."""
+_FAR, _FAST = 0.07, 1.65
+"""From where along y a ball is pushed, m, and how fast, m/s: across the plate."""
+_QUICK = 0.2
+"""Rate in rad/s at which the plate turns when a row wants it to."""
+
+
+def nothing(_: LockstepRig) -> None:
+    """The ball rests."""
+
+
+def wrong_bit_rate(rig: LockstepRig) -> None:
+    """The bit rate is wrong."""
+    rig.lockstep.bus.faults.drop()
+    rig.lockstep.bus.faults.make_passive()
+
+
+def absent(rig: LockstepRig) -> None:
+    """Drive theta is absent."""
+    rig.lockstep.bus.drives.pop()
+
+
+def foreign(rig: LockstepRig) -> None:
+    """Node 1 is no AKD."""
+    rig.lockstep.drives[0].store.set(0x1018, 1, 0x123)
+
+
+def no_ball(rig: LockstepRig) -> None:
+    """There is no ball."""
+    rig.plant.present = False
+
+
+def no_screen(rig: LockstepRig) -> None:
+    """The touch screen is unplugged."""
+    rig.port.plugged = False
+
+
+def no_adapter(rig: LockstepRig) -> None:
+    """The CAN adapter is absent."""
+    bad = akd.DriveError(akd.BAD_BUS, "CAN emulated", "no channel 'emulated'")
+    rig.lockstep.missing = bad
+
+
+def stick(rig: LockstepRig) -> None:
+    """Drive phi keeps its own torque limit."""
+    rig.lockstep.drives[0].store.stuck.add((0x356E, 0))
+
+
+def lasting_fault(rig: LockstepRig) -> None:
+    """Drive phi refuses the reset of its fault."""
+    rig.lockstep.drives[0].fail(235, lasting=True)
+    rig.lockstep.drives[0].power.refuse_reset = True
+
+
+def refused_reset(rig: LockstepRig) -> None:
+    """Drive phi refuses the reset of its fault when switched on."""
+    lasting_fault(rig)
+    rig.ask_reset()
+
+
+def speak_elo(rig: LockstepRig) -> None:
+    """The screen speaks another protocol."""
+    rig.line.protocol = Protocol.ELO
+
+
+def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
+    """What the screen sends has a fault, by its name, for some seconds."""
+    rig.inject(ScreenFault[fault], lasting)
+
+
+def stall(rig: LockstepRig, periods: int) -> None:
+    """The loop misses so many periods between two."""
+    rig.stall = periods * rig.period
+
+
+def uneven(rig: LockstepRig) -> None:
+    """Drives answer in half a period; every other command is computed for three quarters of one."""
+    rig.lockstep.bus.faults.delay([0x181, 0x182, 0x281, 0x282], by=rig.period / 2)
+    rig.uneven = 0.75 * rig.period
+
+
+def uneven_missing(rig: LockstepRig) -> None:
+    """Every other command comes late, and half of the PDOs of drive phi are missing."""
+    uneven(rig)
+    drive_causes.pdo_unsteady(rig.lockstep)
+
+
+def silence(rig: LockstepRig) -> None:
+    """The host falls silent."""
+    rig.lockstep.bus.faults.drop(towards=Towards.DRIVES)
+
+
+def wrap(rig: LockstepRig) -> None:
+    """The motor positions wrap."""
+    for drive in rig.lockstep.drives:
+        drive.motor.jump(2**31 - 2000)
+
+
+def unreadable(rig: LockstepRig) -> None:
+    """The adapter garbles lines."""
+    rig.lockstep.adapter.unreadable_lines += 3
+
+
+def another_sync(rig: LockstepRig) -> None:
+    """Another master sends SYNC."""
+    rig.lockstep.bus.beside.append((Frame(0x080), 0.002))
+
+
+def another_command(rig: LockstepRig, rate: float) -> None:
+    """Another master turns drive phi, at a rate in rad/s."""
+    turn = _ENABLE + struct.pack("<i", round(rate / _COUNT))
+    rig.lockstep.bus.beside.append((Frame(_RPDO1 + 1, turn), 0.0005))
+
+
+class _Broken:
+    """Cams that give no number."""
+
+    def motor(self, plate: Array) -> Array:
+        """No angles."""
+        return np.full_like(plate, np.nan)
+
+
+def break_cams(rig: LockstepRig) -> None:
+    """The cams give no number."""
+    broken: Transmission = _Broken()
+    rig.replace_transmission(broken)
+
+
+def ask(rig: LockstepRig, phi: float, theta: float) -> None:
+    """The controller asks for plate rates in rad/s."""
+    rig.asked = np.array([[phi, theta]])
+
+
+def no_quick_stop(rig: LockstepRig) -> None:
+    """From now on every control word arrives as one that enables operation."""
+    nodes = [_RPDO1 + drive.settings.node for drive in rig.lockstep.drives]
+    rig.lockstep.bus.faults.overwrite(nodes, at=_CONTROL, data=_ENABLE, towards=Towards.DRIVES)
+
+
+def no_zero_rate(rig: LockstepRig) -> None:
+    """From now on every target arrives as the present one."""
+    for drive in rig.lockstep.drives:
+        present = struct.pack("<i", drive.store.get(0x60FF))
+        rig.lockstep.bus.faults.overwrite(
+            _RPDO1 + drive.settings.node, at=_TARGET, data=present, towards=Towards.DRIVES
+        )
+
+
+def level_alone(rig: LockstepRig) -> None:
+    """The screen is unplugged, and no quick stop reaches the drives."""
+    no_quick_stop(rig)
+    no_screen(rig)
+
+
+def quick_stop_alone(rig: LockstepRig) -> None:
+    """The motor encoder jumps, and no zero rate reaches the drives."""
+    no_zero_rate(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def zero_rate_alone(rig: LockstepRig) -> None:
+    """The motor encoder jumps, and no quick stop reaches the drives."""
+    no_quick_stop(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def watch_alone(rig: LockstepRig) -> None:
+    """The motor encoder jumps, and neither zero rate nor quick stop reaches the drives."""
+    no_quick_stop(rig)
+    no_zero_rate(rig)
+    drive_causes.motor_jump(rig.lockstep)
+
+
+def zero_rate_in_turn(rig: LockstepRig) -> None:
+    """The plate turns; then the motor encoder jumps, and no quick stop reaches the drives."""
+    ask(rig, 2 * _QUICK, 2 * _QUICK)
+    _once(rig, turns, zero_rate_alone)
+
+
+def hang(rig: LockstepRig) -> None:
+    """The host hangs."""
+    rig.hang = _HANG
+
+
+def sto_alone(rig: LockstepRig) -> None:
+    """The host hangs, the drives watch nobody, and STO is opened."""
+    for drive in rig.lockstep.drives:
+        drive.store.set(0x1016, 1, 0)
+        drive.open_sto()
+    hang(rig)
+
+
+def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:
+    """The ball has another velocity at once, m/s."""
+    x, y = _ball(rig)
+    rig.plant.devices.place(np.array([[x, x_rate, y, y_rate]]))
+
+
+def push_later(rig: LockstepRig) -> None:
+    """The ball is pushed across the plate along y, once it is on the far side."""
+    _once(rig, lambda rig: bool(_ball(rig)[1] > _FAR), lambda rig: push(rig, 0.0, -_FAST))
+
+
+def move_ball(rig: LockstepRig) -> None:
+    """The ball is put elsewhere by hand."""
+    x, y = _ball(rig)
+    rig.plant.devices.place(np.array([[x - 0.15, 0.0, y - 0.15, 0.0]]))
+
+
+def shove(rig: LockstepRig, axis: int, rate: float, lasting: float) -> None:
+    """The plate is turned further about an axis by force, at a rate in rad/s for a time in s."""
+    end = rig.now() + lasting
+    rig.plant.shoved[axis] = math.copysign(rate, rig.plant.devices.state[0, 2 + 4 * axis])
+    moved = rig.lockstep.bus.moved
+
+    def move(dt: float) -> None:
+        if rig.now() >= end:
+            rig.plant.shoved[:] = 0.0
+        moved(dt)
+
+    rig.lockstep.bus.moved = move
+
+
+def fast(rig: LockstepRig, axis: int) -> bool:
+    """Whether the ball is too fast along an axis."""
+    return bool(abs(rig.plant.devices.state[0, 1 + 4 * axis]) > float(_LIMITS.ball_speed))
+
+
+def outside(rig: LockstepRig, axis: int) -> bool:
+    """Whether the ball is outside of its area along an axis."""
+    return bool(abs(_ball(rig)[axis]) > _EDGE[axis])
+
+
+def steep(rig: LockstepRig, axis: int) -> bool:
+    """Whether the plate is tilted too far about an axis."""
+    return bool(abs(rig.plant.devices.state[0, 2 + 4 * axis]) > BEYOND)
+
+
+def turns(rig: LockstepRig) -> bool:
+    """Whether the plate turns about both axes."""
+    return bool(np.abs(rig.plant.devices.state[0, 3::4]).min() > _QUICK)
+
+
+def _ball(rig: LockstepRig) -> Array:
+    """Position of the ball along x and y, m."""
+    found: Array = rig.plant.devices.state[0, 0::4]
+    return found
+
+
+def _once(rig: LockstepRig, there: Callable[[LockstepRig], bool], act: Act) -> None:
+    """Act as soon as something is so, after the step of the bus in which it comes about."""
+    moved = rig.lockstep.bus.moved
+
+    def move(dt: float) -> None:
+        moved(dt)
+        if there(rig):
+            rig.lockstep.bus.moved = moved
+            act(rig)
+
+    rig.lockstep.bus.moved = move

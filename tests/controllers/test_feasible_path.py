@@ -1,0 +1,142 @@
+import daqp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ballplate as bp
+from controllers.controller import PerRigReference
+from controllers.references import Circle, Setpoints
+from controllers.references.paths import Transition
+from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
+from twin.report.summary import judged
+
+T = 0.002
+LAW = StableInversion()
+A, J = LAW.model.k1 * LAW.slope, LAW.model.k1 * LAW.slope_rate
+STEP = Setpoints(points=((0.0, 0.0, 0.0), (2.0, 0.15, -0.1)), time_constant=0.02)
+places = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.12, 0.12))
+
+
+def laid(reference, start, seconds, limits=(A, J)):
+    """Position, velocity, acceleration of the path, shape (3, K, ..., 2)."""
+    preview = Preview(reference, np.array(start, float), T, LAW.preview, LAW.spread, limits)
+    slices = []
+    for _ in range(round(seconds / T / preview.count)):
+        preview.ask()
+        preview.go_on()
+        slices.append(preview.window[:, : preview.count])
+    return np.concatenate(slices, axis=1)
+
+
+@settings(max_examples=15)
+@given(
+    st.lists(st.tuples(st.floats(0.2, 3), places), min_size=2, max_size=5),
+    st.floats(0.01, 0.3),
+)
+def test_every_path_is_a_motion_that_keeps_to_the_limits(goals, time_constant):
+    times = np.cumsum([time for time, _ in goals]).tolist()
+    points = tuple((time, *place) for time, (_, place) in zip(times, goals, strict=True))
+    p, v, a = laid(Setpoints(points=points, time_constant=time_constant), points[0][1:], 8.0)
+    assert np.abs(a).max() <= A * (1 + 1e-9)
+    assert np.abs(np.diff(a, axis=0)).max() <= J * T * (1 + 1e-6)
+    # by Simpson's rule and the trapezium, exact for a straight acceleration; a slice may end on its
+    # reference by what BACK says
+    assert np.abs(np.diff(v, axis=0) - T * (a[1:] + a[:-1]) / 2).max() < 1.1e-3
+    assert np.abs(np.diff(p, axis=0) - T * (v[1:] + v[:-1]) / 2).max() < 1.1e-4
+
+
+def test_a_path_that_the_plate_can_give_is_left_as_it_is():
+    circle, start = Circle(amplitude=0.15, omega=0.75), (0.15, 0.0)
+    np.testing.assert_array_equal(laid(circle, start, 6.0), laid(circle, start, 6.0, None))
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [STEP, Transition(end=(0.15, 0.0), duration=0.4), Circle(amplitude=0.15, omega=3.0)],
+    ids=["step", "transition", "circle"],
+)
+def test_beside_others_it_has_the_bits_it_has_alone(reference):
+    calm = Circle(amplitude=0.05, omega=1.0)
+    start = reference(0.0)[0]
+    together = laid(PerRigReference((calm, reference), T), ((0.05, 0.0), start), 5.0)
+    np.testing.assert_array_equal(together[:, :, 1], laid(reference, start, 5.0))
+    np.testing.assert_array_equal(together[:, :, 0], laid(calm, (0.05, 0.0), 5.0))
+
+
+def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():
+    # by an active-set method that knows nothing of this one, its motion integrated anew
+    feasible = FeasiblePath((A, J), T, 25)
+    feasible.STEPS = 5000
+    path = STEP(1.5 + T * np.arange(1, 650))[:3]
+    state = STEP(1.5)[:3]
+    made = feasible.follow(state, path)
+    n, h = feasible.length, 25 * T / PIECES
+    end = h * np.arange(1, n + 1)
+    since = np.maximum(end[:, None] - h * np.arange(n + 1), 0.0)  # of each piece's begin
+    cube = (since[:, :-1] ** 3 - since[:, 1:] ** 3) / 6
+    tilt = since[:, :-1] - since[:, 1:]
+    wished = STEP(1.5 + end)[0]
+    for axis in (0, 1):
+        upper = np.concatenate((np.full(n, J), np.full(n, A)))
+        jerk, _, exit_flag, _ = daqp.solve(
+            cube.T @ cube + 1e-9 * np.eye(n),
+            -cube.T @ wished[:, axis],
+            np.ascontiguousarray(tilt),
+            upper,
+            -upper,
+            np.zeros(2 * n, np.int32),
+        )
+        assert exit_flag == 1
+        begun = np.minimum(T * np.arange(1, 26), h)
+        rest = T * np.arange(1, 26) - begun
+        a = jerk[0] * begun + jerk[1] * rest
+        np.testing.assert_allclose(made[2, :, axis], a, atol=2e-2 * A)
+        assert np.abs(a).max() > 0.05 * A
+
+
+def test_few_steps_of_the_method_lose_little(monkeypatch):
+    short = laid(STEP, (0.0, 0.0), 6.0)[0]
+    monkeypatch.setattr(FeasiblePath, "STEPS", 1000)
+    exact = laid(STEP, (0.0, 0.0), 6.0)[0]
+    wished = STEP(T * np.arange(len(exact)))[0]
+    far = [np.sqrt(((path - wished) ** 2).mean()) for path in (short, exact)]
+    assert 5e-3 < far[1] <= far[0] < 1.05 * far[1]
+
+
+def test_a_corner_without_acceleration_is_seen():
+    feasible = FeasiblePath((A, J), T, 25)
+    t = T * np.arange(100)
+    corner = np.zeros((3, 100, 2))
+    corner[0, :, 0], corner[1, :, 0] = 0.1 * np.maximum(t - 0.1, 0), 0.1 * (t > 0.1)
+    assert not feasible.within(corner)
+    assert feasible.within(corner[:, :50])
+
+
+def test_the_cure_keeps_a_ball_on_a_path_that_the_plate_cannot_give():
+    cure = [
+        "baseline=false",
+        "plant.kind=lagrange",
+        'reference={kind="setpoints",points=[[0,0.12,0.06],[2,-0.12,0.06],[4,0.1,-0.06]],'
+        "time_constant=0.05}",
+        "plant.start.x=0.12",
+        "plant.start.y=0.06",
+        "duration=6",
+    ]
+    kept, lost = (
+        bp.run("cure", [*cure, f"controller.slope={slope}"]) for slope in (LAW.slope, 0.0)
+    )
+    assert kept.outcome == "finished"
+    away = kept.motion.error
+    assert np.sqrt((away**2).sum(axis=1).mean()) < 0.04
+    assert lost.outcome != "finished"
+    # and what was done is in the record, and said
+    laid = np.stack((kept.rows["laid_x"], kept.rows["laid_y"]), axis=1)
+    differs = np.isfinite(laid[:, 0])
+    assert 0.1 < differs.mean() < 0.9
+    ball = np.stack((kept.rows["true_x"], kept.rows["true_y"]), axis=1)
+    assert np.hypot(*(ball - laid)[differs].T).max() < 0.02
+    wished = kept.followed(kept.rows["time"])[0]
+    far = np.hypot(*(laid - wished)[differs].T).max()
+    assert f"up to {1e3 * far:.3g} mm" in judged(kept)
+    assert "laid_x" not in lost.rows
