@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import filled, kept, planned, points, said
+from pages import HERE, filled, kept, planned, points, said
 
-HERE = Path(__file__).parent
+from twin.writing import write_whole
+
 EVERY = 5
 BAND = 0.005
 FLOOR = "circle 0.75 rad/s"
@@ -239,7 +240,7 @@ def main(rigs: int | None, only: tuple[str, ...], *, finished: bool) -> None:
     if not table:
         raise click.ClickException("no task is finished")
     drawing(plan, table, HERE / "figures" / "cure.svg")
-    (HERE / "cure.md").write_text(page(plan, table), encoding="utf-8")
+    write_whole(HERE / "cure.md", page(plan, table))
 
 
 if __name__ == "__main__":

@@ -17,9 +17,10 @@ from typing import Any
 
 import click
 import numpy as np
-from pages import filled, kept, planned, points, said
+from pages import HERE, filled, kept, planned, points, said
 
-HERE = Path(__file__).parent
+from twin.writing import write_whole
+
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")
 FREE = {"title", "like", "set", "fields"}
@@ -191,8 +192,7 @@ def main(only: tuple[str, ...], *, finished: bool) -> None:
     if not found:
         raise click.ClickException("no law is tuned")
     drawing(found, HERE / "figures" / "tuned.svg")
-    text = page(plan, found, next(iter(tunes.values())))
-    (HERE / "tuned.md").write_text(text, encoding="utf-8")
+    write_whole(HERE / "tuned.md", page(plan, found, next(iter(tunes.values()))))
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ WRITTEN = {
     "play_picture.py",
     "screenshots.py",
     "settings.py",
+    "settings.template.md",
     "study_page.py",
     "study.template.md",
 } | {
@@ -58,6 +59,7 @@ WRITTEN = {
     "tuned.py",
     "tuned.toml",
     "claims.py",
+    "claims.template.md",
     "chapter8.py",
     "chapter9.py",
     "explained.md",
