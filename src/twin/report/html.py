@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.page import Block, Code, Picture, Table, Text, Verdict
@@ -59,8 +58,12 @@ def details(runs: Sequence[Run]) -> Figure:
             if "true_x" in run.rows:
                 wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
                 panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
-        if not panels["estimate"].lines:
-            _instead(panels["estimate"], "on a real rig nobody knows\nwhere the ball truly is")
+        unknown = panels["estimate"]
+        if not unknown.lines:
+            words = "on a real rig nobody knows\nwhere the ball truly is"
+            look = {"ha": "center", "va": "center", "color": "0.4"}
+            unknown.text(0.5, 0.5, words, transform=unknown.transAxes, **look)
+            unknown.set(xticks=[], yticks=[])
         top = max((float(each.max()) for each in late.values()), default=0.0)
         for index, each in late.items():
             edges = np.linspace(0, max(top, 1.0), 60).tolist()
@@ -72,12 +75,6 @@ def details(runs: Sequence[Run]) -> Figure:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
     return figure
-
-
-def _instead(panel: Axes, words: str) -> None:
-    """Words where there is nothing to draw."""
-    panel.text(0.5, 0.5, words, ha="center", va="center", transform=panel.transAxes, color="0.4")
-    panel.set(xticks=[], yticks=[])
 
 
 def lateness(run: Run) -> np.ndarray | None:
