@@ -395,7 +395,9 @@ class Preview:
         """Ask for a slice more of the reference, its jumps spread."""
         count = self.count
         if not self._known:
-            count = -(-self.length // count) * count + self._further
+            count = self.length
+            if self._feasible is not None:
+                count = -(-self.length // self.count) * self.count + self._further
         times = (self._known + np.arange(count)) * self._period
         r = self._reference(times)[:3]
         rigs = self.window.shape[2:-1]
@@ -478,7 +480,8 @@ class AboutMotion(Law):
     Q: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (20000.0, 2000.0, 100.0, 10.0)
     """Weights of eta (m), its rate, slope (rad) and its rate; the slope's acceleration has 1."""
     preview: NotNegative = 1.4
-    """How far the reference is asked ahead, s; 0 for not at all."""
+    """How far the reference is asked ahead, s; 0 for not at all. To see what the plate can give it
+    is asked ``AHEAD`` further."""
     spread: NotNegative = 1.3
     """Time in s over which a jump of 0.15 m is spread, others by the root of their length; 0 leaves
     jumps as they are."""
