@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks import measurements, physics_step
 from benchmarks.figures import Figure, groups
-from twin.markdown import table
+from twin.markdown import filled, table
 from twin.writing import write_whole
 
 TEMPLATE = Path(__file__).parent.parent / "docs" / "performance.template.md"
@@ -36,14 +36,12 @@ def page() -> str:
     """docs/performance.md, of all measurements and of the physics as it is now."""
     known = measurements.kept()
     deviations = chain(physics_step.paths(), physics_step.numbers())
-    text = TEMPLATE.read_text(encoding="utf-8")
-    for name, made in {
-        "figures": measurements.figures_table(known),
-        "measurements": measurements.measurements_table(known),
-        "deviations": table(("", "at 0.25 ms", "1 ms off by", "2 ms off by"), deviations),
-    }.items():
-        text = text.replace(f"{{{{ {name} }}}}", made)
-    return text
+    return filled(
+        TEMPLATE,
+        figures=measurements.figures_table(known),
+        measurements=measurements.measurements_table(known),
+        deviations=table(("", "at 0.25 ms", "1 ms off by", "2 ms off by"), deviations),
+    )
 
 
 def parser() -> argparse.ArgumentParser:
@@ -68,7 +66,7 @@ def main() -> None:
         if options.add:
             measurements.add(measurement)
     if options.doc is not None:
-        write_whole(options.doc, lambda path: path.write_text(page().strip() + "\n", "utf-8"))
+        write_whole(options.doc, page().strip() + "\n")
 
 
 if __name__ == "__main__":

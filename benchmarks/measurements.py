@@ -70,7 +70,7 @@ def add(measurement: Measurement, file: Path = FILE) -> None:
         lines += ["", f"[measured.{name}]"]
         lines += [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in values.items()]
     text = file.read_text(encoding="utf-8") + "\n".join(lines) + "\n"
-    write_whole(file, lambda path: path.write_text(text, encoding="utf-8"))
+    write_whole(file, text)
 
 
 def kept(file: Path = FILE) -> list[Measurement]:

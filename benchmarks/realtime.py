@@ -18,13 +18,12 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import click
-import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
 import ballplate as bp
 from controllers.arrays import Array
-from twin.markdown import table
+from twin.markdown import filled, table
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
 from twin.writing import write_whole
@@ -195,9 +194,7 @@ def main(wire: int, doc: Path | None) -> None:
             "few": str(few),
             "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.release()}",
         }
-        template = doc.with_suffix(".template.md").read_text(encoding="utf-8")
-        strict = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
-        write_whole(doc, strict.from_string(template).render(parts))
+        write_whole(doc, filled(doc.with_suffix(".template.md"), **parts))
 
 
 if __name__ == "__main__":

@@ -5,15 +5,14 @@ uv run python docs/chapter8.py
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -24,12 +23,20 @@ from controllers.ballplate import BallPlate
 from twin import markdown
 from twin.run.picture import COLOURS, REFERENCE
 from twin.thesis import chapter8
-from twin.thesis.chapter8 import COLUMNS, Agreement, Excerpt, Results, SimulatedTable, ThesisCell
+from twin.thesis.chapter8 import COLUMNS, Excerpt, Results, SimulatedTable, ThesisCell
 from twin.thesis.neglected import terms
 from twin.writing import write_whole
 
 MECHANISM: dict[str, Any] = {"color": "0.1", "linestyle": (0, (4, 4)), "linewidth": 0.6}
 """The mechanism's lines, dashed over the exact model's."""
+LOOK: dict[str, Any] = {
+    "font.size": 8.5,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.1,
+}
 PALETTE = 96
 """Colours a picture keeps: enough for lines, and a third of the size."""
 
@@ -41,8 +48,7 @@ def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
         RecordError: If the file cannot be written.
     """
     step = table.rows[0].setup["reference"]["kind"] == "hold"
-    with _style():
-        figure, panels = _panels(3, f"Table {table.id}: {table.title}")
+    with _drawn(path, 3, f"Table {table.id}: {table.title}", mechanism=True) as panels:
         for index, row in enumerate(table.rows):
             label = row.detail or _omega(row.name)
             ours, mujoco = (found[(table.id, index), way].excerpt for way in ("sampled", "mujoco"))
@@ -52,8 +58,6 @@ def draw_table(path: Path, table: SimulatedTable, found: Results) -> None:
             panels[0, axis].set_ylabel(f"{name} [mm]" if step else f"error of {name} [mm]")
             if step:
                 panels[0, axis].plot(ours.time, 1000 * ours.reference[:, axis], **REFERENCE)
-        _keys(figure, panels[0, 0], mechanism=True)
-        _write(figure, path)
 
 
 def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results) -> None:
@@ -66,8 +70,8 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
     shown = found[(table.id, index), "sampled"].excerpt
     names = (("x", "x'", "φ", "φ'"), ("y", "y'", "θ", "θ'"))
     scales = ((1000, "mm"), (1000, "mm/s"), (180 / np.pi, "deg"), (180 / np.pi, "deg/s"))
-    with _style():
-        figure, panels = _panels(5, f"Table {table.id}: {row.name}, first of the noisy runs")
+    title = f"Table {table.id}: {row.name}, first of the noisy runs"
+    with _drawn(path, 5, title) as panels:
         for axis in (0, 1):
             for state, (scale, unit) in enumerate(scales):
                 panel, at = panels[state, axis], 4 * axis + state
@@ -79,8 +83,6 @@ def draw_observer(path: Path, table: SimulatedTable, index: int, found: Results)
                 panel.set_ylabel(f"{names[axis][state]} [{unit}]")
             panels[4, axis].plot(shown.time, shown.u[:, axis], color=COLOURS[0])
             panels[4, axis].set_ylabel(f"{names[axis][2]}″ [rad/s²]")
-        _keys(figure, panels[0, 0], mechanism=False)
-        _write(figure, path)
 
 
 def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
@@ -89,8 +91,8 @@ def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
     Raises:
         RecordError: If the file cannot be written.
     """
-    with _style():
-        figure, panels = _panels(2, "Main and neglected terms of (6.42), AFL, full state feedback")
+    title = "Main and neglected terms of (6.42), AFL, full state feedback"
+    with _drawn(path, 2, title) as panels:
         for index, row in enumerate(table.rows):
             shown = found[(table.id, index), "sampled"].excerpt
             parts = terms(BallPlate(), shown.state, shown.u)
@@ -101,31 +103,35 @@ def draw_neglected(path: Path, table: SimulatedTable, found: Results) -> None:
         for axis, name in enumerate("xy"):
             panels[0, axis].set_ylabel(f"main, {name} [m/s²]")
             panels[1, axis].set_ylabel(f"neglected, {name} [mm/s²]")
-        _keys(figure, panels[0, 0], mechanism=False)
-        _write(figure, path)
 
 
-def _style() -> AbstractContextManager[None]:
-    """How all figures look."""
-    return mpl.rc_context(
-        {
-            "font.size": 8.5,
-            "axes.grid": True,
-            "grid.alpha": 0.3,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "lines.linewidth": 1.1,
-        }
-    )
+@contextmanager
+def _drawn(path: Path, rows: int, title: str, *, mechanism: bool = False) -> Iterator[NDArray[Any]]:
+    """Panels, two a row, to draw on within; then they are written as a PNG of few colours.
 
-
-def _panels(rows: int, title: str) -> tuple[Figure, NDArray[Any]]:
-    figure = Figure(figsize=(9.6, 0.6 + 1.65 * rows), layout="constrained")
-    figure.suptitle(title, fontsize=10.5, fontweight="bold")
-    panels = figure.subplots(rows, 2, sharex=True)
-    for panel in panels[-1]:
-        panel.set_xlabel("time [s]")
-    return figure, panels
+    Args:
+        path: Of the picture.
+        rows: Of panels.
+        title: Above them.
+        mechanism: Whether the legend tells of the mechanism's lines.
+    """
+    with mpl.rc_context(LOOK):
+        figure = Figure(figsize=(9.6, 0.6 + 1.65 * rows), layout="constrained")
+        figure.suptitle(title, fontsize=10.5, fontweight="bold")
+        panels = figure.subplots(rows, 2, sharex=True)
+        for panel in panels[-1]:
+            panel.set_xlabel("time [s]")
+        yield panels
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        if mechanism:
+            handles.append(Line2D([], [], **MECHANISM))
+            labels.append("the same on the MuJoCo mechanism")
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+        raw = BytesIO()
+        figure.savefig(raw, format="png", dpi=100)
+    # median cut, which is the default, takes the mean of colours of few pixels: blue became teal
+    picture = Image.open(raw).convert("RGB").quantize(PALETTE, method=Image.Quantize.FASTOCTREE)
+    write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
 
 
 def _add(panels: NDArray[Any], shown: Excerpt, *, step: bool, **look: Any) -> None:
@@ -139,25 +145,8 @@ def _add(panels: NDArray[Any], shown: Excerpt, *, step: bool, **look: Any) -> No
         panels[2, axis].set_ylabel(f"{acceleration} [rad/s²]")
 
 
-def _keys(figure: Figure, panel: Axes, *, mechanism: bool) -> None:
-    handles, labels = panel.get_legend_handles_labels()
-    if mechanism:
-        handles.append(Line2D([], [], **MECHANISM))
-        labels.append("the same on the MuJoCo mechanism")
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
-
-
 def _omega(name: str) -> str:
     return name.replace("omega ", "ω = ") + " rad/s" if name.startswith("omega") else name
-
-
-def _write(figure: Figure, path: Path) -> None:
-    """A PNG of few colours."""
-    raw = BytesIO()
-    figure.savefig(raw, format="png", dpi=100)
-    # median cut, which is the default, takes the mean of colours of few pixels: blue became teal
-    picture = Image.open(raw).convert("RGB").quantize(PALETTE, method=Image.Quantize.FASTOCTREE)
-    write_whole(path, lambda target: picture.save(target, format="PNG", optimize=True))
 
 
 def draw_all(folder: Path, table: SimulatedTable, found: Results) -> dict[str, str]:
@@ -206,32 +195,20 @@ def write_doc(
             parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
         if parts:
             groups.append((title, parts[0][0].shared, parts))
-    sentence, summary = chapter8.sentence(cells), _summary(tables, cells)
-    text = filled("reproduction", sentence=sentence, summary=summary, groups=groups)
-    write_whole(path, lambda target: target.write_text(text.rstrip() + "\n", encoding="utf-8"))
+    text = filled(
+        "reproduction",
+        sentence=chapter8.sentence(cells),
+        steps=chapter8.STEPS,
+        summary=[(table, chapter8.summary(_of(table, cells))) for table in tables],
+        columns=COLUMNS,
+        groups=groups,
+    )
+    write_whole(path, text.rstrip() + "\n")
 
 
 def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:
     """The cells of one table."""
     return [cell for cell in cells if cell.table == table.id]
-
-
-def _summary(tables: Sequence[SimulatedTable], cells: Sequence[ThesisCell]) -> str:
-    """A line for every table: how many cells agree how well."""
-    steps = [f"within {step:g} %" for step in chapter8.STEPS]
-    head = ("table", "cells", "agree", "exceptions", "differ", *steps, "worst that agrees")
-    rows = []
-    for table in tables:
-        found = chapter8.summary(_of(table, cells))
-        worst: ThesisCell | None = found["worst"]
-        name = ""
-        if worst is not None:
-            quantity = COLUMNS[worst.column].name
-            name = f"{worst.deviation_percent:+.2f} % ({worst.row}, {quantity})"
-        within = [f"{count} of {found['values']}" for count in found["within"].values()]
-        counts = [str(found[key]) for key in ("cells", *Agreement)]
-        rows.append((f"{table.id} {table.title}", *counts, *within, name))
-    return markdown.table(head, rows, words=(0, -1))
 
 
 def main() -> None:

@@ -15,20 +15,17 @@ import click
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from pages import filled
+from pages import HERE, filled, said
 
 from twin.fit.runs import cells as numbers_of
 from twin.fit.schema import read
 from twin.jobs import cores
-from twin.markdown import table
 from twin.thesis import chapter9
 from twin.thesis.chapter9 import COLUMNS, Row, errors, goals, held_out_goals, stored
 from twin.writing import write_json, write_whole
 
-HERE = Path(__file__).parent
 KEPT = HERE.parent / "src" / "twin" / "thesis" / "data" / "chapter_9.json"
 FIGURE = "experiments.png"
-KEYS = ("frictionless", "predicted", "explained", "held_out")
 LAWS = {
     "AFL": ("9.2", "9.3"),
     "AFL with integral": ("9.4", "9.5"),
@@ -40,107 +37,24 @@ MEASURED, PREDICTED, CLEAN, HELD = "#222222", "#1f6fb4", "#e08214", "#4d9221"
 
 def page(cells: list[Row], confirmed: list[Row]) -> str:
     """The page: goals, numbers, and all cells; ``confirmed`` is explained on the mechanism."""
-    searches = stored()["searches"]
-    verdicts = [
-        (goal.sentence, goal.found, "reached" if goal.reached else "**not reached**")
-        for goal in goals(cells)
-    ]
+    about = read("chapter_9")
+    # with all tables, then without each
+    ends = zip(*(chapter9.best(group) for group in ("", *about.groups)), strict=True)
     return filled(
         "experiments",
         figure=FIGURE,
-        goals=table(("goal", "found", ""), verdicts),
-        numbers=_numbers(),
-        searches=len(searches),
-        ends=", ".join(f"{search['chi2']:.1f} ({search['by']})" for search in searches),
-        cells=len(numbers_of(read("chapter_9"))),
-        held_out=_held_out(cells, confirmed),
-        tracking=_tracking(cells, confirmed),
-        others=_others(cells),
-        notes=[
-            f"- {row['table']}, {row['row']}, {row['column']}: {row['note']}"
-            for row in cells
-            if row["note"]
-        ],
+        goals=goals(cells),
+        known=stored(),
+        parameters=about.parameters,
+        values=dict(zip(about.parameters, ends, strict=True)),
+        number=len(numbers_of(about)),
+        held_out=zip(held_out_goals(cells), held_out_goals(confirmed), strict=True),
+        scatter=chapter9.scatter(),
+        cells=cells,
+        confirmed=zip(cells, confirmed, strict=True),
+        columns=COLUMNS,
+        said=said,
     )
-
-
-def _numbers() -> str:
-    known, about = stored(), read("chapter_9")
-    lines = []
-    for each in known["parameters"]:
-        place = list(about.parameters).index(each["name"])
-        value, *folds = (chapter9.best(group)[place] for group in ("", *about.groups))
-        lines.append(
-            (
-                each["name"].replace("_", " "),
-                f"{value:.4g}",
-                f"{each['low']:.3g} to {each['high']:.3g}",
-                f"{min(folds):.3g} to {max(folds):.3g}",
-                about.parameters[each["name"]].unit or "1",
-                each["verdict"],
-            )
-        )
-    head = ("number", "value", "95 %, bootstrap", "without one table", "unit", "verdict")
-    return table(head, lines)
-
-
-def _held_out(cells: list[Row], confirmed: list[Row]) -> str:
-    scatter, searches = chapter9.scatter(), stored()["searches"]
-    lines = []
-    for one, other in zip(held_out_goals(cells), held_out_goals(confirmed), strict=True):
-        by = scatter[one.sentence]
-        aim = f"{one.low:.3g} to {one.high:.3g}" if one.low > 0 else f"at most {one.high:g}"
-        lines.append(
-            (
-                one.sentence,
-                aim,
-                f"{one.value:.3f}",
-                *(f"{search['goals'][one.sentence]:.3f}" for search in searches),
-                f"{by:.3f}",
-                one.verdict(by),
-                f"{other.value:.3f}",
-                other.verdict(by),
-            )
-        )
-    names = [f"search {number}" for number in range(1, len(searches) + 1)]
-    head = ("goal", "", "held out", *names, "scatter", "", "mechanism", "")
-    return table(head, lines, words=(0, 1, -3, -1))
-
-
-def _tracking(cells: list[Row], confirmed: list[Row]) -> str:
-    lines = []
-    for row, other in zip(cells, confirmed, strict=True):
-        if row["column"] == "e_tt":
-            values = [shown(row[key]) for key in ("frictionless", "predicted")]
-            more = [shown(row[key]) for key in ("explained", "held_out")]
-            off = "-" if row["held_out"] is None else f"{row['held_out'] - row['thesis']:+.1f}"
-            span = f"{shown(row['low'])} to {shown(row['high'])}"
-            name = f"{row['table']}, {row['row']}" + (" (fitted)" if row["calibration"] else "")
-            lines.append(
-                (name, f"{row['thesis']:.1f}", *values, span, *more, off, shown(other["held_out"]))
-            )
-    head = ("experiment", "measured", "frictionless", "predicted", "range", "explained", "held out")
-    return table((*head, "off", "mechanism, held out"), lines)
-
-
-def _others(cells: list[Row]) -> str:
-    lines = [
-        (
-            f"{row['table']}, {row['row']}",
-            f"{row['column']} [{COLUMNS[row['column']][1]}]",
-            f"{row['thesis']:.4g}",
-            *(shown(row[key]) for key in KEYS),
-        )
-        for row in cells
-        if row["column"] != "e_tt"
-    ]
-    heads = (*KEYS[:-1], "held out")
-    return table(("experiment", "quantity", "measured", *heads), lines, words=(0, 1))
-
-
-def shown(value: float | None) -> str:
-    """A value to three digits; a dash where there is none."""
-    return "-" if value is None else f"{value:.3g}"
 
 
 def draw(path: Path, cells: list[Row]) -> None:
@@ -227,8 +141,7 @@ def main(found: Path | None) -> None:
     cells = chapter9.rows(processes=cores())
     confirmed = chapter9.rows(settings=chapter9.MECHANISM, processes=cores())
     draw(HERE / "figures" / FIGURE, cells)
-    text = page(cells, confirmed)
-    write_whole(HERE / "experiments.md", lambda target: target.write_text(text, encoding="utf-8"))
+    write_whole(HERE / "experiments.md", page(cells, confirmed))
 
 
 if __name__ == "__main__":

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import itertools
 from math import degrees, radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
+from pages import HERE, filled
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
-from twin.markdown import table
 from twin.writing import write_whole
 
 MODEL = BallPlate()
@@ -31,14 +30,6 @@ OPERATING = np.array((0.25, 0.25, TILT, TURN, 0.15, 0.25, TILT, TURN))
 """Bounds of the state in operation: area, plate angle and rate of chapter 3; ball to 0.25 m/s."""
 ZERO = 1e-10
 """Share of the largest singular value below which one counts as zero; real zeros are at 1e-16."""
-TEXT = """\
-# Claims of chapters 5 and 6.2.1
-
-Written by `uv run python docs/claims.py`, which derives every line with sympy from f, g1 and g2 of
-(5.9). Ranks *over the operating range* are taken at 2916 combinations of its bounds and its middle,
-the others at 20 random states.
-
-"""
 
 
 def fields() -> tuple[Any, Any, Any]:
@@ -220,13 +211,8 @@ def _normal_form(f: Any, g1: Any, g2: Any) -> list[Claim]:
 
 def page(found: list[Claim]) -> str:
     """The page."""
-    words = {True: "yes", False: "**no**", None: ""}
-    rows = [(f"({e})", q, t, v, words[agrees], note) for e, q, t, v, agrees, note in found]
-    heads = ("eq.", "quantity", "thesis", "here", "agrees", "note")
-    return TEXT + table(heads, rows, words=range(6))
+    return filled("claims", claims=found)
 
 
 if __name__ == "__main__":
-    text = page(claims())
-    path = Path(__file__).parent / "claims.md"
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_whole(HERE / "claims.md", page(claims()))

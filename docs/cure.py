@@ -9,16 +9,16 @@ Finished tasks are kept in runs/cure and used again while scenarios and code sta
 from __future__ import annotations
 
 import inspect
-import tomllib
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import filled, kept, points
+from pages import HERE, filled, kept, planned, points, said
 
-HERE = Path(__file__).parent
+from twin.writing import write_whole
+
 EVERY = 5
 BAND = 0.005
 FLOOR = "circle 0.75 rad/s"
@@ -138,86 +138,44 @@ def cells(plan: dict[str, Any], values: list[float | None]) -> list[Cell]:
     return rows
 
 
-def said(value: float | None) -> str:
-    """A number of a table."""
-    return "-" if value is None else f"{value:.2f}"
-
-
 def verdict(value: float | None, goal: float, span: tuple[float, float] = (np.nan, np.nan)) -> str:
     """Whether a goal was reached, and what noise did to it."""
-    scatter = "" if np.isnan(span[0]) else f" ({said(span[0])} to {said(span[1])})"
+    scatter = "" if np.isnan(span[0]) else f" ({span[0]:.2f} to {span[1]:.2f})"
     word = "reached" if value is not None and value <= goal else "missed"
-    return f"{said(value)}{scatter}, {word}"
+    return f"{said(value, '.2f')}{scatter}, {word}"
 
 
 def page(plan: dict[str, Any], table: dict[str, list[Cell]]) -> str:
     """The page as Markdown, of the tasks that are known."""
     names = [law["name"] for law in plan["laws"]]
-    goals = []
-    for task in plan["tasks"]:
-        if task["name"] not in table:
-            continue
-        found = table[task["name"]]
-        nominal, worst = task["goals"]
-        sides = list(zip(*found, strict=True))[:2]
-        goals.append(
-            (
-                task["name"],
-                ", ".join(KINDS[task.get("judged", "tracking")]),
-                f"{nominal:g}",
-                verdict(found[-1].nominal, nominal, found[-1].span),
-                f"{worst:g}",
-                verdict(found[-1].worst, worst),
-                *(best_of(names, list(column)) for column in sides),
-            )
-        )
-    laws = [
-        (name, *(f"{said(cell.nominal)} / {told(cell, plan['rigs'])}" for cell in row))
-        for name, row in zip(names, zip(*table.values(), strict=True), strict=True)
-    ]
-    edge, rows = floors(plan, table[FLOOR][-1]) if FLOOR in table else ("", [])
-    left = [task["name"] for task in plan["tasks"] if task["name"] not in table]
+    edge, rows = floors(plan, table[FLOOR][-1]) if FLOOR in table else (0.0, [])
     return filled(
-        "cure", plan=plan, table=table, goals=goals, laws=laws, left=left,
-        floors=rows, edge=edge, floor_task=FLOOR,
+        "cure", plan=plan, table=table, kinds=KINDS, verdict=verdict, said=said,
+        best=lambda task, side: best_of(names, [cell[side] for cell in table[task]]),
+        laws=list(zip(names, zip(*table.values(), strict=True), strict=True)),
+        left=[task["name"] for task in plan["tasks"] if task["name"] not in table],
+        floors=rows, edge=f"{edge:.1%}", floor_task=FLOOR,
     )  # fmt: skip
 
 
-def floors(plan: dict[str, Any], cell: Cell) -> tuple[str, list[tuple[str, ...]]]:
-    """What an uneven screen leaves to anybody at the edge of the family, and rig by rig."""
+def floors(plan: dict[str, Any], cell: Cell) -> tuple[float, list[tuple[Any, float, float | None]]]:
+    """What an uneven screen leaves to anybody, as shares of the way's radius, and rig by rig.
+
+    At the edge of the family; then scenario, least and what the cure reached of every rig, in %.
+    """
     from cure_floor import Screen, floor  # noqa: PLC0415
 
     task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
     radius = 0.15
-    rows: list[tuple[str, ...]] = []
-    for number, (scenario, value) in enumerate(zip(rigs_of(plan, task), cell.rigs, strict=True)):
-        touch, friction = scenario.sensors.touch, scenario.plant.friction.rolling_mm
-        spread = scenario.plant.surface.spread_percent
-        screen = Screen(friction, spread / 100, touch.frame_rate, touch.dead_time)
-        least = 100 * floor(screen, radius * task["omega"]) / radius
-        rows.append(
-            (
-                str(number + 1),
-                f"{friction:.2f}",
-                f"{spread:.0f}",
-                f"{touch.frame_rate:.0f}" if touch.frame_rate else "500",
-                f"{1000 * touch.dead_time:.0f}",
-                f"{least:.2f}",
-                said(value),
-            )
-        )
+    rows = []
+    rigs = scenarios(plan | {"laws": plan["laws"][-1:]}, task)[plan["noises"] :]
+    for scenario, value in zip(rigs, cell.rigs, strict=True):
+        touch, plant = scenario.sensors.touch, scenario.plant
+        spread = plant.surface.spread_percent / 100
+        screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
+        rows.append((scenario, 100 * floor(screen, radius * task["omega"]) / radius, value))
     edge = floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task["omega"]) / radius
-    return f"{edge:.1%}", rows
-
-
-def rigs_of(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
-    """Scenarios of the last law on the rigs of the family."""
-    return scenarios(plan | {"laws": plan["laws"][-1:]}, task)[plan["noises"] :]
-
-
-def told(cell: Cell, rigs: int) -> str:
-    """The worst rig, or how many had no result."""
-    return f"- ({cell.missing} of {rigs})" if cell.missing else said(cell.worst)
+    return edge, rows
 
 
 def best_of(names: list[str], values: list[float | None]) -> str:
@@ -226,18 +184,14 @@ def best_of(names: list[str], values: list[float | None]) -> str:
     return "none" if not found else f"{min(found)[1]}: {min(found)[0]:.2f}"
 
 
-def rows_of(table: dict[str, list[Cell]]) -> int:
-    """Rows of panels of the picture, four a row."""
-    return (len(table) + 3) // 4
-
-
 def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> None:
     """The picture."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    figure = Figure(figsize=(12, 1 + 3.3 * rows_of(table)), layout="constrained")
+    rows = (len(table) + 3) // 4
+    figure = Figure(figsize=(12, 1 + 3.3 * rows), layout="constrained")
     tasks = [task for task in plan["tasks"] if task["name"] in table]
-    axes = figure.subplots(rows_of(table), 4, sharey=True, squeeze=False)
+    axes = figure.subplots(rows, 4, sharey=True, squeeze=False)
     names = [law["name"] for law in plan["laws"][::-1]]
     for axis, task in zip(axes.flat, tasks, strict=False):
         found = table[task["name"]][::-1]
@@ -270,7 +224,7 @@ def drawing(plan: dict[str, Any], table: dict[str, list[Cell]], path: Path) -> N
 @click.option("--finished", is_flag=True, help="Simulate nothing: a page of the finished tasks.")
 def main(rigs: int | None, only: tuple[str, ...], *, finished: bool) -> None:
     """Simulate what is not finished, then write the page."""
-    plan = tomllib.loads((HERE / "cure.toml").read_text(encoding="utf-8"))
+    plan = planned("cure")
     plan["rigs"] = rigs or plan["rigs"]
     table = {}
     for task in plan["tasks"]:
@@ -286,7 +240,7 @@ def main(rigs: int | None, only: tuple[str, ...], *, finished: bool) -> None:
     if not table:
         raise click.ClickException("no task is finished")
     drawing(plan, table, HERE / "figures" / "cure.svg")
-    (HERE / "cure.md").write_text(page(plan, table), encoding="utf-8")
+    write_whole(HERE / "cure.md", page(plan, table))
 
 
 if __name__ == "__main__":

@@ -8,28 +8,26 @@ What has been simulated is kept in runs/demands and used again while the code st
 from __future__ import annotations
 
 import inspect
-import tomllib
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from pages import filled, kept
+from pages import HERE, filled, kept, planned
 
 from twin.run.assemble import assemble
 from twin.run.loop import Ending, drive
 from twin.run.record import Recorder
 from twin.study.family import drawn, read
 from twin.study.work import Builder, code, digest
+from twin.writing import write_whole
 
-HERE = Path(__file__).parent
 AREA = np.array((0.2, 0.12))
 """Within which goals lie, m along x and y."""
 EVERY = 5
 BACK = 0.005
 """Distance in m from its reference within which a ball is back."""
 RIGS = 20
-PLAN = tomllib.loads((HERE / "cure.toml").read_text("utf-8"))
+PLAN = planned("cure")
 KNOWN = {each["name"]: each["set"] for each in PLAN["laws"]}
 CURE = "the cure"
 LAWS = {
@@ -170,8 +168,8 @@ def main(number: int) -> None:
         )
         for family in (False, True)
     }
-    page = filled("cure_demands", number=number, rigs=RIGS, family=PLAN["family"], **parts)
-    (HERE / "cure_demands.md").write_text(page, encoding="utf-8")
+    text = filled("cure_demands", number=number, rigs=RIGS, family=PLAN["family"], **parts)
+    write_whole(HERE / "cure_demands.md", text)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ passes, whose rate follows from that and the ball's speed.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import click
@@ -106,16 +107,14 @@ def _late(
 
 def main() -> None:
     """Print the floor of some screens."""
-    for rolling in (0.18, 0.27):
-        for spread in (0.1, 0.2):
-            for rate in (0.0, 58.0):
-                for omega in (0.5, 0.75, 1.0):
-                    least = floor(Screen(rolling, spread, rate, 0.042), 0.15 * omega)
-                    click.echo(
-                        f"{rolling} mm, {100 * spread:.0f} % uneven, "
-                        f"{f'{rate:g} frames/s' if rate else 'every period'}, circle of 150 mm at "
-                        f"{omega} rad/s: {1e3 * least:.2f} mm, {100 * least / 0.15:.2f} %"
-                    )
+    every = itertools.product((0.18, 0.27), (0.1, 0.2), (0.0, 58.0), (0.5, 0.75, 1.0))
+    for rolling, spread, rate, omega in every:
+        least = floor(Screen(rolling, spread, rate, 0.042), 0.15 * omega)
+        click.echo(
+            f"{rolling} mm, {100 * spread:.0f} % uneven, "
+            f"{f'{rate:g} frames/s' if rate else 'every period'}, circle of 150 mm at "
+            f"{omega} rad/s: {1e3 * least:.2f} mm, {100 * least / 0.15:.2f} %"
+        )
 
 
 if __name__ == "__main__":

@@ -9,16 +9,17 @@ import os
 import shlex
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pages import HERE, filled
+from pages import HERE, filled, planned
 from PIL import Image
+
+from twin.writing import write_whole
 
 WIDTH, HEIGHT = 320, 200
 COLUMNS = 2
-PICTURES = tomllib.loads((HERE / "gallery.toml").read_text("utf-8"))["pictures"]
+PICTURES = planned("gallery")["pictures"]
 
 
 def thumbnail(picture: Path, name: str) -> None:
@@ -47,7 +48,7 @@ def main() -> None:
                 before = each["command"]
             thumbnail(picture, each["name"])
     rows = [PICTURES[at : at + COLUMNS] for at in range(0, len(PICTURES), COLUMNS)]
-    (HERE / "gallery.md").write_text(filled("gallery", rows=rows, columns=COLUMNS), "utf-8")
+    write_whole(HERE / "gallery.md", filled("gallery", rows=rows, columns=COLUMNS))
 
 
 if __name__ == "__main__":

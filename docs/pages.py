@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 import numpy as np
 
+from twin import markdown
 from twin.writing import write_json
 
 if TYPE_CHECKING:
@@ -20,10 +21,17 @@ HERE = Path(__file__).parent
 
 def filled(name: str, **parts: Any) -> str:
     """The page of a template in this folder."""
-    text = (HERE / f"{name}.template.md").read_text(encoding="utf-8")
-    strict = jinja2.StrictUndefined
-    how = jinja2.Environment(trim_blocks=True, keep_trailing_newline=True, undefined=strict)
-    return how.from_string(text).render(parts)
+    return markdown.filled(HERE / f"{name}.template.md", **parts)
+
+
+def planned(name: str) -> dict[str, Any]:
+    """What a script of this folder is to run."""
+    return tomllib.loads((HERE / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def said(value: float | None, form: str = ".3g") -> str:
+    """A number of a table; a dash where there is none."""
+    return "-" if value is None else f"{value:{form}}"
 
 
 def kept(name: str, key: str, make: Callable[[], Any], *, simulate: bool = True) -> Any:

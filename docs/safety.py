@@ -35,46 +35,27 @@ GROUPS: dict[str, Iterable[Condition]] = {
 
 
 def document(rows: Sequence[FaultRow]) -> str:
-    """The page, as Markdown: ``safety.template.md`` with the tables of the code."""
+    """The page, as Markdown: ``safety.template.md`` with what the code says."""
     return filled(
         "safety",
-        transitions=_table(("state", "event", "next state"), _transitions()),
-        conditions={title: _conditions(each) for title, each in GROUPS.items()},
+        transitions=TRANSITIONS,
+        conditions=GROUPS,
         keys=_keys(),
         after=f"{AFTER:g}",
         left=f"{LEFT:g}",
         good=sum(row.good for row in rows),
         number=len(rows),
-        matrix=_table((*HEADING, "then [mm]", "whole", "again", "verdict"), map(_cells, rows)),
+        heading=HEADING,
+        matrix=map(_cells, rows),
         limits=_reasons(rows),
     )
 
 
-def _transitions() -> list[tuple[str, ...]]:
-    return [
-        (before.name.lower(), str(event), after.name.lower())
-        for (before, event), after in TRANSITIONS.items()
-    ]
-
-
-def _conditions(conditions: Iterable[Condition]) -> str:
-    heading = ("condition", "severity", "detected within [ms]", "reaction", "recovery")
-    return _table(
-        heading,
-        [
-            (c.name, str(c.severity), f"{1e3 * c.within:g}", c.reaction, c.recovery)
-            for c in conditions
-        ],
-    )
-
-
-def _keys() -> str:
+def _keys() -> dict[str, str]:
     """Key and meaning, from where they are written: the attributes of a row."""
     attributes = inspect.cleandoc(FaultRow.__doc__ or "").partition("Attributes:\n")[2]
     entries = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", attributes, flags=re.MULTILINE)
-    return _table(
-        ("key", "meaning"), [(f"`{key}`", " ".join(text.split())) for key, text in entries]
-    )
+    return {key: " ".join(text.split()) for key, text in entries}
 
 
 def _cells(row: FaultRow) -> tuple[str, ...]:
@@ -93,23 +74,13 @@ LIMITED = {
 }
 
 
-def _reasons(rows: Sequence[FaultRow]) -> str:
-    """Every way in which a limit came about, with the number of rows and the first who had to."""
+def _reasons(rows: Sequence[FaultRow]) -> list[tuple[tuple[str, str], list[str]]]:
+    """Every way in which a limit came about, and who had to stop the plate, row by row."""
     counts: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         for key, why in row.why.items():
             counts.setdefault((LIMITED[key], why), []).append(both(row.stopped_by_expected))
-    return _table(
-        ("limit of", "what it is made of", "to be stopped by", "rows"),
-        [
-            (what, why, "; ".join(dict.fromkeys(stoppers)), str(len(stoppers)))
-            for (what, why), stoppers in sorted(counts.items())
-        ],
-    )
-
-
-def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in (heading, ["---"] * len(heading), *rows))
+    return sorted(counts.items())
 
 
 @click.command()
@@ -118,8 +89,8 @@ def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def main(doc: Path, processes: int | None) -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
-        text = document(run_all(processes or cores(), advance))
-    write_whole(doc, lambda target: target.write_text(text, encoding="utf-8"))
+        rows = run_all(processes or cores(), advance)
+    write_whole(doc, document(rows))
 
 
 if __name__ == "__main__":

@@ -3,15 +3,31 @@
 import sys
 from pathlib import Path
 
+from pages import HERE, filled
+
 from ballplate import study
-from twin.study.report import document
+from twin.markdown import table
+from twin.study import report
+from twin.writing import write_whole
 
 
 def write(name: str, folder: Path) -> None:
     """Run a study, or what is missing of it, and write its page and figures into a folder."""
-    done = study(name, out=Path("runs") / f"study-{Path(name).stem}")
-    document(done.work, done.answers, folder / f"{Path(name).stem}.md")
+    stem = Path(name).stem
+    done = study(name, out=Path("runs") / f"study-{stem}")
+    asked, found = done.work.study, done.answers
+    pictures = report.inline_figures(done.work, found)
+    for each, picture in pictures.items():
+        write_whole(folder / f"{stem}-{each}.svg", picture)
+    compared = report.compared(asked, found)
+    text = filled(
+        "study", title=asked.title, about=report.what_ran(done.work),
+        sentences=report.sentences(asked, found), stem=stem,
+        pictures={each: report.HEADINGS[each] for each in pictures},
+        heading=compared.title, compared=table(compared.heads, compared.rows),
+    )  # fmt: skip
+    write_whole(folder / f"{stem}.md", text)
 
 
 if __name__ == "__main__":
-    write(sys.argv[1], Path(__file__).parent / "studies")
+    write(sys.argv[1], HERE / "studies")

@@ -10,7 +10,6 @@ by a larger budget; what a search found, while all that it read does.
 from __future__ import annotations
 
 import inspect
-import tomllib
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -18,9 +17,10 @@ from typing import Any
 
 import click
 import numpy as np
-from pages import filled, kept, points
+from pages import HERE, filled, kept, planned, points, said
 
-HERE = Path(__file__).parent
+from twin.writing import write_whole
+
 OWN, KNOWN = ", thesis", ", friction known"
 BUDGET = ("candidates", "rigs", "finalists", "certificate")
 FREE = {"title", "like", "set", "fields"}
@@ -119,41 +119,15 @@ def cell(about: dict[str, Any], task: str) -> str:
     return " → ".join(sides)
 
 
-def said(cost: float | None) -> str:
-    """A cost of a table."""
-    return "-" if cost is None else f"{cost:.3g}"
-
-
 def page(plan: dict[str, Any], found: dict[str, dict[str, Any]], tune: Any) -> str:
     """The page as Markdown, of the laws that are tuned."""
     names = sorted(found, key=lambda name: order(found[name]))
-    tasks = [task.name for task in tune.tasks]
-    laws, fields = [], []
-    for name in names:
-        about, before, after = found[name], found[name]["before"], found[name]["after"]
-        share = f"below {100 * after['failure_rate_below']:.2g} %"
-        laws.append(
-            (
-                name,
-                f"{before['failures']} → {after['failures']} ({share})",
-                f"{said(before['cost'])} → {said(after['cost'])}",
-                *(cell(about, task) for task in tasks),
-                "yes" if about["kept"] else "no",
-            )
-        )
-        values = about["chosen"]["fields"].items()
-        fields.append((name, " ".join(f"`{key}={value:.4g}`" for key, value in values)))
-    winners = [
-        (task, *(best(found, side, task, number) for number, side in NUMBERS)) for task in tasks
-    ]
     left = [law["name"] for law in plan["laws"] if law["name"] not in found]
     return filled(
-        "tuned", plan=plan, tune=tune, laws=laws, winners=winners, shares=shares(found),
-        fields=fields, less=fewer(plan, found), left=left,
+        "tuned", plan=plan, tune=tune, found={name: found[name] for name in names}, cell=cell,
+        said=said, best=partial(best, found), shares=shares(found), less=fewer(plan, found),
+        left=left,
     )  # fmt: skip
-
-
-NUMBERS = [(number, side) for number in ("median", "largest") for side in ("before", "after")]
 
 
 def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) -> str:
@@ -166,16 +140,15 @@ def best(found: dict[str, dict[str, Any]], side: str, task: str, number: str) ->
     return f"{min(known)[1]}: {1e3 * min(known)[0]:.2g}" if known else "none"
 
 
-def shares(found: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
-    """What tuning does to a law, and what the observer does."""
-    rows = []
+def shares(found: dict[str, dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Of laws that were tuned with and without the observer, what each came to."""
+    both = {}
     for name, own in found.items():
         law = name.removesuffix(OWN)
         known = found.get(law + KNOWN)
         if law != name and known is not None:
-            sides = (own["before"], own["after"], known["before"], known["after"])
-            rows.append((law, *(f"{said(side['cost'])} ({side['failures']})" for side in sides)))
-    return rows
+            both[law] = [each[side] for each in (own, known) for side in ("before", "after")]
+    return both
 
 
 def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
@@ -204,7 +177,7 @@ def drawing(found: dict[str, dict[str, Any]], path: Path) -> None:
 @click.option("--finished", is_flag=True, help="Simulate nothing: a page of the tuned laws.")
 def main(only: tuple[str, ...], *, finished: bool) -> None:
     """Tune what is not tuned yet, then write the page."""
-    plan = tomllib.loads((HERE / "tuned.toml").read_text(encoding="utf-8"))
+    plan = planned("tuned")
     found = {}
     tunes = asked(plan)
     for name, tune in tunes.items():
@@ -219,8 +192,7 @@ def main(only: tuple[str, ...], *, finished: bool) -> None:
     if not found:
         raise click.ClickException("no law is tuned")
     drawing(found, HERE / "figures" / "tuned.svg")
-    text = page(plan, found, next(iter(tunes.values())))
-    (HERE / "tuned.md").write_text(text, encoding="utf-8")
+    write_whole(HERE / "tuned.md", page(plan, found, next(iter(tunes.values()))))
 
 
 if __name__ == "__main__":

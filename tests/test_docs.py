@@ -33,7 +33,9 @@ WRITTEN = {
     "play_picture.py",
     "screenshots.py",
     "settings.py",
+    "settings.template.md",
     "study_page.py",
+    "study.template.md",
 } | {
     "bring_up.py",
     "bring-up.template.md",
@@ -57,6 +59,7 @@ WRITTEN = {
     "tuned.py",
     "tuned.toml",
     "claims.py",
+    "claims.template.md",
     "chapter8.py",
     "chapter9.py",
     "explained.md",
@@ -118,7 +121,9 @@ def test_the_page_about_the_cure_hides_no_lost_ball_and_no_missed_goal():
 def test_the_page_of_attacks_on_the_cure_hides_no_lost_ball_and_every_attack_is_a_scenario():
     attacks = script("cure_attacks")
     plan = tomllib.loads((ROOT / "docs" / "cure_attacks.toml").read_text(encoding="utf-8"))
-    page = attacks.page(plan, {"one": [0.123, None]})
+    page = attacks.filled(
+        "cure_attacks", plan=plan, table={"one": [0.123, None]}, said=attacks.said
+    )
     assert "| one | 0.12 | - |" in page
     every = {
         load(plan["scenario"], [*plan["set"], *task["set"], *attack["set"]]).model_dump_json()

@@ -4,7 +4,7 @@ import pytest
 from rich.console import Console
 
 from twin.markdown import table
-from twin.page import WIDE, Code, Picture, Table, Text, Verdict, as_markdown, digits, html, terminal
+from twin.page import WIDE, Code, Picture, Table, Text, Verdict, digits, html, terminal
 
 NAMES = [f"law_number_{number}" for number in range(12)]
 BROAD = Table(
@@ -40,21 +40,18 @@ def test_words_are_broken_over_lines_before_a_table_is():
     assert len(list(Table("", ("name", "value", "remark"), rows).parts)) == 2
 
 
-def test_the_same_blocks_are_a_page_markdown_and_a_terminals_table():
+def test_the_same_blocks_are_a_page_and_a_terminals_table():
     blocks = [
         Verdict(["It went <well>."], good=False, title="run"),
         BROAD,
         Text(["first", "second"], "Said", note="so"),
         Code("law.py", "a < b"),
-        Picture("What it did", b"png", file="did.svg"),
+        Picture("What it did", b"png"),
     ]
     page = html("Title", blocks)
     for text in ("&lt;well&gt;", 'class="verdict bad"', "<li>second</li>", "a &lt; b", "base64"):
         assert text in page
     assert all(name in page for name in NAMES)
-    written = as_markdown("Title", blocks)
-    for text in ("# Title", "- second", "| error | 0.25 |", "![What it did](did.svg)"):
-        assert text in written
     console = Console(width=140, file=StringIO())
     console.print(terminal(BROAD))
     assert "11.25" in console.file.getvalue()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 
 def table(
@@ -25,3 +27,11 @@ def table(
 
 def _row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
+
+
+def filled(template: Path, **parts: Any) -> str:
+    """The page of a template in Jinja's language; every part that it names must be given."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415  heavy: a table needs none
+
+    how = Environment(trim_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined)
+    return how.from_string(template.read_text(encoding="utf-8")).render(parts)

@@ -1,18 +1,20 @@
-"""A result as a page: blocks of text, tables and pictures as HTML, Markdown or on a terminal."""
+"""A result as a page: blocks of text, tables and pictures as HTML or on a terminal."""
 
 from __future__ import annotations
 
+import io
 import math
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from markupsafe import Markup
 
 if TYPE_CHECKING:
     import rich.table
+    from jinja2 import Template
     from matplotlib.figure import Figure
 
 WIDE = 125
@@ -109,14 +111,12 @@ class Picture:
         title: Above it, or what it shows.
         content: A figure, a PNG, or SVG that was made of a figure.
         note: Below it.
-        file: Where it lies beside a page in Markdown.
     """
 
     kind: ClassVar = "picture"
     title: str
     content: Figure | Markup | bytes
     note: str = ""
-    file: str = ""
 
     @property
     def shown(self) -> Markup:
@@ -124,8 +124,6 @@ class Picture:
         if isinstance(self.content, bytes):
             data = b64encode(self.content).decode()
             return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, self.title)
-        from twin.html import inline  # noqa: PLC0415  heavy, as in what follows
-
         return self.content if isinstance(self.content, Markup) else inline(self.content)
 
 
@@ -150,22 +148,43 @@ Block = Text | Verdict | Table | Picture | Code
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """One HTML file that needs nothing else."""
-    from twin.html import render  # noqa: PLC0415
-
-    return render("page.html.j2", title=title, blocks=blocks)
+    return _template().render(title=title, blocks=blocks)
 
 
 def fragment(title: str, blocks: Sequence[Block]) -> str:
     """The same without a page around it, for a notebook."""
-    from twin.html import inner  # noqa: PLC0415
-
     heading = Markup("<h4>{}</h4>").format(title) if title else ""
-    return f"<div>{heading}{inner('page.html.j2', blocks=blocks)}</div>"
+    page = _template()
+    content = "".join(page.blocks["content"](page.new_context({"blocks": blocks})))
+    return f"<div>{heading}{content}</div>"
 
 
-def as_markdown(title: str, blocks: Sequence[Block]) -> str:
-    """The same in Markdown; pictures lie beside it."""
-    return "\n\n".join([f"# {title}", *(_in_markdown(each).rstrip() for each in blocks)]) + "\n"
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  heavy
+
+    loader = PackageLoader("twin", ".")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    return pages.get_template("page.html.j2")
+
+
+def encoded(
+    figure: Figure, kind: Literal["svg", "png", "pdf"], dpi: float | Literal["figure"] = "figure"
+) -> bytes:
+    """A figure as a file's content; the same figure gives the same bytes."""
+    import matplotlib as mpl  # noqa: PLC0415  heavy: a page may show no figure
+
+    store = io.BytesIO()
+    left_out = {"svg": ("Date", "Creator", "Format", "Type"), "pdf": ("CreationDate",)}
+    fixed = dict.fromkeys(left_out.get(kind, ()))
+    with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
+        figure.savefig(store, format=kind, dpi=dpi, metadata=fixed or None)
+    return store.getvalue()
+
+
+def inline(figure: Figure) -> Markup:
+    """A figure as SVG to stand within a page."""
+    text = encoded(figure, "svg").decode()
+    return Markup(text[text.index("<svg") :])  # matplotlib's own output needs no escaping
 
 
 def terminal(table: Table) -> rich.table.Table:
@@ -201,20 +220,3 @@ def digits(value: Any, unit: str = "", places: int = 4) -> str:
     if isinstance(value, str):
         return value
     return f"{1000 * value:.3g}" if unit == "mm" else f"{value:.{places}g}"
-
-
-def _in_markdown(block: Block) -> str:
-    from twin import markdown  # noqa: PLC0415
-
-    above = f"## {block.title}\n\n" if block.title else ""
-    match block:
-        case Text((line,)):
-            return above + line
-        case Text(lines) | Verdict(lines):
-            return above + "\n".join(f"- {line}" for line in lines)
-        case Table(_, heads, rows, words):
-            return above + markdown.table(heads, rows, words)
-        case Picture(title, file=file):
-            return f"![{title}]({file})"
-        case Code(_, text):
-            return f"{above}```\n{text}\n```"

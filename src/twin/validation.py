@@ -15,8 +15,11 @@ from twin.errors import ScenarioError, nearest, shortened
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LENIENT = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
-"""Of files about many runs: unknown keys and non-finite numbers are refused."""
+
+class Checked(BaseModel):
+    """A table of a file about many runs: unknown keys and non-finite numbers are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=False, frozen=True, allow_inf_nan=False)
 
 
 def read_model(model: type[Model], path: Path, **given: Any) -> Model:
@@ -77,14 +80,31 @@ def one_line(model: type[BaseModel], error: ValidationError, elsewhere: Sequence
             return f"{place}: must have more values than {len(first['input'])}"
         return f"{place}: missing; it has no default"
     if first["type"] in {"too_short", "too_long"}:
-        bound = first["ctx"].get("min_length", first["ctx"].get("max_length"))
-        least = "at least" if first["type"] == "too_short" else "at most"
-        return f"{place}: must have {least} {bound} values, has {first['ctx']['actual_length']}"
+        bound, has = (first["ctx"].get(key) for key in ("min_length", "actual_length"))
+        least, bound = ("at least", bound) if bound else ("at most", first["ctx"]["max_length"])
+        wanted = f"must have {least} {bound} values, has {has}"
+        return f"{place}: {'name at least one' if has < bound == 1 else wanted}"
     if first["type"] == "value_error":
         text = first["msg"].removeprefix("Value error, ")
         return f"{place}: {text}" if place else text
     message = first["msg"].removeprefix("Input should be ")
     return f"{place}: must be {message}, got {shortened(json.dumps(first['input'], default=str))}"
+
+
+def check_named_once(what: str, names: Sequence[str], hint: str = "") -> None:
+    """Make sure that no two entries of a list have one name.
+
+    Args:
+        what: The list, as the message calls it.
+        names: Of its entries.
+        hint: What to do about it, behind the message.
+
+    Raises:
+        ValueError: If two have.
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{what}: two of them are called '{twice}'{hint}")
 
 
 def keys_of(model: type[BaseModel], prefix: str = "") -> Iterator[str]:

@@ -141,7 +141,8 @@ def test_the_command_prints_words_or_json():
     assert "It has no settings." in told("ideal")
 
 
-def test_the_page_holds_every_key_and_kind_and_is_today_s():
+def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
+    monkeypatch.syspath_prepend(PROJECT / "docs")
     page = run_path(str(PROJECT / "docs" / "settings.py"))["page"]()
     assert page == (PROJECT / "docs" / "settings.md").read_text(encoding="utf-8")
     for key in EVERY:

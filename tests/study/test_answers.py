@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.html import inline
+from twin.page import inline
 from twin.study.answers import Answer, SensitivityIndex, answers, spread
 from twin.study.design import points
 from twin.study.experiments import Store, carry

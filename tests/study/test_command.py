@@ -117,7 +117,9 @@ def test_a_summary_for_the_documentation_has_its_pictures_beside_it(
     study, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write = run_path(str(Path(__file__).parents[2] / "docs" / "study_page.py"))["write"]
+    docs = Path(__file__).parents[2] / "docs"
+    monkeypatch.syspath_prepend(docs)
+    write = run_path(str(docs / "study_page.py"))["write"]
     write("short.toml", tmp_path / "pages")
     text = (tmp_path / "pages" / "short.md").read_text(encoding="utf-8")
     assert text.startswith("# Short study")

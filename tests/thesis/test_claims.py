@@ -15,7 +15,9 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def script():
-    return runpy.run_path(str(PAGE))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(PAGE.parent)
+        return runpy.run_path(str(PAGE))
 
 
 @pytest.fixture(scope="module")

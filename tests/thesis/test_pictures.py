@@ -16,14 +16,13 @@ def test_lines_keep_their_colours_in_a_picture_of_few_colours(tmp_path, monkeypa
     monkeypatch.syspath_prepend(CHAPTER_8.parent)
     time = np.linspace(0, 25, 2000)
     page = run_path(str(CHAPTER_8))
-    with page["_style"]():
-        figure, panels = page["_panels"](3, "Three laws, and the mechanism over them")
+    title = "Three laws, and the mechanism over them"
+    with page["_drawn"](tmp_path / "few.png", 3, title, mechanism=True) as panels:
         for panel in panels.flat:
             for index, colour in enumerate(COLOURS[:3]):
                 values = 10 * time * np.exp(-time * (index + 1) / 2) + np.sin(time / 3)
                 panel.plot(time, values, color=colour)
                 panel.plot(time, values, zorder=4, **page["MECHANISM"])
-        page["_write"](figure, tmp_path / "few.png")
     with Image.open(tmp_path / "few.png") as picture:
         shown = np.array(picture.convert("RGB"), float).reshape(-1, 3)
     for colour in COLOURS[:3]:

@@ -110,12 +110,11 @@ def _contents(kind: str, runs: list[Run]) -> dict[str, str | bytes]:
 
     match kind:
         case "png" | "pdf":
-            from twin.report.html import details, encoded, overview
+            from twin.page import encoded
+            from twin.report.html import details, overview
 
-            return {
-                "": encoded(overview(runs), kind),
-                "-details": encoded(details(runs), kind),
-            }
+            figures = {"": overview, "-details": details}
+            return {more: encoded(make(runs), kind, dpi=150) for more, make in figures.items()}
         case "csv":
             return {"": as_csv(runs)}
         case "latex":

@@ -38,29 +38,16 @@ class Effect:
         return any(key.removeprefix("plant.") in MECHANISM_ONLY for key in self.off)
 
 
-def _read() -> tuple[Effect, ...]:
-    text = (files("twin.explain") / "effects.toml").read_text(encoding="utf-8")
-    return tuple(
-        Effect(
-            name=name,
-            label=table["label"],
-            off=_overrides(table["off"]),
-            typical=_overrides(table["typical"]),
-            source=table["source"],
-        )
-        for name, table in tomllib.loads(text).items()
-    )
-
-
 def _overrides(table: Mapping[str, Any]) -> Overrides:
-    """Overrides as the file gives them: lists for tuples, ``default`` for None."""
-    return {
-        key: tuple(value) if isinstance(value, list) else None if value == "default" else value
-        for key, value in table.items()
-    }
+    """Overrides as the file gives them: ``default`` for None."""
+    return {key: None if value == "default" else value for key, value in table.items()}
 
 
-EFFECTS = _read()
+_TABLES = tomllib.loads((files("twin.explain") / "effects.toml").read_text(encoding="utf-8"))
+EFFECTS = tuple(
+    Effect(name=name, **about | {key: _overrides(about[key]) for key in ("off", "typical")})
+    for name, about in _TABLES.items()
+)
 """Every effect that can be switched alone."""
 
 
@@ -80,30 +67,26 @@ def changed(scenario: Scenario, overrides: Iterable[Overrides]) -> Scenario:
     return Scenario.model_validate(tables, strict=False)
 
 
+def possible(scenario: Scenario) -> tuple[Effect, ...]:
+    """The effects that a scenario's plant can have."""
+    exact = scenario.plant.kind == "lagrange"
+    return tuple(effect for effect in EFFECTS if not (exact and effect.mechanical))
+
+
 def present(scenario: Scenario) -> tuple[Effect, ...]:
     """The effects that a scenario has."""
-    exact = scenario.plant.kind == "lagrange"
+    now = scenario.model_dump()
     return tuple(
         effect
-        for effect in EFFECTS
-        if not (exact and effect.mechanical)
-        and not _same(changed(scenario, [effect.off]), scenario)
+        for effect in possible(scenario)
+        if changed(scenario, [effect.off]).model_dump() != now
     )
-
-
-def _same(one: Scenario, other: Scenario) -> bool:
-    return one.model_dump() == other.model_dump()
 
 
 def with_typical(scenario: Scenario) -> Scenario:
     """The scenario with every effect it lacks at the size a real rig may have."""
     has = present(scenario)
-    exact = scenario.plant.kind == "lagrange"
-    lacking = [
-        effect.typical
-        for effect in EFFECTS
-        if effect not in has and not (exact and effect.mechanical)
-    ]
+    lacking = [effect.typical for effect in possible(scenario) if effect not in has]
     return changed(scenario, lacking)
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from twin.explain.attribution import EffectCase, Explanation
-from twin.run.picture import COLOURS, LOOK
+from twin.run.picture import COLOURS, drawn
 from twin.writing import write_whole
 
 LEFT, ALONE, SHARE = COLOURS[1], COLOURS[0], COLOURS[2]
@@ -25,8 +23,7 @@ def draw(path: Path, explanation: Explanation) -> None:
     """
     rows = len(explanation.contributions)
     height = 3.6 + 0.36 * max(rows, 3)
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, height), layout="constrained")
+    with drawn(12, height) as figure:
         title = f"{explanation.scenario.title}: what makes the error"
         figure.suptitle(title, fontsize=12, fontweight="bold")
         panels = figure.subplot_mosaic(

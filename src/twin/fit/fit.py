@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from cmaes import CMA
 
+from controllers.analysis import number
 from controllers.arrays import Array
 from twin.fit.runs import (
     Cell,
@@ -381,8 +382,8 @@ class FitResult:
                     "indicator": cell.indicator,
                     "unit": cell.unit,
                     "measured": cell.measured,
-                    "computed": _number(value),
-                    "held_out": _number(held),
+                    "computed": number(value),
+                    "held_out": number(held),
                     "residual": cell.residual(value),
                 }
                 for cell, value, held in zip(
@@ -390,10 +391,6 @@ class FitResult:
                 )
             ],
         }
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def fit(

@@ -59,19 +59,11 @@ def write(found: FitResult, folder: Path) -> None:
     Raises:
         RecordError: If a file cannot be written.
     """
+    numbers = found.as_dict()
+    values = ("experiment", "indicator", "unit", "measured", "computed", "held_out")
     cells = [
-        (
-            cell.label,
-            cell.indicator,
-            cell.unit,
-            digits(cell.measured),
-            digits(value),
-            digits(held),
-            f"{cell.residual(value):+.2f}",
-        )
-        for cell, value, held in zip(
-            found.cells, found.computed.tolist(), found.held_out.tolist(), strict=True
-        )
+        (*(digits(cell[key]) for key in values), f"{cell['residual']:+.2f}")
+        for cell in numbers["cells"]
     ]
     names = list(found.table.parameters)
     related = [
@@ -92,7 +84,7 @@ def write(found: FitResult, folder: Path) -> None:
         Table("Every measured number", CELLS, cells, words=(0, 1, 2), note=note),
     ]
     page.write(folder / "report.html", found.table.title, blocks)
-    write_json(folder / "fit.json", found.as_dict())
+    write_json(folder / "fit.json", numbers)
 
 
 def _figure(found: FitResult) -> Figure:

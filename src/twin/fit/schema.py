@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from math import degrees
 from typing import Annotated
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from twin.errors import nearest
 from twin.run.indicators import UNITS as ALL_UNITS
 from twin.shipped import chosen, shipped_in
-from twin.validation import LENIENT, read_model
+from twin.validation import Checked, check_named_once, read_model
 
 OF_THE_RUN = {"outcome_time", "judged_from", "real_time_factor"}
 """Indicators that say how a run went, not what the ball did."""
@@ -47,7 +46,7 @@ def factor(name: str, unit: str | None) -> float:
     return known[unit]
 
 
-class FittedParameter(BaseModel):
+class FittedParameter(Checked):
     """A number to be found.
 
     Attributes:
@@ -59,8 +58,6 @@ class FittedParameter(BaseModel):
         groups: Experiments that it concerns, by their groups; all if empty.
         unit: For the reader.
     """
-
-    model_config = LENIENT
 
     key: str
     low: float
@@ -76,13 +73,11 @@ class FittedParameter(BaseModel):
         return self
 
 
-class Measured(BaseModel):
+class Measured(Checked):
     """A measured indicator and its standard uncertainty, absolute or as a share of the value.
 
     One with ``relative`` is judged by the logarithm of the ratio; ``note`` is for the reader.
     """
-
-    model_config = LENIENT
 
     value: float
     uncertainty: Annotated[float, Field(gt=0)] | None = None
@@ -99,23 +94,19 @@ class Measured(BaseModel):
         return self
 
 
-class Experiment(BaseModel):
+class Experiment(Checked):
     """A scenario that was carried out, and what was measured."""
-
-    model_config = LENIENT
 
     scenario: str
     name: str = ""
     group: str = ""
     set: tuple[str, ...] = ()
-    measured: dict[str, Measured]
+    measured: Annotated[dict[str, Measured], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _units(self) -> Experiment:
         for name, each in self.measured.items():
             factor(name, each.unit)
-        if not self.measured:
-            raise ValueError("measured: name at least one indicator")
         return self
 
     @property
@@ -129,7 +120,7 @@ class Experiment(BaseModel):
         return self.group or self.label
 
 
-class FitTable(BaseModel):
+class FitTable(Checked):
     """Experiments with their indicators, and the parameters that are to explain them.
 
     Attributes:
@@ -142,11 +133,9 @@ class FitTable(BaseModel):
         restarts: Searches of all experiments that begin with different random numbers.
     """
 
-    model_config = LENIENT
-
     title: str
     set: tuple[str, ...] = ()
-    parameters: dict[str, FittedParameter]
+    parameters: Annotated[dict[str, FittedParameter], Field(min_length=1)]
     experiments: tuple[Experiment, ...]
     population: Annotated[int, Field(ge=0, le=1000)] = 0
     generations: Annotated[int, Field(ge=1, le=1000)] = 12
@@ -154,18 +143,14 @@ class FitTable(BaseModel):
 
     @model_validator(mode="after")
     def _sensible(self) -> FitTable:
-        if not self.parameters:
-            raise ValueError("parameters: name at least one")
         count = sum(len(each.measured) for each in self.experiments)
         if count < len(self.parameters):
             raise ValueError(
                 f"experiments: {count} measured indicators cannot tell "
                 f"{len(self.parameters)} parameters; give at least as many"
             )
-        names = Counter(each.label for each in self.experiments)
-        twice = next((name for name, number in names.items() if number > 1), None)
-        if twice is not None:
-            raise ValueError(f"experiments: two of them are called '{twice}'; give each a name")
+        labels = [each.label for each in self.experiments]
+        check_named_once("experiments", labels, "; give each a name")
         for name, parameter in self.parameters.items():
             for group in parameter.groups:
                 if group not in self.groups:

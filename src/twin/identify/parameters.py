@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.errors import LogError
@@ -55,89 +57,12 @@ class IdentifiedParameter:
         return self.key.removeprefix("plant.").removeprefix("sensors.")
 
 
-_START = "let the ball come to rest and start again by itself at least ten times (scenario excite)"
-_ROLL = (
-    "let the ball roll for half a minute at up to 0.1 m/s and change direction (scenario excite)"
-)
-_LEVEL = IdentifiedParameter(
-    "plant.level_deg", "deg", "let the ball roll both ways along x and y (scenario excite)",
-    least=-0.05, most=0.05, difference=2e-4, tolerance=5e-4, floor=1e-5,
-)  # fmt: skip
-
-BALL = {
-    "rolling": IdentifiedParameter(
-        "plant.friction.rolling_mm", "mm", _ROLL,
-        start=2e-4, most=3e-3, difference=3e-6, tolerance=1e-5, relative=0.1, floor=5e-7,
-    ),
-    "breakaway": IdentifiedParameter(
-        "plant.friction.breakaway_ratio", "", _START,
-        start=1.2, least=1.0, most=6.0, difference=0.02, relative=0.1, floor=0.005,
-    ),
-    "delay": IdentifiedParameter(
-        "sensors.touch.dead_time", "s",
-        "move the plate faster while the ball rolls (scenario excite)",
-        start=0.042, most=0.14, tolerance=0.004, relative=0.1, floor=2e-4,
-    ),
-    "level_phi": _LEVEL,
-    "level_theta": _LEVEL,
-    "viscous": IdentifiedParameter(
-        "plant.friction.viscous_mm", "mm",
-        "let the ball roll at up to 0.3 m/s as well as slowly",
-        most=0.01, difference=2e-5, tolerance=1e-4, relative=0.2, floor=5e-6,
-    ),
-    "stribeck": IdentifiedParameter(
-        "plant.friction.stribeck_speed", "m/s", _START,
-        start=0.005, least=5e-4, most=0.05, difference=2e-4,
-        tolerance=0.001, relative=0.2, floor=1e-4,
-    ),
-    "dwell": IdentifiedParameter(
-        "plant.friction.dwell_time", "s",
-        "let the ball rest for times between 0.1 and 10 s before it starts",
-        most=10.0, difference=0.02, tolerance=0.1, relative=0.2, floor=0.01,
-    ),
-    "gain": IdentifiedParameter(
-        "plant.ball.inertia", "", _ROLL, start=1.0, least=0.5, most=1.5, difference=0.005,
-    ),
-}  # fmt: skip
+_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].items()}
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
-
-SERVO = IdentifiedParameter(
-    "plant.servo.bandwidth_hz", "Hz",
-    "move the plate faster, and record the commanded plate acceleration",
-    most=0.15, tolerance=0.0005, relative=0.1, floor=2e-4,
-)  # fmt: skip
-"""The drives' time constant in s; the scenario takes the corner frequency it gives. The floor is
-what differs from law to law where servos of the rig's own are taken as a mere delay."""
-
-HIDDEN = {
-    "spring": IdentifiedParameter(
-        "plant.spring.preload", "N",
-        "measure motor torque while the plate is tilted slowly over its whole range",
-    ),
-    "wheels": IdentifiedParameter(
-        "plant.wheels.stiffness", "N/m",
-        "tap the plate and record its encoders at 500 Hz or faster (see ballplate calibrate cams, "
-        "which does this on the twin)",
-    ),
-    "plate_centre": IdentifiedParameter(
-        "plant.plate.offset_mm", "mm",
-        "measure motor torque at rest in many poses, spring taken off",
-    ),
-    "lost_motion": IdentifiedParameter(
-        "plant.servo.backlash_deg", "deg",
-        "turn the plate by a slow triangle without the ball, motors against plate encoders "
-        "(ballplate calibrate lost-motion): width and corners of the loop",
-    ),
-    "start": IdentifiedParameter(
-        "reference.start", "s",
-        "record the reference beside the ball: a fit sees the plate's motion, not what asked for "
-        "it, and the largest angles and efforts of a run may be those of its start",
-    ),
-    "ball_centre": IdentifiedParameter(
-        "plant.ball.offset_mm", "mm",
-        "roll the ball from rest on a level plate and see where it settles",
-    ),
-}  # fmt: skip
+SERVO = IdentifiedParameter(**_TABLES["servo"])
+"""The drives' time constant in s; the scenario takes the corner frequency it gives."""
+HIDDEN = {name: IdentifiedParameter(**about) for name, about in _TABLES["hidden"].items()}
 """What neither ball nor plate positions of a closed-loop run show."""
 
 DEFAULT = ("rolling", "breakaway", "delay", "servo", "level")

@@ -79,7 +79,8 @@ def ball_samples(log: Log, period: float, notes: list[str]) -> tuple[Mask, Array
     fresh = usable & _new_position(log.age, log.ball, period)
     sigma = _noise(log.ball[fresh])
     spikes = np.zeros_like(fresh)
-    spikes[fresh] = _spikes(log.ball[fresh], sigma)
+    off = log.ball[fresh] - median_filter(log.ball[fresh], size=(9, 1), mode="nearest")
+    spikes[fresh] = (np.abs(off) > np.maximum(8 * sigma, 0.003)).any(axis=-1)
     if spikes.any():
         notes.append(f"{int(spikes.sum())} ball positions far off their neighbours left out")
     return fresh & ~spikes, sigma
@@ -106,11 +107,6 @@ def _noise(ball: Array) -> Array:
     spread = np.median(np.abs(bend), axis=0) / (0.6745 * np.sqrt(6))
     grid = np.array([resolution(ball[:, axis]) for axis in (0, 1)])
     return np.asarray(np.maximum(np.maximum(spread, grid / np.sqrt(12)), 1e-6))
-
-
-def _spikes(ball: Array, sigma: Array) -> Mask:
-    usual = median_filter(ball, size=(9, 1), mode="nearest")
-    return np.asarray((np.abs(ball - usual) > np.maximum(8 * sigma, 0.003)).any(axis=-1))
 
 
 def resolution(measured: Array) -> float:

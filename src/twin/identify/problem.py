@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,7 @@ it is. Where a loss goes on growing, such windows pull the fit to where it expla
 START_PRIOR = np.diag(np.array([0.02, 0.02, 0.3, 0.3]) ** -2.0)
 
 
-@dataclass(frozen=True)
-class Linearisation:
+class Linearisation(NamedTuple):
     """Residuals of C candidates in W windows, in standard deviations, and their slopes.
 
     Attributes:
@@ -39,15 +39,14 @@ class Linearisation:
     def where(self, better: Mask, old: Linearisation) -> Linearisation:
         """This where it is better, shape (C,) or (C, W), elsewhere the old one."""
         parts = []
-        for name in ("r", "by_start", "by_parameter"):
-            new, before = getattr(self, name), getattr(old, name)
+        for new, before in zip(self, old, strict=True):
             mask = better.reshape(better.shape + (1,) * (new.ndim - better.ndim))
             parts.append(np.where(mask, new, before))
         return Linearisation(*parts)
 
     def take(self, which: Mask) -> Linearisation:
         """That of some of the windows."""
-        return Linearisation(self.r[:, which], self.by_start[:, which], self.by_parameter[:, which])
+        return Linearisation(*(part[:, which] for part in self))
 
     def start_step(self, damping: Array) -> Array:
         """The damped Gauss-Newton step of the starts alone, shape (4, C, W).

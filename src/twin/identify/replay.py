@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ PACE = 0.02
 """Seconds between the speeds before a replay that it is told of."""
 
 
-@dataclass(frozen=True)
-class AccelerationField:
+class AccelerationField(NamedTuple):
     """Acceleration of the ball in W windows at N steps, affine in its position p and velocity v.
 
     v' = push + own p + cross s(p) + turn s(v) + tilt level, where s() swaps the axes.

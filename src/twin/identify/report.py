@@ -144,13 +144,9 @@ def write(found: Identification, folder: Path) -> None:
     Raises:
         RecordError: If a file cannot be written.
     """
-    text = page(found)
-    write_whole(folder / "report.html", lambda path: path.write_text(text, encoding="utf-8"))
+    write_whole(folder / "report.html", page(found))
     if any(each.word == IDENTIFIED for each in found.verdicts):
-        settings = parameters(found)
-        write_whole(
-            folder / "parameters.toml", lambda path: path.write_text(settings, encoding="utf-8")
-        )
+        write_whole(folder / "parameters.toml", parameters(found))
 
 
 def interval(each: ParameterVerdict) -> str:

@@ -234,12 +234,11 @@ def search(model: BallPlate, windows: Windows, names: tuple[str, ...], grip: flo
         crept = np.isin(windows.begin, problem.windows.begin[creeping])
         resting = windows.resting & ~crept
         return search(model, replace(windows, resting=resting), names, grip)
-    every = found.linearisation
     return BestFit(
         problem=problem,
         theta=found.theta[best[0]],
         starts=found.starts[:, best],
-        linearisation=Linearisation(every.r[best], every.by_start[best], every.by_parameter[best]),
+        linearisation=Linearisation(*(part[best] for part in found.linearisation)),
         cost=float(found.cost[best[0]]),
         left_out=len(windows) - len(problem.windows),
         termination=found.termination,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from controllers.analysis import number
 from controllers.arrays import Array
 from twin.identify.bootstrap import Estimate
 from twin.identify.parameters import BALL, HIDDEN, SERVO, IdentifiedParameter
@@ -54,7 +55,7 @@ class Horizons:
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``; None where there is no replay."""
         distances = {
-            name: [None if math.isnan(v) else float(v) for v in getattr(self, name)]
+            name: list(map(number, getattr(self, name)))
             for name in ("ahead", "twin", "frictionless", "still")
         }
         return {**distances, "noise": self.noise}
@@ -107,12 +108,10 @@ def hold_out(log: PreparedLog, fit: BestFit, lag: float) -> Horizons | None:
     noise = float(np.hypot(*(log.sigma / np.sqrt(max(1, BIN / log.sample_period)))))
     return Horizons(
         ahead=np.array(HORIZONS),
-        twin=np.array(medians["twin"]),
-        frictionless=np.array(medians["frictionless"]),
-        still=np.array(medians["still"]),
         noise=noise,
         replays=np.array(replays),
         example=example,
+        **{name: np.array(values) for name, values in medians.items()},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ LOOKBACK = 0.15
 """Each replay begins this long before its samples, in s: no fit finds a longer delay."""
 BIN = 0.016
 """Ball samples within this time in s are averaged."""
+BY_WINDOW = ("begin", "resting", "paces", "time", "ball", "weight")
+"""What of ``Windows`` has one entry per window first."""
 
 
 class Spans(NamedTuple):
@@ -109,38 +111,21 @@ class Windows:
 
     def take(self, which: Mask) -> Windows:
         """Some of the windows."""
-        field = AccelerationField(
-            *(getattr(self.field, item.name)[..., which] for item in fields(AccelerationField))
-        )
-        return Windows(
-            self.begin[which],
-            self.resting[which],
-            self.paces[which],
-            field,
-            self.time[which],
-            self.ball[which],
-            self.weight[which],
-        )
+        field = AccelerationField(*(values[..., which] for values in self.field))
+        return Windows(field=field, **{name: getattr(self, name)[which] for name in BY_WINDOW})
 
     @classmethod
     def join(cls, parts: Sequence[Windows]) -> Windows:
         """All windows of several segments."""
-        field = AccelerationField(
-            *(
-                np.concatenate([getattr(part.field, item.name) for part in parts], axis=-1)
-                for item in fields(AccelerationField)
-            )
-        )
-        rest = {
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("begin", "resting", "paces", "time", "ball", "weight")
-        }
+        every = zip(*(part.field for part in parts), strict=True)
+        field = AccelerationField(*(np.concatenate(values, axis=-1) for values in every))
+        rest = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_WINDOW}
         return cls(field=field, **rest)
 
     def resisted(self, share: Array) -> Windows:
         """The windows if friction is more or less at times: by a share at each step, (W, N)."""
         normal = self.field.normal * np.maximum(share, 0.0).T[: len(self.field.normal), None]
-        return replace(self, field=replace(self.field, normal=normal))
+        return replace(self, field=self.field._replace(normal=normal))
 
     @property
     def size(self) -> Array:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twin.page import Block, Code, Picture, Table, Text, Verdict
@@ -17,9 +14,8 @@ from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.numbers import differing, in_json, indicators, rows
 from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
-from twin.run.picture import LOOK, MOST, picture, style
+from twin.run.picture import MOST, drawn, picture, style
 
-Format = Literal["svg", "png", "pdf"]
 DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
     "spectrum": (
         "Spectrum of the error (RMS of x, y)",
@@ -49,8 +45,7 @@ def details(runs: Sequence[Run]) -> Figure:
     """Error spectrum, estimation error, distribution of the error; in real time, lateness."""
     late = {index: each for index, run in enumerate(runs) if (each := lateness(run)) is not None}
     names = ["spectrum", "estimate", "share", *(["late"] if late else [])]
-    with mpl.rc_context(LOOK):
-        figure = Figure(figsize=(12, 3.4), layout="constrained")
+    with drawn(12, 3.4) as figure:
         panels = dict(zip(names, figure.subplots(1, len(names)), strict=True))
         for index, run in enumerate(runs):
             frequency, amplitude = spectrum(run)
@@ -63,8 +58,12 @@ def details(runs: Sequence[Run]) -> Figure:
             if "true_x" in run.rows:
                 wrong = 1000 * (columns(run.rows, "estimated")[:, 0::4] - run.motion.ball)
                 panels["estimate"].plot(run.motion.time, np.hypot(*wrong.T), **look)
-        if not panels["estimate"].lines:
-            _instead(panels["estimate"], "on a real rig nobody knows\nwhere the ball truly is")
+        unknown = panels["estimate"]
+        if not unknown.lines:
+            words = "on a real rig nobody knows\nwhere the ball truly is"
+            look = {"ha": "center", "va": "center", "color": "0.4"}
+            unknown.text(0.5, 0.5, words, transform=unknown.transAxes, **look)
+            unknown.set(xticks=[], yticks=[])
         top = max((float(each.max()) for each in late.values()), default=0.0)
         for index, each in late.items():
             edges = np.linspace(0, max(top, 1.0), 60).tolist()
@@ -75,30 +74,13 @@ def details(runs: Sequence[Run]) -> Figure:
         if 1 < len(runs) <= MOST:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
-        figure.draw_without_rendering()
     return figure
-
-
-def _instead(panel: Axes, words: str) -> None:
-    """Words where there is nothing to draw."""
-    panel.text(0.5, 0.5, words, ha="center", va="center", transform=panel.transAxes, color="0.4")
-    panel.set(xticks=[], yticks=[])
 
 
 def lateness(run: Run) -> np.ndarray | None:
     """How late each period of a real-time run began, us, shape (K,); None in simulated time."""
     names = [name for name in run.rows if name.startswith("late")]
     return 1e6 * run.rows[names[0]] if names else None
-
-
-def encoded(figure: Figure, kind: Format) -> bytes:
-    """A figure as a file's content; the same figure gives the same bytes."""
-    store = io.BytesIO()
-    left_out = {"svg": ("Date", "Creator", "Format", "Type"), "pdf": ("CreationDate",)}
-    fixed = dict.fromkeys(left_out.get(kind, ()))
-    with mpl.rc_context({"svg.hashsalt": "ballplate", "svg.fonttype": "path"}):
-        figure.savefig(store, format=kind, dpi=150, metadata=fixed or None)
-    return store.getvalue()
 
 
 LISTED = 40

@@ -121,7 +121,9 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
         rows: One row per run: outcome and metrics.
     """
     study, design = work.study, work.design
-    every = _finished(rows, study.metrics[0])
+    # NaN for runs that did not finish
+    good = np.array(pc.equal(rows["outcome"], "finished"), bool)
+    every = np.where(good, np.array(rows[study.metrics[0]], float), np.nan)
     found = []
     for variant in study.compared:
         places = [place for place, task in enumerate(work.tasks) if task.variant == variant.name]
@@ -136,12 +138,6 @@ def answers(work: Work, rows: pa.Table) -> list[Answer]:
         whole = spread(values)
         found.append(Answer(variant.name, whole, indices, curves, tuple(notes), values))
     return found
-
-
-def _finished(rows: pa.Table, metric: str) -> Array:
-    """A metric of every run, NaN for those that did not finish."""
-    good = np.array(pc.equal(rows["outcome"], "finished"), bool)
-    return np.where(good, np.array(rows[metric], float), np.nan)
 
 
 def spread(values: Array) -> Spread:
@@ -200,7 +196,8 @@ def _ranks(design: Design, mean: Array) -> tuple[SensitivityIndex, ...]:
     found = []
     good = np.isfinite(mean)
     for key, column in design.columns.items():
-        if good.sum() < 5 or not design.numeric(key):
+        numeric = all(type(value) in {float, int} for value in column.tolist())
+        if good.sum() < 5 or not numeric:
             continue
         settings = column.astype(float)
         rank = float(stats.spearmanr(settings[good], mean[good]).statistic)

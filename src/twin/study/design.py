@@ -61,10 +61,6 @@ class Design(Sequence[Point]):
             return {key: value for key, value in values if value is not None}
         return Design({key: each[index] for key, each in self.columns.items()})
 
-    def numeric(self, key: str) -> bool:
-        """Whether a parameter is a number at every point."""
-        return all(type(value) in {float, int} for value in self.columns[key].tolist())
-
 
 def points(study: Study) -> Design:
     """The points of a study, in the order its analysis needs."""

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, model_validator
+from pydantic import Field, model_validator
 from scipy import stats
 
 from controllers.arrays import Array
 from twin.shipped import chosen, shipped_in
-from twin.validation import LENIENT, read_model
+from twin.validation import Checked, read_model
 
 
-class Parameter(BaseModel):
+class Parameter(Checked):
     """What a parameter may be: a distribution by quantiles, or a list of values.
 
     Exactly one of ``uniform`` (low, high), ``loguniform`` (low, high), ``normal`` (mean, standard
     deviation, low, high: cut there), ``integers`` (first, last), ``values``. With ``relative`` the
     value is a factor on what the scenario or variant says.
     """
-
-    model_config = LENIENT
 
     uniform: tuple[float, float] | None = None
     loguniform: tuple[float, float] | None = None
@@ -105,7 +103,7 @@ Point = dict[str, float | str]
 """Dotted scenario key to value; ``key.0`` is the first number of a list."""
 
 
-class Family(BaseModel):
+class Family(Checked):
     """A family of rigs.
 
     Attributes:
@@ -113,16 +111,8 @@ class Family(BaseModel):
         parameters: Dotted scenario key to what it may be, each drawn by itself.
     """
 
-    model_config = LENIENT
-
     title: str
-    parameters: dict[str, Parameter]
-
-    @model_validator(mode="after")
-    def _sensible(self) -> Family:
-        if not self.parameters:
-            raise ValueError("parameters: name at least one")
-        return self
+    parameters: Annotated[dict[str, Parameter], Field(min_length=1)]
 
 
 class FamilyRig(NamedTuple):

@@ -139,17 +139,14 @@ def _curves(study: Study, found: Sequence[Answer]) -> Figure:
         panel.set(xlabel=parameter_label(study, curve.key))
         if curve.where:
             panel.set_title(where_label(study, curve.where), fontsize=9)
-    panels[0].set(ylabel=metric_label(study), ylim=(_lower_limit(found), None))
+    # from 0 on, unless the metric can be negative
+    least = min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
+    panels[0].set(ylabel=metric_label(study), ylim=(least, None))
     if any(each.failed for answer in found for curve in answer.curves for each in curve.spreads):
         panels[0].plot([], [], "x", color=FAILED, label="some or all runs failed")
     if len(panels[0].get_legend_handles_labels()[0]) > 1:
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure
-
-
-def _lower_limit(found: Sequence[Answer]) -> float:
-    """Lower limit of a metric's axis: 0 unless it can be negative."""
-    return min(0.0, *(float(np.nan_to_num(answer.values).min()) for answer in found))
 
 
 def _curve(panel: Axes, curve: Curve, label: str | None, k: int) -> None:
@@ -198,22 +195,17 @@ def _spread(study: Study, found: Sequence[Answer]) -> Figure:
     return figure
 
 
-def _panels(found: Sequence[Answer]) -> tuple[Figure, list[Axes]]:
-    """One panel per variant, all with the same axes."""
+def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
+    """Runs over the two most influential parameters: the metric as colour, and which failed."""
+    first, second = ranked(study, found)[:2]
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     size = (max(6.0, 1.5 + 3.2 * columns), 1.2 + 2.7 * rows)
     figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for panel in panels.flat[len(found) :]:
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for panel in axes.flat[len(found) :]:
         panel.set_visible(False)
-    return figure, list(panels.flat[: len(found)])
-
-
-def _map(study: Study, found: Sequence[Answer], design: Design) -> Figure:
-    """Runs over the two most influential parameters: the metric as colour, and which failed."""
-    first, second = ranked(study, found)[:2]
-    figure, panels = _panels(found)
+    panels = list(axes.flat[: len(found)])
     x, y = (design.columns[key] for key in (first, second))
     values = np.concatenate([answer.values for answer in found])
     good = values[np.isfinite(values)]

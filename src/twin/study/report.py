@@ -13,8 +13,7 @@ import pyarrow.parquet as pq
 from markupsafe import Markup
 
 from twin import page
-from twin.html import inline
-from twin.page import Block, Picture, Table, Text, Verdict, as_markdown, digits
+from twin.page import Block, Picture, Table, Text, Verdict, digits, inline
 from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
 from twin.study.experiments import labelled
@@ -157,9 +156,9 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
     Raises:
         RecordError: If a file cannot be written.
     """
-    study, drawn = work.study, _inline_figures(work, found)
+    study, drawn = work.study, inline_figures(work, found)
     for name, picture in drawn.items():
-        _write(folder / "figures" / f"{name}.svg", picture)
+        write_whole(folder / "figures" / f"{name}.svg", picture)
     table = labelled(work.labels, rows)
     write_whole(folder / "rows.parquet", lambda path: pq.write_table(table, path))
     write_whole(folder / "rows.csv", lambda path: pa_csv.write_csv(table, path))
@@ -184,33 +183,20 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         title = f"What must be known how well, to predict {what}"
         blocks.append(Table(title, KNOWN, known, words=(0, 1, 2)))
     note = "Rows as data: rows.parquet and rows.csv beside this page; pictures in figures/."
-    blocks.append(Text([_about(work)], "The study", note))
+    blocks.append(Text([what_ran(work)], "The study", note))
     page.write(folder / "report.html", study.title, blocks)
 
 
-def document(work: Work, found: Sequence[Answer], path: Path) -> None:
-    """Write the results as Markdown, and the figures beside it.
-
-    Raises:
-        RecordError: If a file cannot be written.
-    """
-    study = work.study
-    blocks: list[Block] = [Text([_about(work)]), Text(sentences(study, found))]
-    for name, picture in _inline_figures(work, found).items():
-        file = f"{path.stem}-{name}.svg"
-        _write(path.with_name(file), picture)
-        blocks.append(Picture(HEADINGS[name], picture, file=file))
-    _write(path, as_markdown(study.title, [*blocks, compared(study, found)]))
-
-
-def _inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
+def inline_figures(work: Work, found: Sequence[Answer]) -> dict[str, Markup]:
+    """The figures of a study by name, to stand within a page."""
     # every variant has the same points in the same order
     at = [task.point for task in work.tasks if task.variant == work.tasks[0].variant]
     drawn = figures(work.study, found, work.design[at])
     return {name: inline(figure) for name, figure in drawn.items()}
 
 
-def _about(work: Work) -> str:
+def what_ran(work: Work) -> str:
+    """What was run, in words."""
     study = work.study
     steps = " and ".join(f"{1000 * step:g}" for step in sorted(work.steps))
     return (
@@ -232,10 +218,6 @@ def endings(work: Work, rows: pa.Table) -> list[str]:
         f"{variant}: {len(reasons)} {outcome}, as '{reasons[0]}'"
         for (variant, outcome), reasons in counted.items()
     ]
-
-
-def _write(path: Path, text: str) -> None:
-    write_whole(path, lambda target: target.write_text(text, encoding="utf-8"))
 
 
 def grids(study: Study, found: Sequence[Answer]) -> list[Table]:

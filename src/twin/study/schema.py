@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from twin.errors import nearest
 from twin.run.metrics import Metrics
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family
-from twin.validation import LENIENT, read_model
+from twin.validation import Checked, check_named_once, read_model
 
 Method = Literal["grid", "oat", "lhs", "montecarlo", "morris", "sobol"]
 METRICS = tuple(
@@ -21,16 +21,14 @@ METRICS = tuple(
 )
 
 
-class Variant(BaseModel):
+class Variant(Checked):
     """One of several things to compare on equal terms: a name and what it changes."""
-
-    model_config = LENIENT
 
     name: str
     set: tuple[str, ...] = ()
 
 
-class Study(BaseModel):
+class Study(Checked):
     """A study.
 
     Attributes:
@@ -47,17 +45,15 @@ class Study(BaseModel):
         variants: What is compared; one unnamed if empty.
     """
 
-    model_config = LENIENT
-
     title: str
     scenario: str
     set: tuple[str, ...] = ()
     method: Method
     samples: Annotated[int, Field(ge=2, le=1_000_000)] = 16
     seeds: Annotated[int, Field(ge=1, le=10_000)] = 1
-    metrics: tuple[str, ...] = ("tracking_error_percent",)
+    metrics: Annotated[tuple[str, ...], Field(min_length=1)] = ("tracking_error_percent",)
     family: str = ""
-    parameters: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = Field({}, min_length=1, validate_default=True)
     variants: tuple[Variant, ...] = ()
 
     @model_validator(mode="before")
@@ -75,14 +71,7 @@ class Study(BaseModel):
         unknown = [name for name in self.metrics if name not in METRICS]
         if unknown:
             raise ValueError(f"metrics: no '{unknown[0]}'{nearest(unknown[0], METRICS)}")
-        if not self.metrics:
-            raise ValueError("metrics: name at least one")
-        if not self.parameters:
-            raise ValueError("parameters: name at least one")
-        names = [variant.name for variant in self.variants]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"variants: two of them are called '{twice}'")
+        check_named_once("variants", [variant.name for variant in self.variants])
         if self.method == "sobol" and self.samples.bit_count() > 1:
             power = 1 << self.samples.bit_length()
             raise ValueError(

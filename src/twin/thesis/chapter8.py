@@ -129,7 +129,24 @@ def tables() -> dict[str, SimulatedTable]:
     for group, bound in FILES.items():
         content = tomllib.loads(_read(f"{group}.toml"))
         for entry in content["table"]:
-            found[entry["id"]] = _table(entry, group, bound, content)
+            common = {
+                "seeds": content.get("seeds", 1),
+                "bands": entry.get("bands", (5.0,)),
+                "causes": {**content.get("causes", {}), **entry.get("causes", {})},
+            }
+            setup = laid_over(content["setup"], entry.get("setup", {}))
+            found[entry["id"]] = SimulatedTable(
+                id=entry["id"],
+                title=entry["title"],
+                group=group,
+                bound=bound,
+                shared=tuple(content["remarks"]),
+                own=tuple(entry.get("remarks", ())),
+                rows=tuple(
+                    SimulatedRow(**common | row | {"setup": laid_over(setup, row.get("setup", {}))})
+                    for row in entry["row"]
+                ),
+            )
     return dict(sorted(found.items(), key=lambda item: int(item[0].split(".")[1])))
 
 
@@ -141,29 +158,6 @@ def continuous() -> dict[str, Any]:
     """
     found: dict[str, Any] = json.loads(_read("chapter_8.json"))
     return found
-
-
-def _table(
-    entry: Mapping[str, Any], group: str, bound: float, content: Mapping[str, Any]
-) -> SimulatedTable:
-    common = {
-        "seeds": content.get("seeds", 1),
-        "bands": entry.get("bands", (5.0,)),
-        "causes": {**content.get("causes", {}), **entry.get("causes", {})},
-    }
-    setup = laid_over(content["setup"], entry.get("setup", {}))
-    return SimulatedTable(
-        id=entry["id"],
-        title=entry["title"],
-        group=group,
-        bound=bound,
-        shared=tuple(content["remarks"]),
-        own=tuple(entry.get("remarks", ())),
-        rows=tuple(
-            SimulatedRow(**{**common, **row, "setup": laid_over(setup, row.get("setup", {}))})
-            for row in entry["row"]
-        ),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,26 +186,7 @@ class ThesisColumn:
 
 
 COLUMNS = {
-    "e_ss": ThesisColumn(label="e_ss", unit="m", metric="steady_error"),
-    "overshoot": ThesisColumn(label="overshoot", unit="%", zero=0.5),
-    "t_ss": ThesisColumn(label="t_ss", unit="s", judged="reading"),
-    "rms_error": ThesisColumn(label="average tracking error", unit="m", metric="rms_error"),
-    "max_steady_error": ThesisColumn(
-        label="max. steady tracking error", unit="m", metric="max_steady_error"
-    ),
-    "e_tt": ThesisColumn(
-        label="tracking error e_tt", unit="%", judged="noise", metric="tracking_error_percent"
-    ),
-    "phi_max": ThesisColumn(label="phi_max", unit="deg", metric="phi_max_deg"),
-    "u1_max": ThesisColumn(label="u1_max", unit="rad/s^2", metric="u1_max"),
-    "theta_max": ThesisColumn(label="theta_max", unit="deg", metric="theta_max_deg"),
-    "u2_max": ThesisColumn(label="u2_max", unit="rad/s^2", metric="u2_max"),
-    **{
-        f"x{number}_error": ThesisColumn(
-            label=f"x{number} estimation error", unit=unit, judged="noise"
-        )
-        for number, unit in enumerate(("m", "m/s", "rad", "rad/s"), start=1)
-    },
+    name: ThesisColumn(**about) for name, about in tomllib.loads(_read("columns.toml")).items()
 }
 """The columns by the names the data files use.
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controllers.analysis import number
 from controllers.arrays import Array
 from twin.errors import ScenarioError
 from twin.fit.runs import Runs, Sample
@@ -156,8 +157,8 @@ def rows(
                 found.append(_row(each.label, column, SETTLING, settled, (None, None), READ))
             elif indicator in each.measured:
                 cell = each.measured[indicator]
-                values = [_number(first[arm, k][indicator]) for arm in arms]
-                explained = [_number(second[one, k][indicator]) for one in fitted]
+                values = [number(first[arm, k][indicator]) for arm in arms]
+                explained = [number(second[one, k][indicator]) for one in fitted]
                 found.append(_row(each.label, column, cell.value, values, explained, cell.note))
     return found
 
@@ -204,10 +205,6 @@ def _row(
         "high": max(known, default=None),
         "note": note,
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _settled(about: FitTable, arm: Sample, place: int) -> float:

@@ -316,7 +316,7 @@ def write(trials: Trials, found: TuneResult, folder: Path) -> None:
             "As data: tune.json beside this page; the tuned controller: tuned.toml.",
         ),
     ]
-    write_whole(folder / FRAGMENT, lambda path: path.write_text(toml(tuned, head), "utf-8"))
+    write_whole(folder / FRAGMENT, toml(tuned, head))
     write_json(folder / "tune.json", found.as_dict() | {"settings": tuned})
     page.write(folder / "report.html", found.tune.title, blocks)
 

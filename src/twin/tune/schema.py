@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from twin.errors import ScenarioError, nearest
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family
 from twin.study.schema import METRICS
-from twin.validation import LENIENT, read_model, read_tables
+from twin.validation import Checked, check_named_once, read_model, read_tables
 
 JUDGED = tuple(
     name for name in METRICS if name not in {"settling_time", "overshoot_percent", "steady_error"}
@@ -20,7 +20,7 @@ JUDGED = tuple(
 """Indicators that a finished run has, whatever became of the ball's way to its goal."""
 
 
-class TuneTask(BaseModel):
+class TuneTask(Checked):
     """One of the tasks that a controller must be good at.
 
     Attributes:
@@ -30,8 +30,6 @@ class TuneTask(BaseModel):
         indicator: Of a run, of which less is better.
         scale: The indicator that costs 1, in its own unit.
     """
-
-    model_config = LENIENT
 
     name: str
     scenario: str
@@ -46,7 +44,7 @@ class TuneTask(BaseModel):
         return self
 
 
-class Constraints(BaseModel):
+class Constraints(Checked):
     """What a candidate must keep besides losing no rig.
 
     Attributes:
@@ -55,14 +53,12 @@ class Constraints(BaseModel):
         effort: Largest root mean square control effort of a run, rad/s^2.
     """
 
-    model_config = LENIENT
-
     disk: Annotated[float, Field(ge=0, lt=2)] = 0.3
     delay: Annotated[float, Field(ge=0, le=1)] = 0.03
     effort: Annotated[float, Field(gt=0)] = 3.0
 
 
-class Tune(BaseModel):
+class Tune(Checked):
     """A tune: which fields of a controller are to be found, for which rigs and tasks.
 
     Attributes:
@@ -88,14 +84,12 @@ class Tune(BaseModel):
         seed: Of the search's random numbers.
     """
 
-    model_config = LENIENT
-
     title: str
     like: str = ""
     family: str
     set: tuple[str, ...] = ()
-    fields: dict[str, Parameter]
-    tasks: tuple[TuneTask, ...]
+    fields: Annotated[dict[str, Parameter], Field(min_length=1)]
+    tasks: Annotated[tuple[TuneTask, ...], Field(min_length=1)]
     limits: Constraints = Constraints()
     tail: Annotated[float, Field(gt=0, le=1)] = 0.1
     search: tuple[str, ...] = ("plant.kind=lagrange", "plant.step=0.002")
@@ -112,14 +106,7 @@ class Tune(BaseModel):
 
     @model_validator(mode="after")
     def _sensible(self) -> Tune:
-        if not self.fields:
-            raise ValueError("fields: name at least one")
-        if not self.tasks:
-            raise ValueError("tasks: name at least one")
-        names = [task.name for task in self.tasks]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"tasks: two of them are called '{twice}'")
+        check_named_once("tasks", [task.name for task in self.tasks])
         if not self.rigs or list(self.rigs) != sorted(set(self.rigs)):
             raise ValueError(f"rigs: every rung needs more than the last, got {list(self.rigs)}")
         if self.draw == self.certificate_draw:

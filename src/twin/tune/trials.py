@@ -52,18 +52,6 @@ class NominalLoop(NamedTuple):
         return cls(None, None, None, str(error))
 
 
-def nominal_loop(scenario: Scenario) -> NominalLoop:
-    """The loop of law, observer and predictor on the linear plant with the scenario's dead time.
-
-    Raises:
-        ScenarioError: If law, observer or reference refuse their settings.
-    """
-    controller = build_controller(scenario)
-    return loop_margins(
-        controller.law, controller.observer, dead_time=scenario.sensors.touch.dead_time
-    )
-
-
 def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLoop:
     """Least margins of a sampled loop over its cuts.
 
@@ -305,8 +293,12 @@ def _controller(scenario: Scenario) -> str:
 
 @lru_cache(maxsize=4096)
 def _loop(controller: str) -> NominalLoop:
+    """The loop of law, observer and predictor on the linear plant with the scenario's dead time."""
+    scenario = Scenario.model_validate_json(controller)
     try:
         with own_errors():
-            return nominal_loop(Scenario.model_validate_json(controller))
+            made = build_controller(scenario)
+            dead_time = scenario.sensors.touch.dead_time
+            return loop_margins(made.law, made.observer, dead_time=dead_time)
     except ScenarioError as error:
         return NominalLoop.none(error)
