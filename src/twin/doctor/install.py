@@ -70,11 +70,7 @@ def _pictures() -> Iterator[CheckResult]:
     except (ImportError, TwinError) as error:
         yield warned("viewer", str(error), "pip install rerun-sdk; or view RUN --rrd FILE")
     else:
-        window = (
-            "opens a window"
-            if has_display()
-            else "no display here: view RUN --rrd FILE writes a recording for another computer"
-        )
+        window = "opens a window" if has_display() else "no display: view RUN --serve, in a browser"
         yield passed("viewer", window)
     try:
         webbrowser.get()
