@@ -91,3 +91,37 @@ print(ballplate.systems.linear().state_labels[0])
     where = "import ballplate, controllers, twin; print(controllers.__file__, twin.__file__)"
     for file in call(python, "-c", where, cwd=anywhere, env=clean).split():
         assert Path(file).is_relative_to(environment)
+
+
+def here(version):
+    """An interpreter of a version on this machine, None if there is none."""
+    places = [shutil.which(f"python{version}")]
+    places += sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
+    for place in filter(None, places):  # a shim may stand for nothing
+        done = subprocess.run([place, "--version"], capture_output=True, text=True, check=False)
+        if done.stdout.startswith(f"Python {version}."):
+            return place
+    return None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+def test_with_every_extra_it_runs_and_draws_on_each_python_that_is_here(wheel, tmp_path, python):
+    interpreter = here(python)
+    if interpreter is None:
+        pytest.skip(f"no Python {python} here")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    pins = tmp_path / "pins.txt"
+    pins.write_text("\n".join(project["tool"]["uv"]["constraint-dependencies"]), encoding="utf-8")
+    call(UV, "venv", "--python", interpreter, tmp_path / "environment")
+    folder = tmp_path / "environment" / "bin"
+    extras = ",".join(project["project"]["optional-dependencies"])
+    install = [UV, "pip", "install", "--python", folder / "python", "--constraint", pins]
+    call(*install, f"{wheel}[{extras}]")
+    clean = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    run = ("run", "circle", "--set", "duration=2", "--out", "runs/circle")
+    call(folder / "ballplate", *run, cwd=tmp_path, env=clean)
+    assert (tmp_path / "runs" / "circle" / "picture.png").is_file()
+    told = call(folder / "ballplate", "doctor", "--install", "--json", cwd=tmp_path, env=clean)
+    seen = [each for each in json.loads(told) if each["what"].startswith("extra ")]
+    assert [each["verdict"] for each in seen] == ["pass"] * len(seen) != []
