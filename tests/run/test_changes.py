@@ -160,7 +160,7 @@ WRONG = {
     '[{at=9, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: 9 s is not before the end",
     '[{at=-1, set={"plant.friction.rolling_mm"=0.2}}]': "change.0.at: must be greater",
     '[{at=1, over=0.5, set={"plant.servo.bandwidth_hz"=5.0}}]': "0 stands for none",
-    "[{at=1, set={}}]": "change.0.set: must",
+    "[{at=1, set={}}]": "change.0.set: name at least one",
     (
         '[{at=1, over=1, set={"plant.friction.rolling_mm"=0.2}}, '
         '{at=1.5, set={"plant.friction.rolling_mm"=0.3}}]'
