@@ -33,7 +33,7 @@ class VirtualPort:
     def wait(self, seconds):
         self.first = self.first or self.channel.recv(seconds)
 
-    def pump(self):
+    def pump(self, passing=None):
         heard, self.first = self.first or self.channel.recv(0), None
         while heard is not None:
             data, remote = bytes(heard.data), heard.is_remote_frame

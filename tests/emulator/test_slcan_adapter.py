@@ -1,3 +1,4 @@
+import os
 import re
 import time
 from contextlib import contextmanager
@@ -135,6 +136,36 @@ def test_the_servos_run_over_a_real_pty(bus, port):
         with server.lock:
             assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
+
+
+@pytest.mark.real_time
+def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
+    with BusServer(bus, port) as server, servos_on(port) as servos:
+        servos.start()
+        servos.enable()
+        run(servos, 5.0, until=lambda: servos.enabled)
+        servos.command([[5.0, -5.0]])
+        run(servos, 5.0, until=lambda: servos.axes[0].rate > 4.9)
+        seen = []
+        for _ in range(5):
+            with server.lock:
+                seen += run(servos, 0.03)
+            seen += run(servos, 0.1)
+        assert c.PDO_LATE in seen
+        assert c.ENCODER_JUMP not in seen
+
+
+def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bus, port):
+    told = []
+    handle = os.open(port.channel, os.O_RDWR | os.O_NOCTTY)
+    try:
+        for number in (1, 4):
+            os.write(handle, b"t0800\r" * number)
+            port.wait(1.0)
+            port.pump(told.append)
+    finally:
+        os.close(handle)
+    assert told == [1.0, 0.25, 0.5, 0.75, 1.0]
 
 
 @pytest.mark.real_time

@@ -92,7 +92,17 @@ BITRATES = {
     b"S8": 1_000_000,
 }
 
+Passing = Callable[[float], None]
+
+
+def nothing(_: float) -> None:
+    """No time passes."""
+
+
 _OK, _ERROR = b"\r", b"\a"
+_SYNC = b"t0800\r"
+_MOST = 1 << 16
+"""Bytes that are taken at once."""
 _WARNING, _PASSIVE, _BUS_ERROR = 0x04, 0x20, 0x80
 _ROOM = 3
 """Frames the adapter takes that nobody acknowledges before it refuses more."""
@@ -240,14 +250,21 @@ class SlcanPort:
             ports = [] if self.handle < 0 or self.stalled else [self.handle]
             select.select(ports, [], [], seconds)
 
-    def pump(self) -> None:
+    def pump(self, passing: Passing = nothing) -> None:
         """Pass on what has arrived either way; never waits."""
         if self.handle < 0 or self.stalled:
             self._bus.to_host()
             return
         with suppress(OSError):
-            if select.select([self.handle], [], [], 0)[0]:
-                self._write(self.adapter.feed(os.read(self.handle, 4096)))
+            data = b""
+            while len(data) < _MOST and select.select([self.handle], [], [], 0)[0]:
+                data += os.read(self.handle, 4096)
+            *waited, newest = data.split(_SYNC)
+            for number, part in enumerate(waited, start=1):
+                self._write(self.adapter.feed(part + _SYNC))
+                self._write(self.adapter.heard())
+                passing(number / len(waited))
+            self._write(self.adapter.feed(newest))
             self._write(self.adapter.heard())
 
     def _write(self, data: bytes) -> None:
@@ -282,8 +299,12 @@ class CanPort(Protocol):
     def wait(self, seconds: float) -> None:
         """Wait until the host sends something, at most for a time in s."""
 
-    def pump(self) -> None:
-        """Pass on what has arrived either way; never waits."""
+    def pump(self, passing: Passing = nothing) -> None:
+        """Pass on what has arrived either way; never waits.
+
+        Args:
+            passing: Is told after each SYNC of those that have waited which share of them that was.
+        """
 
 
 class BusServer:
@@ -319,16 +340,21 @@ class BusServer:
         while not self._stop.is_set():
             self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
             with self.lock:
-                self.port.pump()
                 now = time.monotonic()
                 stepped += self.paused(before, now)
                 before = now
                 self.lag.add(max(0.0, now - stepped - self._step))
-                stepped = max(stepped, now - self.BACKLOG)
-                while stepped + self._step <= now:
-                    stepped += self._step
-                    self.bus.step(self._step)
-                self.port.pump()
+                begin = stepped = max(stepped, now - self.BACKLOG)
+
+                def passing(share: float, begin: float = begin, now: float = now) -> None:
+                    nonlocal stepped
+                    while stepped + self._step <= begin + share * (now - begin):
+                        stepped += self._step
+                        self.bus.step(self._step)
+
+                # of SYNCs that have waited each has its own time; who comes meanwhile waits, too
+                self.port.pump(passing)
+                passing(1.0)
 
     def stop(self) -> None:
         """End ``run``, wherever it runs."""

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.devices.akd import cia402, frames
-from twin.devices.akd.axis import EncoderCounter, PdoTracker, difference
+from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
 from twin.devices.akd.sdo_poll import SdoReader, SdoRequest, SdoResponse
@@ -60,6 +60,25 @@ def test_a_counter_leaves_out_a_jump_and_the_jump_back():
         counter.update(raw, 0.002)
     assert counter.counts == 100
     assert counter.jump == 200 - 900_000
+
+
+def test_late_answers_that_come_at_once_are_a_period_apart_and_one_too_many_is_not():
+    config = AkdConfig()
+    axis, T = Axis(config.axes[0], config, at=0.0), config.period
+    step = round(6.0 * T / abs(config.axes[0].position.unit))  # 6 rad/s: 12 mrad a period
+    status = 0x1237
+    axis.update_motion(frames.MotionPdo(status, 3, 0), 1, T)
+    axis.tpdo1.close()
+    for _ in range(4):  # an adapter keeps them back
+        axis.tpdo1.close()
+    for number in range(1, 6):
+        axis.update_motion(frames.MotionPdo(status, 3, number * step), 6, 6 * T)
+        assert not axis.motor.jump
+    assert axis.motor.counts == 5 * step
+    axis.tpdo1.close()
+    axis.update_motion(frames.MotionPdo(status, 3, 6 * step), 7, 7 * T)
+    axis.update_motion(frames.MotionPdo(status, 3, 7 * step), 7, 7 * T)
+    assert axis.motor.jump == step  # nothing was owed: two steps in one period
 
 
 @given(st.binary(max_size=12))

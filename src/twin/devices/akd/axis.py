@@ -91,8 +91,9 @@ class PdoTracker:
         """Cycles in a row without a frame."""
         self.doubled = 0
         """Cycles in a row with surplus frames."""
+        self.owed = 0
+        """Frames of the last cycles that have not come and may still."""
         self._arrived = 0
-        self._owed = 0
         self._since = 0
         self._awaited = False
 
@@ -113,16 +114,16 @@ class PdoTracker:
         self._awaited = early and arrived == due - 1
         self._since += 1
         if self._since > _OWED_CYCLES:
-            self._owed = 0
+            self.owed = 0
         lacking = due - arrived - self._awaited
         if lacking > 0:
             self.missed = lacking if arrived else self.missed + lacking
-            self._owed += lacking
+            self.owed += lacking
             self._since = 0
             self.doubled = 0
             return PdoCycleStats(missing=True, late=0, surplus=0)
-        late = min(max(0, arrived - due), self._owed)
-        self._owed -= late
+        late = min(max(0, arrived - due), self.owed)
+        self.owed -= late
         surplus = max(0, arrived - due) - late
         if arrived:
             self.missed = 0
@@ -142,6 +143,7 @@ class Axis:
     def __init__(self, config: AxisConfig, drives: AkdConfig, *, at: float) -> None:
         limits = drives.watch
         self.config = config
+        self._period = drives.period
         self.motor = EncoderCounter(
             config.position, limits.jump * drives.rate_limit, limits.slack[0]
         )
@@ -190,7 +192,7 @@ class Axis:
 
     def update_motion(self, data: frames.MotionPdo, cycle: int, at: float) -> int:
         """Take in TPDO1 that answers a SYNC sent at a time in s; return the step in counts."""
-        step = self.motor.update(data.position, at - self.sampled)
+        step = self.motor.update(data.position, self._passed(at - self.sampled, self.tpdo1))
         self.status, self.mode = data.status, data.mode
         self.state = cia402.state(data.status)
         self.sampled = at
@@ -199,11 +201,16 @@ class Axis:
 
     def update_feedback(self, data: frames.FeedbackPdo, cycle: int, at: float) -> int:
         """Take in TPDO2 that answers a SYNC sent at a time in s; return the plate's step."""
-        step = self.plate.update(data.plate, at - self.plate_sampled)
+        passed = self._passed(at - self.plate_sampled, self.tpdo2)
+        step = self.plate.update(data.plate, passed)
         self.rate = self.config.velocity.value(data.velocity)
         self.plate_sampled = at
         self.tpdo2.arrive(cycle)
         return step
+
+    def _passed(self, elapsed: float, pdo: PdoTracker) -> float:
+        """Time in s since a datum was sampled: late ones arrive at once and are a period apart."""
+        return max(elapsed, self._period) if pdo.owed else elapsed
 
     def finish_quick_stop(self) -> None:
         """End a quick stop that has brought the drive out of operation, or to standstill."""
