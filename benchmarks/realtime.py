@@ -1,7 +1,7 @@
 """What part of its period each law computes for, and how runs on the virtual rig end, here.
 
 uv run python -m benchmarks.realtime
-uv run python -m benchmarks.realtime --wire 20 --doc docs/realtime.md
+uv run python -m benchmarks.realtime --wire 4 --doc docs/realtime.md
 """
 
 from __future__ import annotations
@@ -188,8 +188,7 @@ def main(wire: int, doc: Path | None) -> None:
             "emulating": emulating(),
             "beside_one": on_the_wire(few, 1),
             "beside_two": on_the_wire(few, 2),
-            "ordinary": on_the_wire(few, 0, ORDINARY),
-            "ordinary_beside_two": on_the_wire(few, 2, ORDINARY),
+            "ordinary": on_the_wire(few, 2, ORDINARY),
             "runs": str(wire),
             "few": str(few),
             "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.release()}",
