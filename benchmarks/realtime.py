@@ -1,7 +1,7 @@
 """What part of its period each law computes for, and how runs on the virtual rig end, here.
 
 uv run python -m benchmarks.realtime
-uv run python -m benchmarks.realtime --wire 4 --doc docs/realtime.md
+uv run python -m benchmarks.realtime --wire 20 --beside 2 --ordinary
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 import ballplate as bp
 from controllers.arrays import Array
-from twin.markdown import filled, table
+from twin.markdown import table
 from twin.run.connect import ComputingTime
 from twin.scenario.load import load
-from twin.writing import write_whole
 
 PERIODS = (0.001, 0.002, 0.004, 0.01)
 LAWS = {
@@ -106,11 +105,12 @@ def row(scenario: str, simulated: float, runs: Sequence[Wired]) -> list[str]:
     errors = np.array([run.error for run in runs if run.finished])
     late: NDArray[np.float64] = 1e3 * np.concatenate([run.lateness for run in runs])
     missed = sum(run.missed for run in runs)
-    spread = f"{np.median(errors):.2f} ({errors.min():.2f} to {errors.max():.2f})"
     return [
         scenario,
         f"{len(errors)} of {len(runs)}",
-        spread if len(errors) else "-",
+        f"{np.median(errors):.2f} ({errors.min():.2f} to {errors.max():.2f})"
+        if len(errors)
+        else "-",
         f"{simulated:.2f}",
         f"{100 * missed / (missed + len(late)):.2f}",
         *(f"{np.quantile(late, each):.3f}" for each in (0.5, 0.99, 0.999)),
@@ -173,27 +173,17 @@ def slower() -> str:
 
 @click.command()
 @click.option("--wire", type=int, default=0, help="Runs of each scenario on the virtual rig.")
-@click.option("--doc", type=Path, help="Write the page, with runs beside busy processes.")
-def main(wire: int, doc: Path | None) -> None:
-    """Print how long laws compute and how runs on the virtual rig end, or write the page."""
-    parts = {"computing": computing()}
-    click.echo(parts["computing"])
+@click.option("--beside", type=int, default=0, help="Busy processes beside them.")
+@click.option("--ordinary", is_flag=True, help="Without real-time priority.")
+def main(wire: int, beside: int, *, ordinary: bool) -> None:
+    """Print how long laws compute, or how runs on the virtual rig end."""
     if wire:
-        parts["quiet"] = on_the_wire(wire, 0)
-        click.echo(parts["quiet"])
-    if doc:
-        few = max(1, wire // 4)
-        parts |= {
-            "slower": slower(),
-            "emulating": emulating(),
-            "beside_one": on_the_wire(few, 1),
-            "beside_two": on_the_wire(few, 2),
-            "ordinary": on_the_wire(few, 2, ORDINARY),
-            "runs": str(wire),
-            "few": str(few),
-            "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.release()}",
-        }
-        write_whole(doc, filled(doc.with_suffix(".template.md"), **parts))
+        click.echo(on_the_wire(wire, beside, ORDINARY if ordinary else ()))
+        return
+    click.echo(f"{os.cpu_count()} processors, {platform.system()} {platform.release()}")
+    click.echo(computing())
+    click.echo(slower())
+    click.echo(f"virtual rig: {emulating()} % of a processor, its start included")
 
 
 if __name__ == "__main__":
