@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 import ballplate as bp
 from controllers.arrays import Array
@@ -103,7 +102,7 @@ def wired(scenario: str, before: Sequence[str] = ()) -> Wired:
 def row(scenario: str, simulated: float, runs: Sequence[Wired]) -> list[str]:
     """What runs of one scenario came to, as cells of the table."""
     errors = np.array([run.error for run in runs if run.finished])
-    late: NDArray[np.float64] = 1e3 * np.concatenate([run.lateness for run in runs])
+    late: Array = 1e3 * np.concatenate([run.lateness for run in runs])
     missed = sum(run.missed for run in runs)
     return [
         scenario,

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 import ballplate as bp
 from controllers.controller import PerRigReference
+from controllers.interfaces import Reference
 from controllers.references import Circle, Setpoints
 from controllers.references.paths import Transition
 from controllers.stable_inversion import PIECES, FeasiblePath, Preview, StableInversion
@@ -62,6 +63,21 @@ def test_beside_others_it_has_the_bits_it_has_alone(reference):
     together = laid(PerRigReference((calm, reference), T), ((0.05, 0.0), start), 5.0)
     np.testing.assert_array_equal(together[:, :, 1], laid(reference, start, 5.0))
     np.testing.assert_array_equal(together[:, :, 0], laid(calm, (0.05, 0.0), 5.0))
+
+
+class Later(Reference):
+    """A small circle, and the step a second later besides."""
+
+    def __call__(self, t):
+        return Circle(amplitude=0.05, omega=1.0)(t) + STEP(np.asarray(t) - 1.0)
+
+
+def test_a_rig_that_asks_too_much_later_than_its_neighbour_has_the_bits_it_has_alone():
+    later = Later()
+    starts = STEP(0.0)[0], later(0.0)[0]
+    together = laid(PerRigReference((STEP, later), T), starts, 7.0)
+    np.testing.assert_array_equal(together[:, :, 0], laid(STEP, starts[0], 7.0))
+    np.testing.assert_array_equal(together[:, :, 1], laid(later, starts[1], 7.0))
 
 
 def test_it_is_the_nearest_of_all_paths_of_pieces_of_constant_jerk():

@@ -71,6 +71,18 @@ def run(servos, seconds, found=None, until=lambda: False):
     return [fault.condition for fault in seen]
 
 
+def turn(servos, rate):
+    """Start both drives and have them turn at a rate in rad/s, one either way."""
+    servos.start()
+    servos.enable()
+    run(servos, 5.0, until=lambda: servos.enabled)
+    assert servos.enabled
+    servos.command([[rate, -rate]])
+    goal = pytest.approx(rate, rel=1e-3)
+    run(servos, 5.0, until=lambda: servos.axes[0].rate == goal)
+    assert servos.axes[0].rate == goal
+
+
 @pytest.mark.parametrize(
     ("sent", "answered"),
     [
@@ -124,14 +136,7 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
     with BusServer(bus, port) as server, servos_on(port) as servos:
-        servos.start()
-        servos.enable()
-        run(servos, 5.0, until=lambda: servos.enabled)
-        assert servos.enabled
-        servos.command([[1.0, -1.0]])
-        goal = pytest.approx(1.0, rel=1e-3)
-        run(servos, 5.0, until=lambda: servos.axes[0].rate == goal)
-        assert servos.axes[0].rate == goal
+        turn(servos, 1.0)
         servos.stop()
         with server.lock:
             assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
@@ -141,11 +146,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
 @pytest.mark.real_time
 def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
     with BusServer(bus, port) as server, servos_on(port) as servos:
-        servos.start()
-        servos.enable()
-        run(servos, 5.0, until=lambda: servos.enabled)
-        servos.command([[5.0, -5.0]])
-        run(servos, 5.0, until=lambda: servos.axes[0].rate > 4.9)
+        turn(servos, 5.0)
         seen = []
         for _ in range(5):
             with server.lock:
