@@ -14,7 +14,7 @@ import numpy as np
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
 from twin.sim.plant.exact import ExactPlant
-from twin.sim.plant.friction import Friction
+from twin.sim.plant.friction import Friction, resisted
 
 STEP, STEPS = 0.001, 2
 MODEL = BallPlate()
@@ -32,7 +32,8 @@ def plain(friction: Friction | None, rates: Array) -> float:
     def rate(x: Array, u: Array) -> Array:
         out = MODEL.derivative(x, u)
         if friction is not None:
-            out[:, 1::4] = friction.resist(MODEL, x, out[:, 1::4])
+            limit = friction.deceleration(MODEL, x)
+            out[:, 1], out[:, 5] = resisted(limit, (x[:, 1], x[:, 5]), (out[:, 1], out[:, 5]))
         return out
 
     x = np.zeros((rates.shape[1], 8))

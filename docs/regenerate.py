@@ -34,18 +34,20 @@ PAGES = {
 }
 
 
+def program(page: Page, folder: str) -> list[str]:
+    """What is called to make a page, with an empty folder for what is not kept."""
+    first, *others = [folder if part == "TEMPORARY" else part for part in page.command]
+    if first.endswith(".py"):
+        return [sys.executable, str(HERE / first), *others]
+    if first == "-m":
+        return [sys.executable, first, *others]
+    return [sys.executable, "-c", "from twin.cli import main; main()", first, *others]
+
+
 def make(page: Page) -> int:
     """Make a page; the exit code of its command."""
     with TemporaryDirectory() as folder:
-        command = [folder if part == "TEMPORARY" else part for part in page.command]
-        if command[0].endswith(".py"):
-            program = [sys.executable, str(HERE / command[0])]
-        elif command[0] == "-m":
-            program = [sys.executable, *command]
-        else:
-            call = "from twin.cli import main; main()"
-            program = [sys.executable, "-c", call, *command]
-        code = subprocess.call(program, cwd=folder if page.kept else HERE.parent)
+        code = subprocess.call(program(page, folder), cwd=folder if page.kept else HERE.parent)
         for made, name in page.kept.items() if code == 0 else ():
             shutil.copyfile(Path(folder) / made, HERE / name)
     return code

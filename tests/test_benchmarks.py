@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import measurements
+from benchmarks import exact_plant, figures, measurements
 from benchmarks.__main__ import TEMPLATE
 from benchmarks.figures import GOALS, Figure, Goal
 from benchmarks.measurements import Measurement
@@ -55,6 +55,12 @@ def test_a_measurement_is_added_behind_those_that_are_kept(tmp_path):
     assert last == new
     assert (last.found, last.notes) == ({LOOP: [4.568] * 2, EXACT: [3.0] * 2}, {LOOP: "1 and 2"})
     assert (last.machine, last.load) == ('a "b"', 0.1)
+
+
+def test_the_exact_plant_is_measured_against_a_baseline_that_runs():
+    rates = exact_plant.commands(2)
+    for friction in (None, figures.ROLLING):
+        assert exact_plant.plain(friction, rates) > 0 < exact_plant.exact(friction, rates)
 
 
 def test_the_page_is_made_of_what_is_kept():

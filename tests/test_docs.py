@@ -312,6 +312,7 @@ def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
         name, *arguments = page.command
         if name.endswith(".py"):
             assert (ROOT / "docs" / name).is_file()
+            assert regenerate.program(page, "")[2:] == arguments
             continue
         if name == "-m":
             package = importlib.util.find_spec(arguments[0]).submodule_search_locations is not None

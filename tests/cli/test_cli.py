@@ -102,3 +102,9 @@ def test_every_command_that_a_page_shows_can_be_typed():
                 parsed(line)
             except (click.ClickException, AssertionError) as error:
                 pytest.fail(f"{page.name}: {line}: {error}")
+
+
+def test_a_sentence_that_is_piped_is_one_line(capsys):
+    sentence = "word " * 60 + "end"
+    output.show({}, as_json=False, shown=[sentence])
+    assert capsys.readouterr().out == sentence + "\n"

@@ -12,7 +12,7 @@ import click
 from twin.cli import options as tab
 from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
-from twin.cli.output import Terminal, console, warn
+from twin.cli.output import Terminal, say, warn
 from twin.errors import RecordError, TwinError, ViewError
 from twin.paths import model_path
 from twin.run.files import run_folder
@@ -57,11 +57,11 @@ def view(
 
     if connect is not None:
         forward(reach(address(connect)), opened)
-        console.print(f"sent to {connect}")
+        say(f"sent to {connect}")
         return 0
     if rrd is not None:
         write(rrd, opened)
-        console.print(f"written to {rrd}")
+        say(f"written to {rrd}")
         if picture is None:
             return 0
     with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
@@ -70,7 +70,7 @@ def view(
             write(recording, opened)
         if picture is not None:
             screenshot(recording, picture, _instant(opened, at))
-            console.print(f"written to {picture}")
+            say(f"written to {picture}")
             return 0
         return _show(recording, serve)
 
@@ -81,7 +81,7 @@ def _show(recording: Path, serve: int | None) -> int:
 
     opened = viewer.window(recording) if serve is None else viewer.page(serve, recording)
     if opened.page:
-        console.print(f"open {opened.page} in a browser; Ctrl-C ends it", soft_wrap=True)
+        say(f"open {opened.page} in a browser; Ctrl-C ends it")
     try:
         code = opened.process.wait()
     except KeyboardInterrupt:
@@ -166,7 +166,7 @@ def report(
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
             write_whole(path, content)
-            console.print(f"written to {path}")
+            say(f"written to {path}")
     return 0
 
 
@@ -227,7 +227,7 @@ def export(
     (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
     first.label, first.beside = name, dict(others)
     first.export(file, **given, reporter=Terminal())
-    console.print(f"written to {file}{'' if file.suffix else '/'}")
+    say(f"written to {file}{'' if file.suffix else '/'}")
     return 0
 
 
@@ -257,7 +257,7 @@ def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
         names = list(dict.fromkeys(("time", *wanted)))
     write(file, {name: run.rows[name][::every] for name in names}, run.units)
     rows = len(run.rows["time"][::every])
-    console.print(f"written to {file}: {rows} rows of {len(names)} columns")
+    say(f"written to {file}: {rows} rows of {len(names)} columns")
     return 0
 
 
@@ -269,5 +269,5 @@ def docs() -> int:
         where = "in a checkout of the project: uv run python docs/build.py"
         raise TwinError(f"docs: the pages have not been made here; {where}")
     webbrowser.open(index.as_uri())
-    console.print(index.as_uri(), soft_wrap=True)
+    say(index.as_uri())
     return 0

@@ -72,7 +72,7 @@ def show(
             say(*([each.title] if each.title else []))
             console.print(terminal(each))
         else:
-            console.print(each, markup=False)
+            console.print(each, markup=False, soft_wrap=not console.is_terminal)
     if folder is not None:
         say(f"written to {folder}/{replaced}: {files}")
 

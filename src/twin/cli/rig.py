@@ -23,7 +23,7 @@ from twin.cli.options import (
     Command,
     known,
 )
-from twin.cli.output import console, errors, progress, show, warn
+from twin.cli.output import console, errors, progress, say, show, warn
 from twin.doctor.check import CheckStatus
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
@@ -107,7 +107,7 @@ def _print(result: CheckResult) -> None:
     colour = COLOURS[result.status]
     console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
     advice = f" -> {result.advice}" if result.advice else ""
-    console.print(f"{result.seen}{advice}", markup=False, soft_wrap=True)
+    say(f"{result.seen}{advice}")
 
 
 @contextmanager
@@ -180,7 +180,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
         text = toml(rig.tables())
         write_whole(file, text)
         console.print(text, markup=False)
-        console.print(f"written to {file}; use it with: ballplate run circle --rig {file}")
+        say(f"written to {file}; use it with: ballplate run circle --rig {file}")
         come_forward()
         threading.Thread(target=_listen, args=(rig,), daemon=True).start()
         try:
@@ -294,7 +294,7 @@ def play(
         warn(f"the page can be reached from other machines, by whoever has this address: {address}")
 
     def begun() -> None:
-        console.print(f"open {server.url} in a browser; Ctrl-C ends it", soft_wrap=True)
+        say(f"open {server.url} in a browser; Ctrl-C ends it")
         if not no_browser:
             open_browser(server.url)
 
@@ -307,5 +307,5 @@ def play(
         click.echo(f"ballplate: {server.kept}", err=True)
         return 1
     if server.kept:
-        console.print(f"ended without saving, so {server.kept}", soft_wrap=True, markup=False)
+        say(f"ended without saving, so {server.kept}")
     return 0
