@@ -307,6 +307,12 @@ def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate
     assert here - set(made) == {docs / name for name in WRITTEN}
 
 
+def test_no_page_is_longer_than_250_lines():
+    pages = [path for path in (ROOT / "docs").rglob("*.md") if ".template" not in path.name]
+    lines = {path.name: path.read_text(encoding="utf-8").count("\n") for path in pages}
+    assert {name: count for name, count in lines.items() if count > 250} == {}
+
+
 def test_every_command_that_makes_a_page_can_be_parsed(regenerate):
     for page in regenerate.PAGES.values():
         name, *arguments = page.command

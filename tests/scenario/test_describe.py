@@ -144,7 +144,10 @@ def test_the_command_prints_words_or_json():
 def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
     monkeypatch.syspath_prepend(PROJECT / "docs")
     page = run_path(str(PROJECT / "docs" / "settings.py"))["page"]()
-    assert page == (PROJECT / "docs" / "settings.md").read_text(encoding="utf-8")
+    pages = run_path(str(PROJECT / "docs" / "pages.py"))["parts"]("settings.md", page)
+    assert len(pages) == 4
+    for name, text in pages.items():
+        assert text == (PROJECT / "docs" / name).read_text(encoding="utf-8")
     for key in EVERY:
         assert f"| `{key.key}` |" in page
     for table in KINDS:
