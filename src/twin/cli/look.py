@@ -190,6 +190,11 @@ def report(
 @click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
+@click.option(
+    "--render",
+    type=click.Choice(("plate", "mujoco")),
+    help="What it shows: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
+)
 def export(
     run: Path,
     file: Path,
@@ -200,7 +205,8 @@ def export(
 ) -> int:
     """Export the signals of a run to a .csv, .mat or .parquet file, or the run as it moved.
 
-    A picture that moves is a .webp, .gif or .apng; a FILE without ending is a folder of its frames:
+    A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
+    is a folder of its frames:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
     """
     from ballplate.comparing import labelled
@@ -214,8 +220,8 @@ def export(
         raise RecordError(f"{file}: --every and --columns are of signals: .csv, .mat, .parquet")
     if not moving and (given or beside):
         raise RecordError(
-            f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif, .apng"
+            f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
+            "pictures: .webp, .gif, .apng, .mp4"
         )
     check_no_scenario(run)
     (opened,) = open_run(run)
