@@ -105,6 +105,12 @@ def test_the_last_part_of_a_key_finds_all_of_that_name():
     assert [key.kind for key in described("reference.path.points")] == ["path"]
 
 
+def test_a_key_of_several_kinds_is_that_of_each():
+    found = described("reference.omega")
+    assert {key.key for key in found} == {"reference.omega"}
+    assert {"circle", "sine", "lissajous"} <= {key.kind for key in found}
+
+
 def test_a_table_shows_its_keys_only():
     assert {key.key.rpartition(".")[0] for key in described("plant.friction")} == {"plant.friction"}
     assert len(described("plant")) > len(described("plant.friction"))

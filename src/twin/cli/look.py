@@ -140,12 +140,17 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
+@click.option(
+    "--clean", "beside_clean", is_flag=True, help="Show the first on the clean model, too."
+)
 def report(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
     formats: list[str],
     out: Path | None,
+    *,
+    beside_clean: bool,
 ) -> int:
     """Report on one run folder, or compare several: a page, pictures, a table.
 
@@ -162,6 +167,14 @@ def report(
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
+    if beside_clean:
+        from ballplate.running import CLEAN
+        from twin.run.finished import run
+        from twin.scenario.load import clean
+
+        model = run(clean(opened[0].scenario))
+        model.name = CLEAN
+        opened.append(model)
     for name in formats:
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")

@@ -47,13 +47,15 @@ def explain(
     from twin.explain.attribution import plan, summary
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
+    from twin.run.files import run_folder
     from twin.scenario import load
     from twin.scenario.load import titled
 
     chosen = titled(load(scenario, overrides), overrides)
     if typical:
         chosen = with_typical(chosen)
-    folder = out or Path("runs") / f"explain-{Path(scenario).stem}"
+    named = run_folder(scenario, overrides)
+    folder = out or named.with_name(f"explain-{named.name}")
     check_writable(folder)
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
     with progress(f"{runs} runs of {chosen.title}", runs) as advance:

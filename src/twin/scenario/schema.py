@@ -438,7 +438,8 @@ class MetricsTable(Section):
     """How a run is judged."""
 
     start: NotNegative = 0.0
-    """Time in s from which on steady tracking is judged."""
+    """Time in s from which on steady tracking is judged. A run that ``duration`` cuts short of it
+    is judged from the same share of itself on."""
     band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
     """Settling band in % of the way to a constant goal."""
 
