@@ -170,9 +170,9 @@ class TouchModel:
     Fields may be arrays with one entry per rig.
 
     Attributes:
-        dead_time: Seconds from a touch to its arrival.
-        frame_rate: Frames per second; 0 for a fresh sample every control period.
-        grid: Positions the screen tells apart along each side.
+        dead_time: From a touch to its arrival, in s.
+        frame_rate: Frames a second, in Hz; 0 for a fresh sample every control period.
+        grid: Positions the screen tells apart along each of its sides, 0.70 m and 0.395 m.
         variance: Noise variance of x and y in m^2; Table B.1.
         spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
             0.00187.
