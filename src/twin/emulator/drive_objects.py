@@ -5,11 +5,11 @@ It is the drive's own, read from ``drive_objects.toml``; the host's list is anot
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from functools import cache
-from importlib import resources
 from typing import Any, NamedTuple
+
+from twin.data_file import packaged
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
@@ -89,8 +89,7 @@ def drive_objects(node: int) -> dict[tuple[int, int], DriveObject]:
 
 @cache
 def _table() -> dict[str, dict[str, Any]]:
-    file = resources.files("twin.emulator") / "drive_objects.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    return packaged("twin.emulator", "drive_objects.toml")
 
 
 class ObjectStore:

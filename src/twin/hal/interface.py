@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
+from twin.data_file import packaged
 from twin.settings import Unit, setting
 
 
@@ -49,6 +50,21 @@ class Condition(NamedTuple):
     recovery: str
     restart: bool = False
     device: bool = True
+
+
+def conditions(package: str) -> dict[str, Condition]:
+    """The conditions in ``conditions.toml`` of a package, by what programs call them.
+
+    A reaction or recovery that stands among the words of that file is what it says there.
+
+    Args:
+        package: Its full name.
+    """
+    table, found = packaged(package, "conditions.toml"), {}
+    for name, row in table["conditions"].items():
+        said = {key: table["words"].get(row[key], row[key]) for key in ("reaction", "recovery")}
+        found[name] = Condition(**row | said | {"severity": Severity(row["severity"])})
+    return found
 
 
 class Fault(NamedTuple):

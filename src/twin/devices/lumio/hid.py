@@ -7,14 +7,13 @@ units, from which the size of a panel follows, or have a licence that does not g
 
 from __future__ import annotations
 
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from importlib import resources
 from typing import NamedTuple, Self
 
+from twin.data_file import packaged
 from twin.devices.lumio.protocols import STREAMS, Contact, Decoder, Report
 from twin.errors import TwinError
 
@@ -464,11 +463,8 @@ def _name(place: ContactFields, report: int) -> int:
 @cache
 def _known_layouts() -> dict[str, TouchLayout]:
     """Layouts of the products in ``panels.toml``."""
-    text = (resources.files("twin.devices.lumio") / "panels.toml").read_text(encoding="utf-8")
-    found = {
-        name: TouchLayout.of(parse(bytes.fromhex(data)))
-        for name, data in tomllib.loads(text).items()
-    }
+    panels = packaged("twin.devices.lumio", "panels.toml")
+    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in panels.items()}
     return {name: layout for name, layout in found.items() if layout is not None}
 
 
