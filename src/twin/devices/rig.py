@@ -106,11 +106,10 @@ class HardwareRig(Rig):
             self.screen.start()
             on.callback(self.screen.stop)
             on.callback(self.servos.stop)
-            self.servos.start()
-            self.clock.start()
             reset, self._reset = self._reset, False
+            self.servos.start(reset=reset)
+            self.clock.start()
             if reset:
-                self.servos.reset_faults()
                 self._idle(lambda: False, 0.1)
             self._torque()
             self.servos.home(self._home, self._transmission.motor(self._home))

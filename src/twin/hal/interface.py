@@ -39,7 +39,6 @@ class Condition(NamedTuple):
         within: Longest time in s from its start to its detection.
         reaction: What is done, in words.
         recovery: What a person does to go on, in words.
-        restart: Whether a reset cannot end it, only switching off and on again.
         device: Whether a device has a fault then; that there is no ball is none.
     """
 
@@ -48,7 +47,6 @@ class Condition(NamedTuple):
     within: float
     reaction: str
     recovery: str
-    restart: bool = False
     device: bool = True
 
 

@@ -296,7 +296,7 @@ def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(ri
     (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)
     assert "F129 CAN monitoring: the master went silent, F235" in fault.detail
     assert "--reset" in fault.condition.recovery
-    rig.servos.reset_faults()
+    rig.servos.start(reset=True)
     rig.run(0.1)
     drive.fail(501)  # a new one is not called by the old one's number
     (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)

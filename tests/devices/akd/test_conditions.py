@@ -124,8 +124,8 @@ def test_a_fault_is_not_reset_without_a_request(rig):
 def test_a_reset_before_the_cause_is_gone_is_refused_and_said_so(rig):
     rig.drives[0].open_sto()
     rig.run(0.2)
+    rig.servos.start(reset=True)
     begin = rig.bus.time
-    rig.servos.reset_faults()
     seen = rig.run(0.3)
     refused = [each for each in seen if each.condition == c.RESET_REFUSED]
     assert refused

@@ -43,7 +43,7 @@ class _LastWarning:
 
 
 class FaultReports:
-    """Faults on their way to the supervisor: stops and levels are latched until the reset.
+    """Faults on their way to the supervisor: stops and levels are latched.
 
     Args:
         repeat: Shortest time in s between two reports of one warning.
@@ -58,7 +58,7 @@ class FaultReports:
         """Whether something is latched that forbids torque."""
 
     def report(self, condition: Condition, where: str, detail: str, at: float) -> None:
-        """Report a condition seen at a time in s: once until the reset, a warning every while."""
+        """Report a condition seen at a time in s: once, a warning every while."""
         key = condition.name, where
         if condition.severity is Severity.WARNING:
             last = self._warned.get(key)
@@ -77,7 +77,7 @@ class FaultReports:
         self._new.append(fault)
 
     def latched(self, condition: Condition, where: str) -> bool:
-        """Whether a condition was reported since the last reset; warnings are never latched."""
+        """Whether a condition was reported; warnings are never latched."""
         return (condition.name, where) in self._latched
 
     @property
@@ -85,18 +85,7 @@ class FaultReports:
         """Everything latched, oldest first."""
         return tuple(self._latched.values())
 
-    @property
-    def needs_restart(self) -> bool:
-        """Whether a reset cannot help."""
-        return any(fault.condition.restart for fault in self._latched.values())
-
     def take(self) -> tuple[Fault, ...]:
         """Faults reported since the last call, oldest first."""
         new, self._new = tuple(self._new), []
         return new
-
-    def reset(self) -> None:
-        """Forget what is latched; what persists is reported again."""
-        self._latched.clear()
-        self._warned.clear()
-        self.stopped = False
