@@ -47,7 +47,7 @@ def no_adapter(rig: LockstepRig) -> None:
 def refused_reset(rig: LockstepRig) -> None:
     """Drive phi refuses the reset of its fault when switched on."""
     OF_DRIVES["lasting_fault"](rig.lockstep)
-    rig.ask_reset()
+    rig.reset = True
 
 
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
