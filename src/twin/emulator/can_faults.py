@@ -74,10 +74,8 @@ class Rule:
 
     def hits(self, frame: Frame, towards: Towards, time: float) -> bool:
         """Whether a frame is one of those, chance aside."""
-        known, begins = (
-            self.cob_ids is None or frame.cob_id in self.cob_ids,
-            self.added + self.after,
-        )
+        known = self.cob_ids is None or frame.cob_id in self.cob_ids
+        begins = self.added + self.after
         return known and bool(towards & self.towards) and begins <= time < begins + self.lasting
 
 
