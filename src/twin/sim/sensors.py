@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put
 from twin.hal.interface import SCREEN, Touch
-from twin.settings import Unit, setting
+from twin.settings import Unit, ramp, setting
 
 Rigs = NDArray[np.integer]
 """Numbers of some rigs of a batch, shape (k,)."""
@@ -122,7 +122,7 @@ class EncoderModel:
     """
 
     counts: Number = setting("sensors.encoders.counts", COUNTS, ge=0)
-    variance: tuple[float, float] | Array = setting(
+    variance: tuple[float, float] | Array = ramp(
         "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
     )
 
@@ -179,12 +179,12 @@ class TouchModel:
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
-    dead_time: Number = setting("sensors.touch.dead_time", 0.042, ge=0, le=1)
+    dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
     spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
     rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
     frame_rate: Number = setting("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
     grid: Number = setting("sensors.touch.grid", 4096, ge=0)
-    variance: tuple[float, float] | Array = setting(
+    variance: tuple[float, float] | Array = ramp(
         "sensors.touch.variance", (7.2538e-7, 1.7721e-7), otherwise=(0.0, 0.0), ge=0
     )
 
