@@ -418,7 +418,7 @@ def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Ar
 
 def _place(law: Law | Observer, method: str = "control") -> str:
     """File and line of a method; of a law that holds another's command, or a predictor, of that."""
-    while hasattr(law, "law") or hasattr(law, "observer"):
-        law = law.law if hasattr(law, "law") else law.observer
+    while within := getattr(law, "law", None) or getattr(law, "observer", None):
+        law = within
     own = getattr(type(law), method)
     return f"{inspect.getsourcefile(own)}, line {inspect.getsourcelines(own)[1]}"
