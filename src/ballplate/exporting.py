@@ -11,6 +11,10 @@ from twin.errors import RecordError
 from twin.shipped import find
 
 EXACT = {"plant.kind": "lagrange"}
+QUIET = {
+    f"{key}.variance": [0, 0] for key in ("sensors.touch", "sensors.encoders", "disturbance")
+} | {"sensors.touch.dead_time_spread": 0}
+"""Without any noise; a vibration that is random is left out, too."""
 
 
 def fmu(
@@ -46,10 +50,12 @@ def fmu(
     if path.suffix != ".fmu":
         raise RecordError(f"{path}: an FMU's file must end in .fmu")
     find(str(scenario))
-    chosen = scenario_of(scenario, [*changes_of(settings, changes), *changes_of(EXACT, {})])
+    said = [*changes_of(settings, changes), *changes_of(EXACT, {})]
+    chosen = scenario_of(scenario, said)
+    still = QUIET | ({"plant.servo.vibration": 0} if chosen.plant.servo.vibration_wander else {})
+    quiet = scenario_of(scenario, [*said, *changes_of(still, {})])
     from twin.fmu.export import export
 
-    done = export(path, chosen, fmi=fmi)
-    if done.lacking:
-        (reporter or default()).warn(f"{path}: source only, without a binary: {done.lacking}")
+    if lacking := export(path, chosen, quiet, fmi=fmi):
+        (reporter or default()).warn(f"{path}: source only, without a binary: {lacking}")
     return path

@@ -15,20 +15,17 @@ def followed(rig, controller, scenario):
     recorder = Recorder(ticks, 1, scenario.rig.period, rig.channels, controller.observer.knows)
     (outcome,) = drive(rig, controller, scenario.duration, recorder)
     assert outcome.ending is Ending.FINISHED
-    rows, _ = recorder.rows(0)
-    names = [f"true_{axis}{rate}" for axis in ("x", "phi", "y", "theta") for rate in ("", "_rate")]
-    return np.array([rows[name] for name in names]).T
+    return recorder["state"][:, 0]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["circle", "cure"])
 def test_a_circle_under_the_loop_of_the_twin_is_the_same(tmp_path, name):
-    scenario = exact(
-        name, seed=5, plant__friction__breakaway_ratio=2.0, plant__friction__dwell_time=0.3
-    )
+    harder = {"plant__friction__breakaway_ratio": 2.0, "plant__friction__dwell_time": 0.3}
+    scenario = exact(name, seed=5, **harder)
     twin = assemble(scenario)
     there = followed(counted(twin.rig, 5), twin.controller, scenario)
-    rig = behind_the_seam(CRig(made(tmp_path, scenario)).begin(), scenario)
+    rig = behind_the_seam(CRig(made(tmp_path, name, seed=5, **harder)).begin(), scenario)
     here = followed(rig, build_controller(scenario), scenario)
     assert np.abs(here - there)[:, [0, 4]].max() < 1e-9
     rests = [(each[:, [1, 5]] == 0).all(axis=1) for each in (there, here)]

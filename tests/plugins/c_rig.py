@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ballplate.changes import changes_of, scenario_of
-from twin.fmu.export import export
+from ballplate.exporting import fmu as export
 from twin.fmu.variables import variables
 from twin.hal.interface import Touch
 from twin.run.assemble import assemble, build_limits
@@ -21,13 +21,13 @@ TYPES = {"Float64": ctypes.c_double, "Int32": ctypes.c_int32, "Boolean": ctypes.
 def exact(name="circle", **settings):
     """A shipped scenario on the exact equations, keys with __ for dots."""
     keys = {key.replace("__", "."): value for key, value in settings.items()}
-    return scenario_of(name, [*changes_of(keys | {"plant.kind": "lagrange"}, {})])
+    return scenario_of(name, changes_of(keys | {"plant.kind": "lagrange"}, {}))
 
 
-def made(folder, scenario, fmi=3):
-    """An FMU of the scenario, unpacked, and the path of its library."""
+def made(folder, name="circle", fmi=3, **settings):
+    """An FMU of a scenario, unpacked, and the path of its library."""
     path = folder / f"rig{fmi}.fmu"
-    export(path, scenario, fmi=fmi)
+    export(name, path, {key.replace("__", "."): value for key, value in settings.items()}, fmi=fmi)
     with zipfile.ZipFile(path) as archive:
         archive.extractall(folder / f"fmi{fmi}")
     (library,) = (folder / f"fmi{fmi}").rglob("*.so")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any
 from xml.etree import ElementTree
 
@@ -11,72 +14,46 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.fmu.variables import Variable
+from twin.scenario.schema import Scenario
 
-TYPES = {
-    2: {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
-    3: {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"},
-}
-"""What each version calls a type."""
-UNITS = {
-    "m": {"m": 1},
-    "m/s": {"m": 1, "s": -1},
-    "m/s^2": {"m": 1, "s": -2},
-    "m^2": {"m": 2},
-    "rad": {"rad": 1},
-    "rad/s": {"rad": 1, "s": -1},
-    "rad/s^2": {"rad": 1, "s": -2},
-    "rad^2": {"rad": 2},
-    "(rad/s^2)^2": {"rad": 2, "s": -4},
-    "s": {"s": 1},
-    "Hz": {"s": -1},
-    "kg": {"kg": 1},
-    "kg m^2": {"kg": 1, "m": 2},
-}
-"""Exponents of the base units; all factors are 1."""
+TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+"""What FMI 3.0 calls the types of FMI 2.0."""
 LARGEST = float(np.finfo(float).max)
 INTEGER = 2.0**31 - 1
-Attributes = dict[str, Any]
+REMEMBERED = 0.25
+"""Least time in s for which the screen remembers the ball, so that its dead time may be set."""
 
 
 def model_description(
+    scenario: Scenario,
     variables: Sequence[Variable],
     *,
     fmi: int,
-    name: str,
     identifier: str,
     token: str,
-    description: str,
-    version: str,
-    period: float,
-    duration: float,
     sources: Sequence[str],
 ) -> str:
     """The model description of FMI 2.0 or 3.0, as XML.
 
     Args:
+        scenario: Whose rig it is.
         variables: In the order of their value references.
         fmi: 2 or 3.
-        name: What the model is called.
-        identifier: What its binaries are called.
+        identifier: What the model and its binaries are called.
         token: By which FMU and description know each other.
-        description: What it is, in a sentence.
-        version: Of this program.
-        period: Control period in s, which is the fixed step.
-        duration: Of the default experiment in s.
         sources: Names of the source files, which FMI 2.0 lists here.
     """
-    root = ElementTree.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": f"{fmi}.0",
-            "modelName": name,
-            "guid" if fmi == 2 else "instantiationToken": token,
-            "description": description,
-            "version": version,
-            "generationTool": f"ballplate {version}",
-            "variableNamingConvention": "structured",
-        },
-    )
+    period = repr(scenario.rig.period)
+    own = version("ballplate")
+    root = ElementTree.Element("fmiModelDescription", fmiVersion=f"{fmi}.0", modelName=identifier)
+    root.attrib |= {
+        "guid" if fmi == 2 else "instantiationToken": token,
+        "description": f"Rig of: {scenario.title}. Exact equations, drives, touch screen, encoders "
+        "and limits; without the mechanism.",
+        "version": own,
+        "generationTool": f"ballplate {own}",
+        "variableNamingConvention": "structured",
+    }
     able = ("canHandleVariableCommunicationStepSize", "canBeInstantiatedOnlyOncePerProcess")
     state = ("canGetAndSetFMU{}tate", "canSerializeFMU{}tate")
     part = _add(root, "CoSimulation", modelIdentifier=identifier)
@@ -87,15 +64,15 @@ def model_description(
         for source in sources:
             _add(files, "File", name=source)
     else:
-        part.set("fixedInternalStepSize", repr(period))
+        part.set("fixedInternalStepSize", period)
     units = _add(root, "UnitDefinitions")
     for unit in sorted({each.unit for each in variables} - {""}):
-        _add(_add(units, "Unit", name=unit), "BaseUnit", **UNITS[unit])
+        _add(_add(units, "Unit", name=unit), "BaseUnit", **exponents(unit))
     _add(_add(root, "LogCategories"), "Category", name="logStatusError")
-    _add(root, "DefaultExperiment", startTime="0", stopTime=repr(duration), stepSize=repr(period))
+    _add(root, "DefaultExperiment", startTime=0, stopTime=scenario.duration, stepSize=period)
     listed = _add(root, "ModelVariables")
     for reference, each in enumerate(variables):
-        (_variable2 if fmi == 2 else _variable3)(listed, reference, each)
+        _variable(listed, each, reference, fmi)
     structure = _add(root, "ModelStructure")
     outputs = [i for i, each in enumerate(variables) if each.causality == "output"]
     if fmi == 2:
@@ -133,39 +110,37 @@ def _add(parent: ElementTree.Element, tag: str, /, **attributes: object) -> Elem
     return ElementTree.SubElement(parent, tag, {key: str(a) for key, a in attributes.items()})
 
 
-def _common(each: Variable, reference: int) -> tuple[Attributes, Attributes]:
-    """What a variable says of itself in both versions, and what belongs to its type."""
-    own: Attributes = {"name": each.name, "valueReference": reference}
+def exponents(unit: str) -> dict[str, int]:
+    """Those of the base units in an SI unit, as ``kg m^2`` or ``rad/s^2``; all factors are 1."""
+    if unit == "Hz":
+        return {"s": -1}
+    found = re.findall(r"(/?)([a-z]+)\^?(\d?)", unit)
+    return {base: int(power or 1) * (-1 if over else 1) for over, base, power in found}
+
+
+def _variable(parent: ElementTree.Element, each: Variable, reference: int, fmi: int) -> None:
+    """Add a variable; what belongs to its type is an element of its own in FMI 2.0."""
+    own: dict[str, Any] = {"name": each.name, "valueReference": reference}
     own |= {"description": each.meaning, "causality": each.causality}
     own["variability"] = each.variability
     if each.causality not in {"independent", "input"}:
         own["initial"] = "calculated" if each.start is None else "exact"
-    typed: Attributes = {}
-    if each.type != "Boolean":
-        for end, bounds in (("min", ("ge", "gt")), ("max", ("le", "lt"))):
-            found = [limit for bound, limit in each.bounds if bound in bounds]
-            typed |= {end: _number(each, limit) for limit in found}
-    if each.unit and each.type == "Real":
-        typed["unit"] = each.unit
+    typed: dict[str, Any] = {"unit": each.unit} if each.unit and each.type == "Real" else {}
+    for name, limit in (("min", each.low), ("max", each.high)):
+        if abs(limit) < LARGEST and each.type != "Boolean":
+            typed[name] = _number(each, limit)
     if each.start is not None:
         typed["start"] = _number(each, each.start)
-    return own, typed
+    if fmi == 2:
+        _add(_add(parent, "ScalarVariable", **own), each.type, **typed)
+    else:
+        _add(parent, TYPES[each.type], **own | typed)
 
 
 def _number(each: Variable, value: float) -> str:
     if each.type == "Boolean":
         return "true" if value else "false"
     return str(int(value)) if each.type == "Integer" else repr(float(value))
-
-
-def _variable2(parent: ElementTree.Element, reference: int, each: Variable) -> None:
-    own, typed = _common(each, reference)
-    _add(_add(parent, "ScalarVariable", **own), TYPES[2][each.type], **typed)
-
-
-def _variable3(parent: ElementTree.Element, reference: int, each: Variable) -> None:
-    own, typed = _common(each, reference)
-    _add(parent, TYPES[3][each.type], **own | typed)
 
 
 def c_name(variable: str) -> str:
@@ -175,68 +150,53 @@ def c_name(variable: str) -> str:
 
 
 def c_source(
-    variables: Sequence[Variable],
-    *,
-    token: str,
-    kind: int,
-    period: float,
-    step: float,
-    ring: int,
-    surface: Array | None,
+    scenario: Scenario, variables: Sequence[Variable], token: str, surface: Array | None
 ) -> dict[str, str]:
     """The two files that tell the C source of its scenario, by name.
 
     Args:
+        scenario: Whose rig it is.
         variables: In the order of their value references.
-        token: By which FMU and description know each other.
-        kind: A number that no other FMU has, below 2^64.
-        period: Control period in s.
-        step: Time step of the simulation in s.
-        ring: Control periods for which the screen remembers the ball.
+        token: By which FMU and description know each other; hexadecimal.
         surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
     """
     grid = np.zeros((1, 1, 3)) if surface is None else surface
     size = (0, 0) if surface is None else surface.shape
+    touch, period = scenario.sensors.touch, scenario.rig.period
+    waits = touch.dead_time + 4 * touch.dead_time_spread
+    waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
     defined = {
         "TOKEN": f'"{token}"',
-        "KIND": f"UINT64_C({kind})",
+        "KIND": f"UINT64_C(0x{token[:16]})",
         "PERIOD": repr(period),
-        "STEP": repr(step),
-        "STEPS": round(period / step),
-        "RING": ring,
+        "STEP": repr(scenario.plant.step),
+        "STEPS": round(period / scenario.plant.step),
+        "RING": 2 + math.ceil(max(waits, REMEMBERED) / period),
         "SURFACE_X": size[0],
         "SURFACE_Y": size[1],
         "SLOPING": int(bool(grid[..., 1:].any())),
     }
-    names = [c_name(each.name) for each in variables]
     header = [
         "/* Written by ballplate: the variables of this FMU, and what its scenario fixes. */",
         "#ifndef SCENARIO_H\n#define SCENARIO_H\n",
         *(f"#define {name} {value}" for name, value in defined.items()),
         "\nenum Variable {",
-        *(f"    {name}," for name in names),
+        *(f"    {c_name(each.name)}," for each in variables),
         "    VARIABLES\n};\n\n#endif\n",
     ]
-    points = ",\n".join("{" + ", ".join(_row(point) for point in line) + "}" for line in grid)
+    points = json.dumps(grid.tolist()).translate(str.maketrans("[]", "{}"))
     tables = [
-        "/* Written by ballplate. */",
-        '#include "rig.h"\n',
-        "const Kind KINDS[VARIABLES] = {",
+        '/* Written by ballplate. */\n#include "rig.h"\n\nconst Kind KINDS[VARIABLES] = {',
         *(f"    {_kind(each)}," for each in variables),
-        "};\n",
-        f"const double SURFACE[{len(grid)}][{grid.shape[1]}][3] = {{\n{points}\n}};\n",
+        f"}};\n\nconst double SURFACE[{len(grid)}][{grid.shape[1]}][3] =\n{points};\n",
     ]
     return {"scenario.h": "\n".join(header), "scenario.c": "\n".join(tables)}
-
-
-def _row(point: Array) -> str:
-    return "{" + ", ".join(repr(float(value)) for value in point) + "}"
 
 
 def _kind(each: Variable) -> str:
     when = {"tunable": "ALWAYS", "fixed": "AT_START"}.get(each.variability, "NEVER")
     settable = "ALWAYS" if each.causality == "input" else when
     largest = INTEGER if each.type == "Integer" else LARGEST
-    low, high = np.clip(each.range, -largest, largest)
+    low, high = np.clip((each.low, each.high), -largest, largest)
     numbers = ", ".join(repr(float(value)) for value in (each.start or 0.0, low, high))
     return f'{{"{each.name}", {each.type.upper()}, {settable}, {numbers}}}'

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from controllers.ballplate import STATES, BallPlate
 from twin.hal.interface import Limits
@@ -35,47 +33,38 @@ SAID = {
 }
 """Units that the meaning of a key does not give, or gives in words."""
 MEASURED = {"x": "m", "phi": "rad", "y": "m", "theta": "rad"}
+SEEDS = 2**31
+"""Number of seeds, which an integer of FMI 2.0 can be."""
 FAULTS = (
     "0 none, 1 ball outside its area, 2 plate past its limit, 3 ball lost, 4 ball too fast, "
     "5 command not finite; from a fault on the rig levels its plate"
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Variable:
+class Variable(NamedTuple):
     """One variable of a model description; its value reference is its place in the list.
 
     Attributes:
         name: Its name; ``[1]`` and ``[2]`` end those of a pair (x, y) or (phi, theta).
         causality: As FMI has it: independent, input, output, local or parameter.
         variability: continuous, discrete, fixed, tunable or constant.
-        type: Real, Integer or Boolean.
-        unit: SI unit; empty for none.
-        start: Its value at the beginning; None for what is calculated.
-        bounds: Range as a setting has it: any of ge, gt, le, lt, in SI.
         meaning: What it is, in a sentence.
+        unit: SI unit; empty for none.
+        type: Real, Integer or Boolean.
+        start: Its value at the beginning; None for what is calculated.
+        low: The smallest number it may be.
+        high: The largest.
     """
 
     name: str
     causality: str
     variability: str
-    type: str = "Real"
-    unit: str = ""
-    start: float | None = None
-    bounds: tuple[tuple[str, float], ...] = ()
     meaning: str
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """The smallest and the largest number it may be."""
-        low, high = -np.inf, np.inf
-        for bound, limit in self.bounds:
-            match bound:
-                case "ge" | "gt":
-                    low = limit if bound == "ge" else np.nextafter(limit, np.inf)
-                case _:
-                    high = limit if bound == "le" else np.nextafter(limit, -np.inf)
-        return float(low), float(high)
+    unit: str = ""
+    type: str = "Real"
+    start: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
 
 
 def variables(scenario: Scenario, phase: float) -> list[Variable]:
@@ -90,33 +79,26 @@ def variables(scenario: Scenario, phase: float) -> list[Variable]:
 
 def _signals() -> Iterator[Variable]:
     """Time, inputs, outputs and the truth; columns of a record have their names."""
-    yield _signal("time", "independent", "s", "Time.")
+    smooth, jumps = "continuous", "discrete"
+    yield Variable("time", "independent", smooth, "Time.", "s")
     for axis in ("phi", "theta"):
-        yield Variable(
-            name=f"rate_{axis}", causality="input", variability="continuous", unit="rad/s",
-            start=0.0, meaning=f"Commanded plate rate {axis}', held for each control period.",
-        )  # fmt: skip
+        what = f"Commanded plate rate {axis}', held for each control period."
+        yield Variable(f"rate_{axis}", "input", smooth, what, "rad/s", start=0.0)
     for name, unit in MEASURED.items():
-        yield _signal(f"measured_{name}", "output", unit, f"{name} as it is measured.")
-    yield _signal("age", "output", "s", "How long ago the frame of the screen came.")
-    yield _signal("touched", "output", "", "Whether the screen feels the ball.", "Boolean")
-    yield _signal("fault", "output", "", FAULTS, "Integer")
+        yield Variable(f"measured_{name}", "output", smooth, f"{name} as measured.", unit)
+    yield Variable("age", "output", smooth, "How long ago the frame of the screen came.", "s")
+    what = "Whether the screen feels the ball."
+    yield Variable("touched", "output", jumps, what, type="Boolean")
+    yield Variable("fault", "output", jumps, FAULTS, type="Integer")
     for axis in ("phi", "theta"):
         what = f"Commanded plate rate {axis}' within the limits of the rig."
-        yield _signal(f"applied_{axis}_rate", "local", "rad/s", what)
+        yield Variable(f"applied_{axis}_rate", "local", smooth, what, "rad/s")
     for name in STATES:
         unit = MEASURED[name.removesuffix("_rate")] + "/s" * name.endswith("_rate")
-        yield _signal(f"true_{name}", "local", unit, f"{name} as it is; no rig can measure it.")
+        what = f"{name} as it is; no rig can measure it."
+        yield Variable(f"true_{name}", "local", smooth, what, unit)
     what = "Whether the ball has never left the screen."
-    yield _signal("true_on_plate", "local", "", what, "Boolean")
-
-
-def _signal(name: str, causality: str, unit: str, meaning: str, kind: str = "Real") -> Variable:
-    variability = "continuous" if kind == "Real" else "discrete"
-    return Variable(
-        name=name, causality=causality, variability=variability, type=kind, unit=unit,
-        meaning=meaning,
-    )  # fmt: skip
+    yield Variable("true_on_plate", "local", jumps, what, type="Boolean")
 
 
 def _own(scenario: Scenario, phase: float) -> Iterator[Variable]:
@@ -128,23 +110,18 @@ def _own(scenario: Scenario, phase: float) -> Iterator[Variable]:
         ("gravity", model.gravity, "m/s^2", "Gravitational acceleration."),
         ("height", model.height, "m", "From the cardan joint up to the screen."),
     ):
-        yield Variable(
-            name=name, causality="local", variability="constant", unit=unit, start=value,
-            meaning=what,
-        )  # fmt: skip
-    low, limits = ("ge", 0.0), ("le", 2.0**31 - 1)
-    for name, kind, value, unit, bounds, what in (
-        ("noise", "Boolean", 1, "", (low, ("le", 1)), "Whether there is noise at all."),
-        ("seed", "Integer", scenario.seed % 2**31, "", (low, limits), "Which noise is drawn."),
-        ("sensors.noise_hold", "Real", scenario.sensors.noise_hold, "s", (low,),
-         "How long one draw of the noise holds; 0 for a new one every control period."),
-        ("sensors.touch.frame_phase", "Real", phase, "", (low, ("lt", 1)),
-         "At which share of a frame the first frame comes."),
-    ):  # fmt: skip
-        yield Variable(
-            name=name, causality="parameter", variability="fixed", type=kind, unit=unit,
-            start=value, bounds=bounds, meaning=what,
-        )  # fmt: skip
+        yield Variable(name, "local", "constant", what, unit, start=value)
+    given = "parameter", "fixed"
+    what = "Whether there is noise at all."
+    yield Variable("noise", *given, what, "", "Boolean", 1, 0, 1)
+    seed = scenario.seed % SEEDS
+    yield Variable("seed", *given, "Which noise is drawn.", "", "Integer", seed, 0, SEEDS - 1)
+    what = "How long one draw of the noise holds; 0 for a new one every control period."
+    hold = scenario.sensors.noise_hold
+    yield Variable("sensors.noise_hold", *given, what, "s", "Real", hold, 0)
+    what = "At which share of a frame the first frame comes."
+    name = "sensors.touch.frame_phase"
+    yield Variable(name, *given, what, "", "Real", phase, 0, math.nextafter(1, 0))
 
 
 def parameters(scenario: Scenario) -> Iterator[Variable]:
@@ -160,17 +137,15 @@ def _parameter(scenario: Scenario, about: Setting, meaning: str) -> Iterator[Var
     base = about.key.removesuffix(suffix)
     values: Any = about.unit.to_si(about.of(scenario))
     pair = isinstance(values, tuple)
-    unit = UNIT.search(meaning)
+    found = UNIT.search(meaning)
+    unit = SAID.get(base, found["unit"] if found else "")
     tunable = base.startswith(TUNABLE) or base.endswith(".variance")
-    renamed = f" Key of `ballplate describe`: {about.key}." if suffix else ""
+    kind = "Integer" if isinstance(about.default, int) else "Real"
+    limits = {name: about.unit.to_si(limit) for name, limit in about.bounds.items()}
+    low = limits.get("ge", math.nextafter(limits.get("gt", -math.inf), math.inf))
+    high = limits.get("le", math.nextafter(limits.get("lt", math.inf), -math.inf))
+    meaning += f" Key of `ballplate describe`: {about.key}." if suffix else ""
     for i, value in enumerate(values if pair else (values,)):
-        yield Variable(
-            name=f"{base}[{i + 1}]" if pair else base,
-            causality="parameter",
-            variability="tunable" if tunable else "fixed",
-            type="Integer" if isinstance(about.default, int) else "Real",
-            unit=SAID.get(base, unit["unit"] if unit else ""),
-            start=value,
-            bounds=tuple((name, about.unit.to_si(limit)) for name, limit in about.bounds.items()),
-            meaning=meaning + renamed,
-        )
+        name = f"{base}[{i + 1}]" if pair else base
+        how = "tunable" if tunable else "fixed"
+        yield Variable(name, "parameter", how, meaning, unit, kind, value, low, high)

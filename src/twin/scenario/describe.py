@@ -181,9 +181,9 @@ def _kind(table: str, field: FieldInfo) -> Key:
 def _settings(table: str, kind: str) -> Iterator[Key]:
     """The settings of a law, observer or reference."""
     cls = choices(table)[kind]
-    meanings = meanings(cls)
+    said = meanings(cls)
     for name, schema in settings_model(cls).model_json_schema()["properties"].items():
-        yield replace(_key(f"{table}.{name}", schema, meanings.get(name, "")), kind=kind)
+        yield replace(_key(f"{table}.{name}", schema, said.get(name, "")), kind=kind)
 
 
 def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | None = None) -> Key:
