@@ -44,6 +44,11 @@ EFFECTS = {
     "fell": {"plant__start__x": 0.3, "plant__start__x_rate": 0.5, "rig__limits__margin": 0.2},
     "cams": {"rig__cam_error_percent": [2.0, -3.0], "rig__cam_coupling_percent": 1.0},
 }
+EFFECTS["all"] = {
+    key: value
+    for each in ("ageing", "viscous", "level", "train", "wander", "disturbance", "frames", "cams")
+    for key, value in EFFECTS[each].items()
+}
 FAULTS = ["", "ball at", "plate at", "no longer feels", "too fast"]
 
 
@@ -82,10 +87,13 @@ def both(scenario, c, ticks, rates=wish, seed=0):
     return np.array(twin), np.array(ours), notes
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
-def test_every_effect_is_that_of_the_twin(library, effect):
+LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
+
+
+@pytest.mark.parametrize(("effect", "ticks"), [("all", 300), *LONG])
+def test_every_effect_is_that_of_the_twin(library, effect, ticks):
     scenario = exact(seed=7, **EFFECTS[effect])
-    twin, ours, notes = both(scenario, CRig(library, scenario), 700, seed=7)
+    twin, ours, notes = both(scenario, CRig(library, scenario), ticks, seed=7)
     np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
     for stopped, reason, fault in notes:
         assert (fault > 0) == stopped
@@ -108,6 +116,7 @@ def test_a_command_that_is_no_number_levels_the_plate(library):
     assert abs(c.truth[2]) < 1e-3
 
 
+@pytest.mark.long
 def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
     uneven = {
         "plant__surface__spread_percent": 30.0,
@@ -121,6 +130,7 @@ def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
     assert abs(flat - ours).max() > 1e-3
 
 
+@pytest.mark.long
 def test_the_ball_rests_and_breaks_away_in_the_same_periods(library):
     scenario = exact(**EFFECTS["ageing"])
     twin, ours, _ = both(scenario, CRig(library, scenario), 2500, jolt)
@@ -130,6 +140,7 @@ def test_the_ball_rests_and_breaks_away_in_the_same_periods(library):
     assert np.abs(np.diff(rests[0].astype(int))).sum() >= 4
 
 
+@pytest.mark.long
 def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
     said = {
         "plant.friction.breakaway_ratio": 2.0,
