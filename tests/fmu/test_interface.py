@@ -1,4 +1,4 @@
-"""An FMU as importers see it: valid, complete, simulated, saved, restored, and refused in a line."""
+"""An FMU as importers see it: valid, complete, simulated, saved, restored; what it refuses."""
 
 import ctypes
 import re
@@ -47,22 +47,24 @@ def test_every_function_of_the_header_is_there(fmu):
     assert [name for name in declared if not hasattr(loaded, name)] == []
 
 
-def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
+def answers(fmu, name="out"):
+    """The reference that lies in an FMU, or the commands of it."""
     folder = next((fmu.parent / f"fmi{fmu.stem[-1]}").glob("extra/*"))
-    commands, answers = (
-        np.genfromtxt(folder / f"reference_{name}.csv", delimiter=",", names=True)
-        for name in ("in", "out")
-    )
-    names = answers.dtype.names[1:]
+    return np.genfromtxt(folder / f"reference_{name}.csv", delimiter=",", names=True)
+
+
+def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
+    commands, expected = answers(fmu, "in"), answers(fmu)
+    names = expected.dtype.names[1:]
     found = fmpy.simulate_fmu(
         str(fmu), start_values={"noise": False}, input=commands, output=list(names)
     )
-    assert len(found) == len(answers) == 201
+    assert len(found) == len(expected) == 201
     for name in names:
-        np.testing.assert_allclose(found[name], answers[name], rtol=0, atol=1e-10)
-    assert abs(answers["true_x"]).max() > 1e-3
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-10)
+    assert abs(expected["true_x"]).max() > 1e-3
     noisy = fmpy.simulate_fmu(str(fmu), input=commands, output=list(names))
-    assert abs(noisy["measured_x"] - answers["measured_x"]).max() > 1e-4
+    assert abs(noisy["measured_x"] - expected["measured_x"]).max() > 1e-4
 
 
 def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
@@ -166,6 +168,26 @@ def test_exponents_are_those_of_the_unit():
 def test_the_first_frame_comes_when_it_does_in_the_twin():
     scenario = exact(seed=11)
     assert frame_phase(scenario) == assemble(scenario).rig.devices._screen._offset[0]
+
+
+def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
+    page = (HERE.parents[1] / "docs" / "simulink.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"^```matlab\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    listed = fmpy.read_model_description(str(fmu)).modelVariables
+    for causality in ("input", "output"):
+        (names,) = re.findall(rf"^{causality}s = \{{(.*)\}};$", script, re.MULTILINE)
+        inside = [each.name for each in listed if each.causality == causality]
+        assert re.findall(r"'(\w+)'", names) == inside  # the order of the block's ports
+    assert set(re.findall(r"(?:expected|out)\.(measured\w+)", script)) <= set(
+        answers(fmu).dtype.names
+    )
+    assert set(re.findall(r"commands\.(\w+)", script)) == {"time"}
+    steps = re.findall(r"'(?:FixedStep|FMUSampleTime|SampleTime)', '([\d.]+)'", script)
+    assert set(steps) == {"0.002"}
+    table = page[page.index("| variable |") : page.index("- A communication step")]
+    names = {each.name for each in listed}
+    for quoted in re.findall(r"`([a-z_.]+)`", table.replace("`_", "")):
+        assert quoted in names, quoted
 
 
 @pytest.mark.long
