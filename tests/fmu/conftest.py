@@ -217,6 +217,16 @@ def behind_the_seam(rig, scenario):
 
 
 @pytest.fixture(scope="session")
-def library(tmp_path_factory):
+def exported(tmp_path_factory):
+    """Folder of an FMU of both versions, unpacked beside it."""
+    folder = tmp_path_factory.mktemp("fmu")
+    for fmi in (2, 3):
+        made(folder, fmi=fmi, duration=0.4, plant__start__x=0.05, plant__start__y=0.03)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def library(exported):
     """One that any even screen's rig can be made of by its parameters."""
-    return made(tmp_path_factory.mktemp("fmu"), duration=0.02)
+    (path,) = (exported / "fmi3").rglob("*.so")
+    return path

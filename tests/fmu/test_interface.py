@@ -9,7 +9,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from c_rig import CRig, exact, made
+from c_rig import CRig, exact
 from click.testing import CliRunner
 from fmpy.validation import validate_fmu
 
@@ -25,11 +25,9 @@ from twin.scenario.describe import described
 HERE = Path(__file__).parent
 
 
-@pytest.fixture(scope="module", params=[2, 3])
-def fmu(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(f"fmi{request.param}")
-    made(folder, fmi=request.param, duration=0.4, plant__start__x=0.05)
-    return folder / f"rig{request.param}.fmu"
+@pytest.fixture(params=[2, 3])
+def fmu(request, exported):
+    return exported / f"rig{request.param}.fmu"
 
 
 def test_fmpy_finds_nothing_to_complain_of(fmu):
@@ -42,7 +40,7 @@ def test_every_function_of_the_header_is_there(fmu):
     header = Path(fmpy.__file__).parent / "c-code" / f"fmi{number}Functions.h"
     declared = re.findall(rf"^#define (fmi{number}\w+) +fmi\dFullName", header.read_text(), re.M)
     assert len(declared) > 40
-    (library,) = fmu.parent.rglob("*.so")
+    (library,) = (fmu.parent / f"fmi{number}").rglob("*.so")
     loaded = ctypes.CDLL(str(library))
     assert [name for name in declared if not hasattr(loaded, name)] == []
 

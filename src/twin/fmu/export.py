@@ -21,7 +21,7 @@ import numpy as np
 from twin.errors import ScenarioError, TwinError
 from twin.fmu.description import build_description, c_source, model_description, written
 from twin.fmu.variables import Variable, variables
-from twin.run.assemble import assemble
+from twin.run.assemble import assemble, own_errors
 from twin.run.plants import build_friction
 from twin.scenario.schema import Scenario
 from twin.writing import write_whole
@@ -98,7 +98,7 @@ def reference(scenario: Scenario) -> dict[str, str]:
     commands, answers = ["time,rate_phi,rate_theta"], []
     names = [f"measured_{name}" for name in ("x", "phi", "y", "theta")]
     answers.append(",".join(["time", *names, "true_x", "true_y"]))
-    with rig:
+    with own_errors(), rig:
         measured = rig.read()
         controller.start(measured)
         rig.start()
