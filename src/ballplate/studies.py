@@ -107,7 +107,7 @@ class Sweep:
     def plot(self, *metrics: str) -> Figure:
         """Indicators over the first key, a curve for each value of the others.
 
-        Runs that ended early are crosses at the bottom.
+        Runs that ended early are crosses at the top.
 
         Args:
             metrics: Their names, as ``settling_time``; by default the tracking error, or, where
@@ -141,7 +141,8 @@ class Sweep:
                     panel.plot(at, shown, marker="o", ms=4, label=curve, **look)
                     if early.any():
                         cross = {"color": look["color"], "ms": 7, "clip_on": False}
-                        panel.plot(at[early], 0 * at[early], "x", **cross)
+                        top = panel.get_xaxis_transform()
+                        panel.plot(at[early], np.ones(early.sum()), "x", transform=top, **cross)
                 panel.set(ylabel=f"{words} [{unit}]", ylim=(0, None))
             early_too = "" if self.finished else "  (×: the run ended early)"
             panels[-1].set_xlabel(f"{self.keys[0]}{early_too}")

@@ -124,12 +124,13 @@ def html(runs: Sequence[Run]) -> str:
         differ = [(key, *values) for key, values in differing(runs)]
         what = "Settings that differ; the others are those of the first run, below"
         blocks.append(Table(what, ("key", *names), differ, words=range(1 + len(runs))))
-    settings = [*in_json(runs[0].settings).items()]
-    blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1)))
     blocks += [
         Code(file or "Typed at a prompt", text, f"Of {whose}." if several else "")
         for whose, file, text in _sources(runs)
     ]
+    settings = [*in_json(runs[0].settings).items()]
+    folded = f"all {len(settings)}"
+    blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1), folded=folded))
     versions = [
         ", ".join(f"{name} {version}" for name, version in run.versions.items()) for run in runs
     ]
@@ -150,8 +151,8 @@ def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
 
 
 def _title(runs: Sequence[Run]) -> str:
-    """One run's own, that of a what-if, or how many are compared."""
-    if len(runs) == 1:
+    """What all have in common, that of a what-if, or how many are compared."""
+    if len({run.scenario.title for run in runs}) == 1 and not runs[0].branch:
         return runs[0].scenario.title
     moments = {(run.branch.get("of"), run.branch.get("at")) for run in runs}
     if len(moments) == 1 and all(run.branch for run in runs):

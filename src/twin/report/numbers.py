@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.page import Table, digits
-from twin.run.indicators import LEFT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,11 +135,13 @@ def _rows(
         if any(value is not None for value in values):
             texts = (
                 each["outcome"]
-                if value is None and each.get("outcome") in LEFT
+                if value is None and each.get("outcome", "finished") != "finished"
                 else digits(value, unit)
                 for value, each in zip(values, summaries, strict=True)
             )
             found.append(IndicatorRow(label, unit, tuple(texts)))
+    if not found and summaries:  # all ended before there was anything to judge
+        found.append(IndicatorRow("outcome", "", tuple(each["outcome"] for each in summaries)))
     return found
 
 

@@ -281,8 +281,6 @@ def export(path: Path, columns: Columns, units: Units) -> None:
     write = WRITERS.get(path.suffix)
     if write is None:
         known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
-        if path.suffix == ".mp4":
-            moves += "; a folder of their frames, without ending, is what ffmpeg makes .mp4 of"
         raise RecordError(
             f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
         )
@@ -333,7 +331,7 @@ WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
 """Ending of a file to what writes it."""
 
 
-MOVING = (".webp", ".gif", ".apng", "")
+MOVING = (".webp", ".gif", ".apng", ".mp4", "")
 """Endings of moving pictures of runs, see ``twin.run.film``; none is a folder of their frames."""
 
 

@@ -108,7 +108,7 @@ def described(name: str = "") -> list[Key]:
     if found or any(name in (kind, kind.partition(".")[2]) for kind in kinds):
         return found
     every = [*general, *chain.from_iterable(kinds.values())]
-    found = [key for key in every if key.key.endswith(f".{name}")]
+    found = [key for key in every if f".{key.key}".endswith(f".{name}")]
     # one setting of a kind, as reference.path.points
     full, _, leaf = name.rpartition(".")
     found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]

@@ -43,7 +43,9 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
     if len(found) > 1 and best:
         few = [f"{each.variant} {each.whole.median:.3g}" for each in best]
         few = few if len(few) <= NAMED else [*few[:3], f"..., last {few[-1]}"]
-        words.append(f"By the median of {metric}, best first: {', '.join(few)}.")
+        lost = any(each.whole.failed for each in found)
+        how = "; a failed run is worse than any other" if lost else ""
+        words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
     if len(found) > 1:
         words += _common_importance(found, metric)
     for answer in found:
@@ -59,8 +61,13 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
 
 
 def in_order(found: Sequence[Answer]) -> list[Answer]:
-    """The variants by their median, the best first; those without one last."""
-    return sorted(found, key=lambda each: (math.isnan(each.whole.median), each.whole.median))
+    """The variants by the median of all runs, failed ones as the worst; the best first."""
+
+    def middle(answer: Answer) -> float:
+        every = sorted(math.inf if math.isnan(value) else value for value in answer.values.tolist())
+        return (every[(len(every) - 1) // 2] + every[len(every) // 2]) / 2 if every else math.inf
+
+    return sorted(found, key=middle)
 
 
 def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:

@@ -20,7 +20,7 @@ from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.settings import Unit, check, setting
+from twin.settings import Unit, check, jump, ramp, setting
 
 
 def bent(bend: Array, velocity: Array, time: float, distance: Array) -> Array:
@@ -183,12 +183,12 @@ class SurfaceModel:
         height: Height in m over the same grid; empty for none.
     """
 
-    spread: float = setting("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
-    slope: float = setting("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
-    patch: float = setting("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
-    seed: int = setting("plant.surface.seed", 0, ge=0)
-    relative: Grid = setting("plant.surface.relative", (), type=Grid)
-    height: Grid = setting("plant.surface.height_um", (), Unit.UM, type=Grid)
+    spread: float = jump("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
+    slope: float = jump("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
+    patch: float = jump("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
+    seed: int = jump("plant.surface.seed", 0, ge=0)
+    relative: Grid = jump("plant.surface.relative", (), type=Grid)
+    height: Grid = jump("plant.surface.height_um", (), Unit.UM, type=Grid)
 
     def map(self) -> SurfaceMap | None:
         """The surface; None if it is even and level."""
@@ -254,13 +254,11 @@ class Friction:
         ModelError: If a number is out of range.
     """
 
-    rolling: Number = setting(
-        "plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0
-    )
-    breakaway_ratio: Number = setting("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
-    stribeck_speed: Number = setting("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
-    dwell_time: Number = setting("plant.friction.dwell_time", 0.0, ge=0)
-    viscous: Number = setting("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
+    rolling: Number = ramp("plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0)
+    breakaway_ratio: Number = ramp("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
+    stribeck_speed: Number = ramp("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
+    dwell_time: Number = ramp("plant.friction.dwell_time", 0.0, ge=0)
+    viscous: Number = ramp("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
     presliding: Number = setting("plant.friction.presliding_um", 0.0, Unit.UM, ge=0, le=1000)
     map: SurfaceMap | None = None
 
