@@ -74,6 +74,7 @@ WRITTEN = {
     "index.md",
     "tutorial.md",
     "from-matlab.md",
+    "simulink.md",
     "run.md",
     "see.md",
     "law.md",

@@ -203,6 +203,8 @@ def report(
 @click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
+@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
+@SETTING
 @click.option(
     "--render",
     type=click.Choice(("plate", "mujoco")),
@@ -214,6 +216,8 @@ def export(
     every: int | None,
     columns: str | None,
     beside: tuple[Path, ...],
+    fmi: str | None,
+    overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
     """Export the signals of a run to a .csv, .mat or .parquet file, or the run as it moved.
@@ -221,7 +225,19 @@ def export(
     A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
     is a folder of its frames:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
+
+    In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
+    ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
     """
+    if file.suffix == ".fmu":
+        if every or columns is not None or beside or any(a is not None for a in cut.values()):
+            raise RecordError(f"{file}: of an .fmu there are the options --fmi and --set only")
+        from ballplate.exporting import fmu
+
+        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=Terminal())}")
+        return 0
+    if fmi or overrides:
+        raise RecordError(f"{file}: --fmi and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
     from twin.run.files import MOVING, check_no_scenario
