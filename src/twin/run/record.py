@@ -264,14 +264,14 @@ def write_run(
 @contextmanager
 def stream(
     file: Path, columns: Sequence[str], units: Mapping[str, str], metadata: Mapping[str, Any]
-) -> Iterator[Callable[[Array], None]]:
-    """Write a record while its run lasts; what is given rows, shape (K, columns), keeps them.
+) -> Iterator[Callable[[Mapping[str, Array]], None]]:
+    """Write a record while its run lasts; what is given columns, shape (K,) each, keeps them.
 
     When it returns they are on the disk, whatever becomes of this process or of the computer.
 
     Args:
         file: A new file; its folder is made if missing.
-        columns: Their names in the order of the rows, ``time`` first.
+        columns: Their names, ``time`` first.
         units: Name to unit.
         metadata: Of the run; JSON.
     """
@@ -284,8 +284,8 @@ def stream(
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
 
-        def append(rows: Array) -> None:
-            arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.T]
+        def append(rows: Mapping[str, Array]) -> None:
+            arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.values()]
             writer.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema))
             os.fsync(sink.fileno())
 

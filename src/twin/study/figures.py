@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -17,12 +19,8 @@ from twin.study.design import Design
 from twin.study.family import Point
 from twin.study.schema import Study
 
-INDEX = {
-    "sobol": "share of the variance: total Sobol index (black line: without interactions)",
-    "morris": "mean size of an elementary effect, mu*",
-    "lhs": "rank correlation",
-    "montecarlo": "rank correlation",
-}
+WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+"""What figures and indices are called."""
 FAILED = "#B00000"
 ENOUGH = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
@@ -100,7 +98,7 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
         panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set(
-        xlabel=f"{INDEX[study.method]}; hollow: undecided",
+        xlabel=f"{WORDS['axis'][study.method]}; hollow: undecided",
         title=f"What the {LABELS[study.metrics[0]][0]} depends on",
         yticks=range(len(keys)),
         yticklabels=keys,
