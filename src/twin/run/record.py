@@ -14,6 +14,7 @@ import hashlib
 import json
 import math
 import os
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -24,12 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
 from twin.data_file import DataError, parse_json
 from twin.errors import RecordError
-from twin.run.files import STREAM
+from twin.run.files import STREAM, arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
 from twin.writing import write_whole
 
@@ -48,22 +48,11 @@ class Channel:
     units: tuple[str, ...]
 
 
-_STATE_UNITS = ("m", "m/s", "rad", "rad/s", "m", "m/s", "rad", "rad/s")
-
 CHANNELS = {
-    "state": Channel(tuple(f"true_{name}" for name in STATES), _STATE_UNITS),
-    "measured": Channel(
-        ("measured_x", "measured_phi", "measured_y", "measured_theta"), ("m", "rad", "m", "rad")
-    ),
-    "age": Channel(("age",), ("s",)),
-    "touched": Channel(("touched",), ("1",)),
-    "estimate": Channel(tuple(f"estimated_{name}" for name in STATES), _STATE_UNITS),
-    "requested": Channel(("requested_phi_acc", "requested_theta_acc"), ("rad/s^2", "rad/s^2")),
-    "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
-    "supervisor": Channel(("supervisor",), ("1",)),
-    "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
-    "reference": Channel(("reference_x", "reference_y"), ("m", "m")),
-    "laid": Channel(("laid_x", "laid_y"), ("m", "m")),
+    name: Channel(tuple(columns), tuple(columns.values()))
+    for name, columns in tomllib.loads(
+        Path(__file__).with_name("channels.toml").read_text(encoding="utf-8")
+    ).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
@@ -277,9 +266,7 @@ def stream(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    fields = [
-        pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in columns
-    ]
+    fields = arrow_fields({name: units.get(name, "") for name in columns})
     schema = pa.schema(fields, metadata={"ballplate": json.dumps(metadata, sort_keys=True)})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
@@ -304,11 +291,9 @@ def table(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
-    arrays = [_arrow(recorder.time)]
-    for column, unit, values in recorder.columns():
-        fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
-        arrays.append(_arrow(values))
+    columns = [("time", "s", recorder.time), *recorder.columns()]
+    fields = arrow_fields({name: unit for name, unit, _ in columns})
+    arrays = [_arrow(values) for *_, values in columns]
     encoded: dict[str, str | bytes] = {"ballplate": json.dumps(metadata, sort_keys=True)}
     encoded |= beside or {}
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
