@@ -5,7 +5,6 @@ A header may give a column's unit, as ``measured_x [mm]``; without one it is the
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.run.files import is_record, log_file
 from twin.run.logs import read_columns
@@ -36,7 +36,7 @@ class LogColumn:
     required: bool = False
 
 
-_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 COLUMNS = {name: LogColumn(**about) for name, about in _TABLES.items()}
 """What ``identify`` reads; a log may have more columns."""
 UNITS = {name: column.unit for name, column in COLUMNS.items()}

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -18,14 +16,24 @@ from nicegui.element import Element
 from controllers.interfaces import DelayedObserver, Law, Observer
 from twin.hal.interface import SCREEN
 from twin.play.driven import drivable
-from twin.play.session import COLUMNS, Back, Errors, Event, Goal, Pause, Push, Settings, Status
+from twin.play.session import (
+    COLUMNS,
+    PAGE,
+    Back,
+    Errors,
+    Event,
+    Goal,
+    Pause,
+    Push,
+    Settings,
+    Status,
+)
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import choices
 
-_ABOUT = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-STRIPS = _ABOUT["strips"]
+STRIPS = PAGE["strips"]
 """Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
-SIDES = [each | {"half": 500 * side} for each, side in zip(_ABOUT["sides"], SCREEN, strict=True)]
+SIDES = [each | {"half": 500 * side} for each, side in zip(PAGE["sides"], SCREEN, strict=True)]
 """The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
 +y; half its length in mm."""
 
@@ -117,7 +125,7 @@ class Slider(NamedTuple):
 
 
 PLANT, (PREDICTOR,) = (
-    [Slider(**{"entry": None} | about) for about in _ABOUT["sliders"][of]]
+    [Slider(**{"entry": None} | about) for about in PAGE["sliders"][of]]
     for of in ("plant", "predictor")
 )
 
@@ -283,7 +291,7 @@ class Page:
     def _legend(self) -> None:
         sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
         with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:#37424a"):
-            for style, text in _ABOUT["legend"]:
+            for style, text in PAGE["legend"]:
                 html = f'<span style="{sign};{style}"></span>{text}'
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
 from twin.report.diagnosis import Diagnosis, spectrum
@@ -18,9 +18,7 @@ from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import MOST, drawn, picture, style
 
-DETAILS: dict[str, dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("details.toml").read_text(encoding="utf-8")
-)
+DETAILS = read_toml(Path(__file__).with_name("details.toml"))
 """Of each panel title, labels, and where its axis begins and ends if that is known."""
 
 

@@ -6,7 +6,6 @@ The picture of one or several runs: where the ball went, and what it took.
 from __future__ import annotations
 
 import textwrap
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -23,6 +22,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.transforms import offset_copy
 
 from controllers.arrays import Array, Mask
+from twin.data_file import read_toml
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
 from twin.writing import write_whole
@@ -113,7 +113,7 @@ BELOW, ABOVE = 39.0, 22.0
 """Room below the lowest panel, for ticks and label, and above the highest, for its title."""
 LABEL = -44.0
 """From a panel to the label of its vertical axis: past a tick of five digits and a sign."""
-_ABOUT = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_ABOUT = read_toml(Path(__file__).with_suffix(".toml"))
 PLACES = {name: about["place"] for name, about in _ABOUT.items()}
 """Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
 again as the whole picture: it draws every text to see how large it is."""

@@ -14,7 +14,6 @@ import hashlib
 import json
 import math
 import os
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -27,7 +26,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
-from twin.data_file import DataError, parse_json
+from twin.data_file import DataError, parse_json, read_toml
 from twin.errors import RecordError
 from twin.run.files import STREAM, arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
@@ -50,9 +49,7 @@ class Channel:
 
 CHANNELS = {
     name: Channel(tuple(columns), tuple(columns.values()))
-    for name, columns in tomllib.loads(
-        Path(__file__).with_name("channels.toml").read_text(encoding="utf-8")
-    ).items()
+    for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.identify.log import Log
@@ -34,9 +34,7 @@ PARAMETERS = (*BALL, *DRIVES, "noise")
 
 EXTRA = ("viscous", "stribeck", "dwell")
 """Further parameters of the friction, believed but not watched."""
-TABLES: dict[str, Any] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-)
+TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 """What is known of parameters and causes beforehand; the file says what is what."""
 CONSTANT, CHANGING, STOPPING, DRIFT = (
     {name: float(about[kind]) for name, about in TABLES["parameters"].items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.report.numbers import LABELS
 from twin.run.picture import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex
@@ -19,7 +19,7 @@ from twin.study.design import Design
 from twin.study.family import Point
 from twin.study.schema import Study
 
-WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+WORDS = read_toml(Path(__file__).with_name("words.toml"))
 """What figures and indices are called."""
 FAILED = "#B00000"
 ENOUGH = 20

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.arrays import Array
+from twin.data_file import read_toml
 from twin.hal.interface import Limits
 from twin.run.finished import states_of
 
@@ -66,9 +66,7 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
     return found
 
 
-PLOTS: dict[str, dict[str, str]] = tomllib.loads(
-    Path(__file__).with_name("plots.toml").read_text(encoding="utf-8")
-)
+PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
 FORCES = (
