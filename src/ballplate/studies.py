@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
@@ -371,19 +370,18 @@ def study(
     work = work_of(str(name), keys)
     if out is not None:
         check_writable(Path(out), report.name_of("out"))
+    store = Store(None if out is None else Path(out))
     with (
-        TemporaryDirectory() if out is None else nullcontext(out) as folder,
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
+        report.progress(work.study.title, work.different, "runs") as advance,
     ):
-        store = Store(Path(folder))
-        with report.progress(work.study.title, work.different, "runs") as advance:
-            rows = carry(
-                work,
-                store,
-                executor=cluster,
-                processes=processes or (cluster.workers if cluster else None),
-                progress=lambda done, failed: advance(done, f"{failed} failed"),
-            )
+        rows = carry(
+            work,
+            store,
+            executor=cluster,
+            processes=processes or (cluster.workers if cluster else None),
+            progress=lambda done, failed: advance(done, f"{failed} failed"),
+        )
     found = StudyResult(work, rows, answers(work, rows))
     if out is not None:
         found.save(out)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
 from twin.report.diagnosis import Diagnosis, spectrum
@@ -16,23 +18,8 @@ from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import MOST, drawn, picture, style
 
-DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
-    "spectrum": (
-        "Spectrum of the error (RMS of x, y)",
-        "frequency [Hz]",
-        "amplitude [mm]",
-        (1e-5, None),
-    ),
-    "estimate": ("Error of the estimated position", "time [s]", "distance [mm]", (0, None)),
-    "share": (
-        "How often the error was smaller",
-        "distance from reference [mm]",
-        "share of time [%]",
-        (0, 100),
-    ),
-    "late": ("How late the periods began", "lateness [us]", "periods", (None, None)),
-}
-"""Of each panel title, labels and range."""
+DETAILS = read_toml(Path(__file__).with_name("details.toml"))
+"""Of each panel title, labels, and where its axis begins and ends if that is known."""
 
 
 def overview(runs: Sequence[Run]) -> Figure:
@@ -69,8 +56,8 @@ def details(runs: Sequence[Run]) -> Figure:
             edges = np.linspace(0, max(top, 1.0), 60).tolist()
             panels["late"].hist(each, edges, histtype="step", log=True, **style(index))
         for name, panel in panels.items():
-            title, below, beside, limits = DETAILS[name]
-            panel.set(title=title, xlabel=below, ylabel=beside, ylim=limits)
+            panel.set(**DETAILS[name]["words"])
+            panel.set_ylim(**DETAILS[name].get("limits", {}))
         if 1 < len(runs) <= MOST:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)

@@ -18,7 +18,7 @@ from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
 from twin.study.experiments import labelled
 from twin.study.family import Point
-from twin.study.figures import ENOUGH, figures, metric_label, parameter_label, where_label
+from twin.study.figures import ENOUGH, WORDS, figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.work import Work
 from twin.writing import write_whole
@@ -141,19 +141,6 @@ def _tolerances(study: Study, found: Sequence[Answer]) -> list[str]:
     ]
 
 
-HEADINGS = {
-    "spread": "How large it is, and how often runs fail",
-    "indices": "Which parameters matter",
-    "curves": "Over each parameter",
-    "map": "Over the two parameters that matter most, and where runs fail",
-}
-NAMES = {
-    "sobol": ("total index", "first-order index"),
-    "morris": ("mu*", "sigma"),
-    "lhs": ("rank correlation", ""),
-    "montecarlo": ("rank correlation", ""),
-}
-
 KNOWN = ("variant", "where", "parameter", "must be known within")
 
 
@@ -174,13 +161,13 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         Verdict(sentences(study, found), good),
         compared(study, found),
         *grids(study, found),
-        *(Picture(HEADINGS[name], picture) for name, picture in drawn.items()),
+        *(Picture(WORDS["figures"][name], picture) for name, picture in drawn.items()),
     ]
     ended = endings(work, rows)
     blocks += [Text(ended, "Runs that failed")] if ended else []
     ranks = [row for answer in found for row in _indices(answer)]
     if ranks:
-        first, second = NAMES.get(study.method, ("", ""))
+        first, second = WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
     known = needed(study, found)
