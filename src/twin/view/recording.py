@@ -1,19 +1,16 @@
-"""Runs in the viewer: recorded ones as an ``.rrd`` file or a picture, live ones row by row."""
+"""Runs in the viewer: recorded ones as an ``.rrd`` file, live ones row by row."""
 
 from __future__ import annotations
 
 import os
 import re
 import socket
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
 import rerun as rr
 import rerun.blueprint as rrb
-from PIL import Image
-from rerun.experimental import ViewerClient
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
@@ -32,7 +29,7 @@ from twin.view.streams import (
     TwinStream,
     saved_twin,
 )
-from twin.view.viewer import environment, headless
+from twin.view.viewer import environment
 from twin.writing import write_whole
 
 Words = Mapping[str, str]
@@ -162,11 +159,6 @@ def _events(roots: Sequence[str]) -> rrb.TextLogView:
 
 
 APPLICATION = "ballplate"
-SETTLE = 9.0
-"""Seconds after which the viewer has loaded everything and its notices have faded."""
-
-MENU = 36
-"""Height of the viewer's own menu, which is cut off."""
 
 
 def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
@@ -282,37 +274,6 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
             twin = TwinStream(run.name, run.scenario)
             begin_twin(stream, twin)
             add_twin(stream, twin, *said)
-
-
-def screenshot(
-    recording: Path, picture: Path, at: float, size: tuple[int, int] = (1600, 900)
-) -> None:
-    """Save what the viewer shows of a recording.
-
-    Args:
-        recording: The ``.rrd`` file.
-        picture: The PNG file to write.
-        at: Simulated time in s to show.
-        size: Width and height in points.
-
-    Raises:
-        ViewError: If the viewer does not start.
-        RecordError: If the picture cannot be written.
-    """
-    with headless(recording, size) as viewer:
-        viewer.set_time(TIMELINE, duration=at, play_state="paused")
-        time.sleep(SETTLE)
-        write_whole(picture, lambda target: _take(viewer, target, size))
-
-
-def _take(viewer: ViewerClient, target: Path, size: tuple[int, int]) -> None:
-    """Save the viewer's window without its menu."""
-    viewer.save_screenshot(str(target.resolve()))
-    with Image.open(target) as large:
-        scale = large.width // size[0]
-        page = large.crop((0, scale * MENU, large.width, large.height)).convert("RGB")
-        small = page.resize((size[0], size[1] - MENU), Image.Resampling.LANCZOS)
-    small.save(target, optimize=True)
 
 
 EVERY = 0.08
