@@ -25,7 +25,8 @@ from twin.fit.runs import cells as numbers_of
 from twin.fit.schema import read
 from twin.jobs import cores
 from twin.thesis import chapter9
-from twin.thesis.chapter9 import COLUMNS, Row
+from twin.thesis.chapter8 import COLUMNS
+from twin.thesis.chapter9 import Row
 from twin.writing import write_json, write_whole
 
 KEPT = HERE.parent / "src" / "twin" / "thesis" / "data" / "chapter_9.json"
@@ -284,12 +285,12 @@ def keep(found: Path) -> None:
             {
                 "table": each.own_group,
                 "column": column,
-                "thesis": each.measured[indicator].value,
-                "held_out": values[end[k], k][indicator],
+                "thesis": each.measured[kind.metric].value,
+                "held_out": values[end[k], k][kind.metric],
             }
             for k, each in enumerate(about.experiments)
-            for column, (indicator, _) in COLUMNS.items()
-            if indicator in each.measured
+            for column, kind in COLUMNS.items()
+            if kind.metric in each.measured
         ]
         search["goals"] = {goal.sentence: round(goal.value, 4) for goal in held_out_goals(cells)}
     content = {key: new[key] for key in ("parameters", "correlation")} | {"searches": searches}

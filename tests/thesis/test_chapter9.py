@@ -21,8 +21,8 @@ from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS
 from twin.study.experiments import Store
 from twin.thesis import chapter9
+from twin.thesis.chapter8 import COLUMNS
 from twin.thesis.chapter9 import (
-    COLUMNS,
     ROLLING,
     best,
     chosen,
@@ -54,7 +54,8 @@ def made(key="held_out", error=0.0, late=0.0, angle=1.0):
     found = []
     for each in chosen(()).experiments:
         table, _, name = each.label.partition(", ")
-        for column, (indicator, _) in COLUMNS.items():
+        for column, kind in COLUMNS.items():
+            indicator = kind.metric
             if indicator not in each.measured:
                 continue
             thesis = each.measured[indicator].value

@@ -237,13 +237,13 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 def _measured(rows: list[Row]) -> Iterator[Shown]:
     """The cells of chapter 9, thesis beside twin."""
     from twin.page import digits
-    from twin.thesis import chapter9
+    from twin.thesis.chapter8 import COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
     lines = [
         (
             *(row["table"], row["row"]),
-            f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]",
+            f"{row['column']} [{COLUMNS[row['column']].unit}]",
             *(digits(row[key], "") for key in keys),
             "fitted" if row["calibration"] else "",
         )

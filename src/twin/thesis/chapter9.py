@@ -20,18 +20,8 @@ from twin.fit.runs import Runs, Sample
 from twin.fit.schema import FitTable, read
 from twin.run.finished import run
 from twin.study.experiments import Store
+from twin.thesis.chapter8 import COLUMNS, HERE
 
-COLUMNS = {
-    "e_ss": ("steady_error", "m"),
-    "overshoot": ("overshoot_percent", "%"),
-    "t_ss": ("settling_time", "s"),
-    "e_tt": ("tracking_error_percent", "%"),
-    "phi_max": ("phi_max_deg", "deg"),
-    "u1_max": ("u1_max", "rad/s^2"),
-    "theta_max": ("theta_max_deg", "deg"),
-    "u2_max": ("u2_max", "rad/s^2"),
-}
-"""Columns of the tables: indicator and unit."""
 SETTLING = 3.0
 READ = (
     "Read by eye by the thesis; here the time from which x stays within 5 % of the step of where "
@@ -63,7 +53,7 @@ def stored() -> dict[str, Any]:
     Parameters, correlation, and of every search its end with all tables and without each, and what
     docs/chapter9.py finds of its goals.
     """
-    text = files("twin.thesis").joinpath("data", "chapter_9.json").read_text(encoding="utf-8")
+    text = (files(HERE) / "data/chapter_9.json").read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(text)
     return found
 
@@ -141,7 +131,8 @@ def rows(
     found = []
     for k, each in enumerate(about.experiments):
         fitted = (best(), best(each.own_group))
-        for column, (indicator, _) in COLUMNS.items():
+        for column, kind in COLUMNS.items():
+            indicator = kind.metric
             if column == "t_ss" and each.own_group == "9.1":
                 settled = [_settled(predicting(about), arm, k) for arm in arms]
                 found.append(_row(each.label, column, SETTLING, settled, (None, None), READ))
