@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -25,7 +25,6 @@ from twin.view.streams import (
     TWIN_WORDS,
     Batch,
     RunStream,
-    Scores,
     TwinStream,
     saved_twin,
 )
@@ -173,27 +172,17 @@ def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
     return stream
 
 
-def send(stream: rr.RecordingStream, batch: Batch) -> None:
-    """Send a batch of columns."""
-    time = rr.TimeColumn(TIMELINE, duration=batch.time)
-    rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
-
-
-def begin_twin(stream: rr.RecordingStream, twin: TwinStream) -> None:
-    """Send what does not change of a run's twin."""
-    for entity, shape in twin.fixed():
+def fix(stream: rr.RecordingStream, shapes: Iterable[tuple[str, rr.AsComponents]]) -> None:
+    """Send what does not change: entity and shape."""
+    for entity, shape in shapes:
         stream.log(entity, shape, static=True)
 
 
-def add_twin(
-    stream: rr.RecordingStream,
-    twin: TwinStream,
-    scores: Scores | None,
-    events: Sequence[tuple[float, str]],
-) -> None:
-    """Send what the twin says: scores, and times in s and texts of what happened."""
-    for batch in twin.batches(scores, events):
-        send(stream, batch)
+def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
+    """Send batches of columns."""
+    for batch in batches:
+        time = rr.TimeColumn(TIMELINE, duration=batch.time)
+        rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
 def write(path: Path, runs: Sequence[Run]) -> None:
@@ -250,12 +239,6 @@ def _plan(
     return blueprint([each.root for each in streams], groups, TIMELINE, live=live, ranges=ranges)
 
 
-def _log_fixed(stream: rr.RecordingStream, run: RunStream, rows: Mapping[str, Array]) -> None:
-    """Send what does not change of a run, by rows of it."""
-    for entity, shape in (*run.fixed(), *run.styles(rows)):
-        stream.log(entity, shape, static=True)
-
-
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     together = len(runs) > 1
     streams = [
@@ -266,14 +249,13 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     plan = _plan(streams, [run.rows for run in runs], live=False, twin=any(twins))
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
-        _log_fixed(stream, each, run.rows)
-        for batch in each.batches(run.rows):
-            send(stream, batch)
+        fix(stream, (*each.fixed(), *each.styles(run.rows)))
+        send(stream, each.batches(run.rows))
     for run, said in zip(runs, twins, strict=True):
         if said is not None:
             twin = TwinStream(run.name, run.scenario)
-            begin_twin(stream, twin)
-            add_twin(stream, twin, *said)
+            fix(stream, twin.fixed())
+            send(stream, twin.batches(*said))
 
 
 EVERY = 0.08
@@ -340,12 +322,11 @@ def work(
             if not begun:
                 _begin(stream, run, block, url, twin=twin)
                 begun = True
-            for batch in run.batches(block):
-                send(stream, batch)
+            send(stream, run.batches(block))
             if ring.dropped != shown:
                 shown = ring.dropped
                 missed = rr.Scalars.columns(scalars=[shown])
-                send(stream, Batch(DROPPED, block["time"][-1:], missed))
+                send(stream, [Batch(DROPPED, block["time"][-1:], missed)])
             stream.flush()
 
 
@@ -357,4 +338,4 @@ def _begin(
     stream.connect_grpc(url, default_blueprint=plan)
     if twin:  # whose process may have come first, and the viewer made a plan of its own
         stream.send_blueprint(plan, make_active=True, make_default=True)
-    _log_fixed(stream, run, block)
+    fix(stream, (*run.fixed(), *run.styles(block)))
