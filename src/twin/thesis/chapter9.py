@@ -151,13 +151,11 @@ def carried(
     advance: Callable[[float], None],
 ) -> Mapping[tuple[Sample, int], Mapping[str, float]]:
     """The indicators of runs that are kept nowhere."""
-    runs = Runs(
-        about,
-        Store(None),
-        processes=processes,
-        progress=lambda done, _: advance(done / len(wanted)),
-    )
-    return runs.indicators(wanted)
+
+    def told(done: int, _: int) -> None:
+        advance(done / len(wanted))
+
+    return Runs(about, Store(None), processes=processes, progress=told).indicators(wanted)
 
 
 def _row(
