@@ -226,20 +226,25 @@ class FittedParameter:
     unit: str
 
 
+def misfits(
+    numbers: tuple[Cell, ...], samples: Sequence[Sample], runs: Runs
+) -> dict[Sample, Array]:
+    """Residuals of cells, shape (cells,), for each of some samples."""
+    places = dict.fromkeys(cell.experiment for cell in numbers)
+    found = runs.indicators((sample, place) for sample in samples for place in places)
+    return {x: residuals(numbers, computed(numbers, x, found)) for x in samples}
+
+
 def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs) -> Array:
     """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
     at = shares(best, table)
-    pairs = []
-    for k in range(len(at)):
-        step = np.zeros(len(at))
-        step[k] = STEP
-        pairs.append((rounded(at - step, table), rounded(at + step, table)))
-    experiments = tuple(dict.fromkeys(cell.experiment for cell in numbers))
-    found = runs.indicators((x, i) for pair in pairs for x in pair for i in experiments)
-    columns = []
-    for k, (low, high) in enumerate(pairs):
-        below, above = (residuals(numbers, computed(numbers, x, found)) for x in (low, high))
-        columns.append((above - below) / (shares(high, table)[k] - shares(low, table)[k]))
+    steps = STEP * np.eye(len(at))
+    pairs = [(rounded(at - step, table), rounded(at + step, table)) for step in steps]
+    found = misfits(numbers, [sample for pair in pairs for sample in pair], runs)
+    columns = [
+        (found[high] - found[low]) / (shares(high, table)[k] - shares(low, table)[k])
+        for k, (low, high) in enumerate(pairs)
+    ]
     return np.stack(columns, axis=1)
 
 
@@ -359,7 +364,10 @@ class FitResult:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        names = list(self.table.parameters)
+
+        def named(sample: Sample) -> dict[str, float]:
+            return dict(zip(self.table.parameters, sample, strict=True))
+
         return {
             "title": self.table.title,
             "chi2": self.chi2,
@@ -367,13 +375,8 @@ class FitResult:
             "runs": self.runs,
             "parameters": [asdict(each) for each in self.estimates],
             "correlation": self.correlation.tolist(),
-            "searches": [
-                {"chi2": chi2, "parameters": dict(zip(names, sample, strict=True))}
-                for chi2, sample in self.ends
-            ],
-            "without": {
-                group: dict(zip(names, sample, strict=True)) for group, sample in self.folds.items()
-            },
+            "searches": [{"chi2": chi2, "parameters": named(sample)} for chi2, sample in self.ends],
+            "without": {group: named(sample) for group, sample in self.folds.items()},
             "chi2_without": self.chi2_without,
             "cells": [
                 {
@@ -469,12 +472,6 @@ def _start(own: Sequence[Cell], whole: Sequence[Search], runs: Runs) -> Sample:
 
     So nothing that is left out has a say.
     """
-    numbers = tuple(own)
     drawn = [sample for search in whole for sample in search.first]
-    places = dict.fromkeys(cell.experiment for cell in numbers)
-    found = runs.indicators((sample, place) for sample in drawn for place in places)
-
-    def misfit(sample: Sample) -> float:
-        return float((residuals(numbers, computed(numbers, sample, found)) ** 2).sum())
-
-    return min(drawn, key=misfit)
+    found = misfits(tuple(own), drawn, runs)
+    return min(drawn, key=lambda sample: float((found[sample] ** 2).sum()))

@@ -130,17 +130,37 @@ def rows(
     )
     found = []
     for k, each in enumerate(about.experiments):
-        fitted = (best(), best(each.own_group))
+        table, _, name = each.label.partition(", ")
         for column, kind in COLUMNS.items():
-            indicator = kind.metric
+            explained: list[float | None] = [None, None]
             if column == "t_ss" and each.own_group == "9.1":
-                settled = [_settled(predicting(about), arm, k) for arm in arms]
-                found.append(_row(each.label, column, SETTLING, settled, (None, None), READ))
-            elif indicator in each.measured:
-                cell = each.measured[indicator]
-                values = [number(first[arm, k][indicator]) for arm in arms]
-                explained = [number(second[one, k][indicator]) for one in fitted]
-                found.append(_row(each.label, column, cell.value, values, explained, cell.note))
+                thesis, note = SETTLING, READ
+                values = [number(_settled(predicting(about), arm, k)) for arm in arms]
+            elif kind.metric in each.measured:
+                thesis, note = each.measured[kind.metric].value, each.measured[kind.metric].note
+                values = [number(first[arm, k][kind.metric]) for arm in arms]
+                fitted = (best(), best(each.own_group))
+                explained = [number(second[one, k][kind.metric]) for one in fitted]
+            else:
+                continue
+            predicted, frictionless, *ends = values
+            known = [value for value in (*ends, predicted) if value is not None]
+            found.append(
+                {
+                    "table": table,
+                    "row": name,
+                    "column": column,
+                    "thesis": thesis,
+                    "predicted": predicted,
+                    "frictionless": frictionless,
+                    "explained": explained[0],
+                    "held_out": explained[1],
+                    "calibration": table == CALIBRATION and column == "e_tt",
+                    "low": min(known, default=None),
+                    "high": max(known, default=None),
+                    "note": note,
+                }
+            )
     return found
 
 
@@ -156,33 +176,6 @@ def carried(
         advance(done / len(wanted))
 
     return Runs(about, Store(None), processes=processes, progress=told).indicators(wanted)
-
-
-def _row(
-    label: str,
-    column: str,
-    thesis: float,
-    values: Sequence[float | None],
-    explained: Sequence[float | None],
-    note: str,
-) -> Row:
-    table, _, name = label.partition(", ")
-    predicted, frictionless, *ends = values
-    known = [value for value in (*ends, predicted) if value is not None]
-    return {
-        "table": table,
-        "row": name,
-        "column": column,
-        "thesis": thesis,
-        "predicted": predicted,
-        "frictionless": frictionless,
-        "explained": explained[0],
-        "held_out": explained[1],
-        "calibration": table == CALIBRATION and column == "e_tt",
-        "low": min(known, default=None),
-        "high": max(known, default=None),
-        "note": note,
-    }
 
 
 def _settled(about: FitTable, arm: Sample, place: int) -> float:

@@ -192,10 +192,14 @@ class TuneResult:
     after: dict[str, Any]
     runs: int
 
+    def worth(self, candidate: Candidate) -> Score:
+        """What a finalist is worth where the verdict is given."""
+        return next(found for each, found in self.finalists if each is candidate)
+
     @property
     def verdict(self) -> Score:
-        """What the chosen one is worth where the verdict is given."""
-        return next(found for each, found in self.finalists if each is self.chosen)
+        """What the chosen one is worth there."""
+        return self.worth(self.chosen)
 
     @property
     def good(self) -> bool:
