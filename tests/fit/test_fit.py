@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
-from twin.fit.fit import bootstrap, correlation, descent, estimates, fit, searched, wide
+from twin.fit.fit import Search, bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, Runs, cells, rounded
 from twin.fit.schema import UNITS, FitTable, FittedParameter, read
 from twin.run.batch import simulate
@@ -261,8 +261,9 @@ def bowl(parameters=("p", "q")):
 
 def test_both_searches_find_the_bottom_of_a_formula():
     table = bowl()
-    for search in (wide(table, cells(table), 1), descent(table, cells(table), (1.5, 1.5))):
-        searched([search], Bowl(table))
+    for asking in (wide(table, 1), descent(table, (1.5, 1.5))):
+        search = Search(cells(table), asking)
+        searched([search], Bowl(table), 1)
         assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
 
 

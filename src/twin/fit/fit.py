@@ -53,19 +53,17 @@ class Search:
     Args:
         numbers: The cells whose misfit is made small.
         asking: How it looks for that.
-        rounds: Most times it asks.
 
     Attributes:
         cells: The cells.
-        rounds: As it was given.
         asked: The samples it wants next; none when it has ended.
         first: Those it wanted first, before any cell was looked at.
         best: The best sample so far.
         chi2: Its sum of squared residuals.
     """
 
-    def __init__(self, numbers: Sequence[Cell], asking: Asking, rounds: int) -> None:
-        self.cells, self.rounds = tuple(numbers), rounds
+    def __init__(self, numbers: Sequence[Cell], asking: Asking) -> None:
+        self.cells = tuple(numbers)
         self._asking = asking
         self.first = self.asked = next(asking)
         self.best: Sample = ()
@@ -89,20 +87,15 @@ class Search:
             self.asked = []
 
 
-def wide(table: FitTable, numbers: Sequence[Cell], seed: int, near: Sample | None = None) -> Search:
+def wide(table: FitTable, seed: int, near: Sample | None = None) -> Asking:
     """A global search by CMA-ES.
 
     Args:
         table: The parameters.
-        numbers: The cells whose misfit is made small.
         seed: Of its random numbers.
         near: Sample about which it begins; the whole ranges without one.
     """
     rounds = table.generations if near is None else min(table.generations, NEAR_GENERATIONS)
-    return Search(numbers, _generations(table, seed, near, rounds), rounds)
-
-
-def _generations(table: FitTable, seed: int, near: Sample | None, rounds: int) -> Asking:
     size = len(table.parameters)
     # the library needs two dimensions; a second one to a single parameter changes nothing
     space = max(2, size)
@@ -125,18 +118,13 @@ def _generations(table: FitTable, seed: int, near: Sample | None, rounds: int) -
             return
 
 
-def descent(table: FitTable, numbers: Sequence[Cell], start: Sample) -> Search:
+def descent(table: FitTable, start: Sample) -> Asking:
     """Least squares from a start, by steps on the linear model of its own samples.
 
     Args:
         table: The parameters.
-        numbers: The cells whose misfit is made small.
         start: Where to begin.
     """
-    return Search(numbers, _steps(table, start), ROUNDS)
-
-
-def _steps(table: FitTable, start: Sample) -> Asking:
     at = shares(start, table)
     inwards = np.where(at + FIRST <= 1, FIRST, -FIRST)
     steps = [np.zeros(len(at)), *np.diag(inwards)]
@@ -165,19 +153,23 @@ def _to_minimum(table: FitTable, seen: Mapping[Sample, Array], best: Array) -> A
 
 
 def searched(
-    searches: Sequence[Search], runs: Runs, advance: Callable[[float], None] = lambda _: None
+    searches: Sequence[Search],
+    runs: Runs,
+    rounds: int,
+    advance: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Carry all searches to their ends.
 
     Args:
         searches: Side by side.
         runs: What carries out their runs.
+        rounds: About how often they ask.
         advance: Called with the share done, 0 to 1.
 
     Raises:
         TwinError: If a run cannot be carried out.
     """
-    turn, rounds = 0, max(each.rounds for each in searches)
+    turn = 0
     while left := [search for search in searches if search.asked]:
         found = runs.indicators(each for search in left for each in search.wanted)
         for search in left:
@@ -415,19 +407,20 @@ def fit(
         TwinError: If a run cannot be carried out.
     """
     numbers = cells(table)
-    whole = [wide(table, numbers, seed) for seed in range(1, table.restarts + 1)]
-    searched(whole, runs, lambda share: advance(0.5 * share))
+    whole = [Search(numbers, wide(table, seed)) for seed in range(1, table.restarts + 1)]
+    searched(whole, runs, table.generations, lambda share: advance(0.5 * share))
     ahead = min(whole, key=lambda search: search.chi2)
     near = {
-        group: wide(table, own, 1, _start(own, whole, runs))
+        group: Search(own, wide(table, 1, _start(own, whole, runs)))
         for group in (table.groups if leave_out and len(table.groups) > 1 else ())
         if len(own := [c for c in numbers if c.group != group]) >= len(table.parameters)
     }
-    if near:
-        searched([*near.values()], runs, lambda share: advance(0.5 + 0.3 * share))
-    refined = descent(table, numbers, ahead.best)
-    folds = {group: descent(table, each.cells, each.best) for group, each in near.items()}
-    searched([refined, *folds.values()], runs, lambda share: advance(0.8 + 0.15 * share))
+    some = [*near.values()]
+    searched(some, runs, NEAR_GENERATIONS, lambda share: advance(0.5 + 0.3 * share))
+    refined = Search(numbers, descent(table, ahead.best))
+    folds = {g: Search(each.cells, descent(table, each.best)) for g, each in near.items()}
+    some = [refined, *folds.values()]
+    searched(some, runs, ROUNDS, lambda share: advance(0.8 + 0.15 * share))
     best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
     left = {group: search.best for group, search in folds.items()}
     found = runs.indicators(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor
+from contextlib import suppress
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -60,15 +61,12 @@ def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLo
         observer: Any observer, or a predictor around one.
         dead_time: Of the ball's measurement in s.
     """
-    try:
-        return _least(sampled_loop(law, observer, dead_time=dead_time))
-    except ValueError:
-        pass
-    try:
-        loop = sampled_loop(law, Ideal(model=law.model, period=observer.period))
-    except ValueError:  # a law that switches
-        return NominalLoop(None, None, observed=False)
-    return _least(loop)._replace(observed=False)
+    full_state = Ideal(model=law.model, period=observer.period)
+    for seen, late in ((observer, dead_time), (full_state, 0.0)):
+        with suppress(ValueError):
+            loop = _least(sampled_loop(law, seen, dead_time=late))
+            return loop._replace(observed=seen is observer)
+    return NominalLoop(None, None, observed=False)  # a law that switches
 
 
 def _least(loop: Loop) -> NominalLoop:
