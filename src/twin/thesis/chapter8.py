@@ -328,8 +328,8 @@ def row_results(
         few = sum(job.cost for job in jobs) < WORTH_PROCESSES
         processes = 1 if few else min(cores(), MOST_PROCESSES, len(jobs))
     done = 0.0
-    for index, found in results(_tried, enumerate(jobs), processes):
-        done += jobs[index].cost
+    for cost, found in results(_tried, ((job.cost, job) for job in jobs), processes):
+        done += cost
         progress(done)
         yield from found
 
@@ -482,16 +482,15 @@ class ThesisCell:
 def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell]:
     """Every cell of the tables."""
     return [
-        _cell(table, index, row, column, found)
+        _cell(table, index, column, found)
         for table in wanted
         for index, row in enumerate(table.rows)
         for column in row.cells
     ]
 
 
-def _cell(
-    table: SimulatedTable, index: int, row: SimulatedRow, column: str, found: Results
-) -> ThesisCell:
+def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> ThesisCell:
+    row = table.rows[index]
     thesis, known = row.cells[column], continuous()[table.id][row.name]
     exact, *span = known[column]
     mine = {way: found[(table.id, index), way] for way in WAYS[1:]}
