@@ -117,14 +117,16 @@ def test_a_fit_without_a_group_never_sees_its_numbers(made, folder):
 @pytest.mark.long
 def test_an_interrupted_fit_goes_on_with_the_runs_it_has(made, folder, monkeypatch):
     about = read(str(made))
-    fit(about, Runs(about, Store(folder / "runs")), leave_out=False)
+    first = fit(about, Runs(about, Store(folder / "runs")), leave_out=False)
 
     def forbidden(*_, **__):
         raise AssertionError("a finished run was made again")
 
     monkeypatch.setattr("twin.study.work.simulate", forbidden)
     again = Runs(about, Store(folder / "runs"))
-    assert fit(about, again, leave_out=False).chi2 < 2
+    second = fit(about, again, leave_out=False)
+    assert second.chi2 == first.chi2 < 2
+    assert second.runs == first.runs > len(about.experiments)
 
 
 @pytest.mark.long
