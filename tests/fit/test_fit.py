@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
-from twin.fit.fit import bootstrap, correlation, descent, estimates, fit, searched, wide
+from twin.fit.fit import Search, bootstrap, correlation, descent, estimates, fit, searched, wide
 from twin.fit.runs import LOST, Runs, cells, rounded
 from twin.fit.schema import UNITS, FitTable, FittedParameter, read
 from twin.run.batch import simulate
@@ -117,14 +117,16 @@ def test_a_fit_without_a_group_never_sees_its_numbers(made, folder):
 @pytest.mark.long
 def test_an_interrupted_fit_goes_on_with_the_runs_it_has(made, folder, monkeypatch):
     about = read(str(made))
-    fit(about, Runs(about, Store(folder / "runs")), leave_out=False)
+    first = fit(about, Runs(about, Store(folder / "runs")), leave_out=False)
 
     def forbidden(*_, **__):
         raise AssertionError("a finished run was made again")
 
     monkeypatch.setattr("twin.study.work.simulate", forbidden)
     again = Runs(about, Store(folder / "runs"))
-    assert fit(about, again, leave_out=False).chi2 < 2
+    second = fit(about, again, leave_out=False)
+    assert second.chi2 == first.chi2 < 2
+    assert second.runs == first.runs > len(about.experiments)
 
 
 @pytest.mark.long
@@ -261,8 +263,9 @@ def bowl(parameters=("p", "q")):
 
 def test_both_searches_find_the_bottom_of_a_formula():
     table = bowl()
-    for search in (wide(table, cells(table), 1), descent(table, cells(table), (1.5, 1.5))):
-        searched([search], Bowl(table))
+    for asking in (wide(table, 1), descent(table, (1.5, 1.5))):
+        search = Search(cells(table), asking)
+        searched([search], Bowl(table), 1)
         assert search.best == pytest.approx((0.5, 0.7), abs=0.02)
 
 

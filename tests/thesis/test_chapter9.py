@@ -1,6 +1,9 @@
 """Chapter 9: what was measured, how it is judged, and what the stored fit is."""
 
 import json
+from pathlib import Path
+from runpy import run_path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,24 +21,20 @@ from twin.scenario import load, shipped
 from twin.sim.sensors import COUNTS
 from twin.study.experiments import Store
 from twin.thesis import chapter9
+from twin.thesis.chapter8 import COLUMNS
 from twin.thesis.chapter9 import (
-    COLUMNS,
-    EARLY,
-    FIFTEEN,
-    LATE,
     ROLLING,
-    HeldOut,
     best,
     chosen,
-    errors,
-    goals,
-    held_out_goals,
     predicting,
     rows,
-    scatter,
     stored,
 )
 
+PAGE = Path(__file__).parents[2] / "docs" / "chapter9.py"
+with pytest.MonkeyPatch.context() as patch:
+    patch.syspath_prepend(PAGE.parent)
+    page = SimpleNamespace(**run_path(str(PAGE)))
 KEYS = {
     "table", "row", "column", "thesis", "predicted", "frictionless", "calibration", "note",
     "low", "high", "explained", "held_out",
@@ -55,12 +54,13 @@ def made(key="held_out", error=0.0, late=0.0, angle=1.0):
     found = []
     for each in chosen(()).experiments:
         table, _, name = each.label.partition(", ")
-        for column, (indicator, _) in COLUMNS.items():
+        for column, kind in COLUMNS.items():
+            indicator = kind.metric
             if indicator not in each.measured:
                 continue
             thesis = each.measured[indicator].value
             if column == "e_tt":
-                value = thesis + error + (late if table in LATE else 0.0)
+                value = thesis + error + (late if table in page.LATE else 0.0)
             else:
                 value = angle * thesis
             row = {"table": table, "row": name, "column": column, "thesis": thesis, key: value}
@@ -114,7 +114,7 @@ def test_every_experiment_has_a_scenario_with_its_law_path_and_predictor():
         else:
             path = Circle(amplitude=0.15, omega=float(each.name.split()[-1]))
         assert controller.reference.original == path
-        assert (scenario.predictor is not None) == (each.group in EARLY)
+        assert (scenario.predictor is not None) == (each.group in page.EARLY)
         assert scenario.predictor is None or scenario.predictor.delay == 0.042
         assert scenario.plant.kind == "mujoco"
         assert scenario.plant.friction.rolling_mm == ROLLING
@@ -138,7 +138,7 @@ def test_each_of_the_four_numbers_acts_where_it_should(tmp_path):
     runs = Runs(about, Store(tmp_path))
     for each in about.experiments:
         scenario = runs.scenario((0.2, 1.1, 2.5, 0.3), each)
-        late = each.own_group in LATE
+        late = each.own_group in page.LATE
         assert scenario.plant.kind == "lagrange"
         assert scenario.plant.friction.rolling_mm == pytest.approx(0.22 if late else 0.2)
         assert scenario.plant.servo.backlash_deg == 0.3
@@ -152,17 +152,20 @@ def test_each_of_the_four_numbers_acts_where_it_should(tmp_path):
 
 
 def test_a_perfect_prediction_reaches_every_goal():
-    assert [goal.sentence for goal in goals(made("predicted")) if not goal.reached] == []
-    far = goals(made("predicted", error=2.1))
+    assert [goal.sentence for goal in page.goals(made("predicted")) if not goal.reached] == []
+    far = page.goals(made("predicted", error=2.1))
     assert [goal.reached for goal in far[:3]] == [False, True, True]
 
 
 def test_goals_of_the_explanation_are_judged_by_what_was_held_out():
-    assert [goal.verdict(0.0) for goal in held_out_goals(made())] == ["reached"] * 9
-    far = {goal.sentence.split(":")[0]: goal for goal in held_out_goals(made(error=1.7, angle=1.2))}
+    assert [goal.verdict(0.0) for goal in page.held_out_goals(made())] == ["reached"] * 9
+    far = {
+        goal.sentence.split(":")[0]: goal
+        for goal in page.held_out_goals(made(error=1.7, angle=1.2))
+    }
     assert far["24 tracking errors"].verdict(0.0) == "not reached"
     assert far["24 tracking errors"].value == pytest.approx(1.7)
-    every, aside = held_out_goals(made(late=1.0))[-2:]
+    every, aside = page.held_out_goals(made(late=1.0))[-2:]
     assert (every.value, aside.value) == pytest.approx((3.39, 3.17), abs=0.01)
     assert every.verdict(0.0) == aside.verdict(0.0) == "not reached"
     assert "(measured +2.39)" in every.sentence
@@ -179,7 +182,7 @@ def test_goals_of_the_explanation_are_judged_by_what_was_held_out():
     ],
 )
 def test_a_goal_is_reached_only_beyond_the_scatter_of_the_searches(value, by, verdict):
-    assert HeldOut("", value, 0.0, 1.6).verdict(by) == verdict
+    assert page.HeldOut("", value, 0.0, 1.6).verdict(by) == verdict
 
 
 def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
@@ -199,14 +202,14 @@ def test_the_best_search_is_used_with_all_tables_and_without_each(monkeypatch):
     monkeypatch.setattr(chapter9, "stored", lambda: both)
     assert best() == (2.0,) * 4
     assert best("9.3") == (1.0,) * 4
-    assert scatter() == pytest.approx({"a": 0.25})
+    assert page.scatter() == pytest.approx({"a": 0.25})
 
 
 def test_the_stored_numbers_lie_in_their_ranges_and_every_table_was_left_out():
     parameters = read("chapter_9").parameters.values()
     for search in stored()["searches"]:
         assert set(search["without"]) == set(chapter9.tables())
-        assert set(search["goals"]) == {goal.sentence for goal in held_out_goals(made())}
+        assert set(search["goals"]) == {goal.sentence for goal in page.held_out_goals(made())}
     for group in ("", *chapter9.tables()):
         for value, about in zip(best(group), parameters, strict=True):
             assert about.low < value < about.high
@@ -250,8 +253,8 @@ def test_every_cell_has_a_value_three_are_calibration_and_friction_leaves_the_ba
 
 @pytest.mark.long
 def test_the_friction_of_the_prediction_is_the_one_that_table_9_3_asks_for(whole):
-    off = errors(whole, ["9.3"], "predicted") - errors(whole, ["9.3"], "thesis")
-    span = errors(whole, ["9.3"], "high") - errors(whole, ["9.3"], "low")
+    off = page.errors(whole, ["9.3"], "predicted") - page.errors(whole, ["9.3"], "thesis")
+    span = page.errors(whole, ["9.3"], "high") - page.errors(whole, ["9.3"], "low")
     assert np.abs(off).max() < 0.5
     # the step that least squares would still take, as a share of the interval
     assert abs((span * off).sum() / (span**2).sum()) < 0.05
@@ -259,7 +262,7 @@ def test_the_friction_of_the_prediction_is_the_one_that_table_9_3_asks_for(whole
 
 @pytest.mark.long
 def test_characterisation_the_goals_are_reached_and_missed_as_the_page_says(whole):
-    reached = {goal.sentence for goal in goals(whole) if goal.reached}
+    reached = {goal.sentence for goal in page.goals(whole) if goal.reached}
     assert reached >= {
         "sliding mode improves with frequency",
         "sliding mode is worst",
@@ -269,12 +272,14 @@ def test_characterisation_the_goals_are_reached_and_missed_as_the_page_says(whol
     }
 
     def off(names):
-        return np.abs(errors(whole, names, "predicted") - errors(whole, names, "thesis"))
+        return np.abs(page.errors(whole, names, "predicted") - page.errors(whole, names, "thesis"))
 
     assert off(("9.5", "9.7")).max() < 4
     assert off(("9.5", "9.7")).mean() < 2
-    assert off(FIFTEEN).mean() < 2.6  # the goal is 2.0, which is not reached
-    clean = errors(whole, [name for name in (*LATE, *EARLY) if name < "9.8"], "frictionless")
+    assert off(page.FIFTEEN).mean() < 2.6  # the goal is 2.0, which is not reached
+    clean = page.errors(
+        whole, [name for name in (*page.LATE, *page.EARLY) if name < "9.8"], "frictionless"
+    )
     assert clean.max() < 2.5
-    held_out = {goal.sentence: goal.verdict(0.0) for goal in held_out_goals(whole)}
+    held_out = {goal.sentence: goal.verdict(0.0) for goal in page.held_out_goals(whole)}
     assert sum(verdict == "not reached" for verdict in held_out.values()) <= 1, held_out

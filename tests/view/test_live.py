@@ -3,6 +3,8 @@ import signal
 import socket
 import time
 from contextlib import closing
+from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from twin.run.finished import run
 from twin.view import recording, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
 from twin.view.terminal import work
+
+headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 
 
 @pytest.fixture
@@ -193,8 +197,7 @@ def test_a_running_experiment_arrives_whole_in_a_viewer(scenario, tmp_path):
     save(other, tmp_path / "other", {"other": other.motion})
     write(tmp_path / "other.rrd", open_run(tmp_path / "other"))
     try:
-        with viewer.headless(tmp_path / "other.rrd") as client:
-            url = client.url
+        with headless(tmp_path / "other.rrd") as (client, url):
             shown = recording.show(chosen, "live", url)
             try:
                 run(chosen, watch=shown.watch)

@@ -1,7 +1,10 @@
 import os
 import subprocess
+from pathlib import Path
+from runpy import run_path
 
 import pytest
+from rerun.experimental import ViewerClient
 
 from twin.errors import RecordError, ViewError
 from twin.run.finished import open_run, open_runs, run, save
@@ -9,6 +12,7 @@ from twin.view import viewer
 from twin.view.recording import write
 from twin.view.viewer import program
 
+headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
 PROMISED = (
     "mechanism/base/base",
     "mechanism/cardan/plate/plate",
@@ -114,10 +118,10 @@ def test_a_viewer_that_dies_while_it_loads_is_one_line(monkeypatch, folder):
         def open(self, _):
             raise ConnectionError("transport error")
 
-    monkeypatch.setattr(viewer.ViewerClient, "connect", lambda _: Dying())
+    monkeypatch.setattr(ViewerClient, "connect", lambda _: Dying())
     with (
         pytest.raises(ViewError, match="ended by itself; it needs a Vulkan driver"),
-        viewer.headless(folder / "run.parquet"),
+        headless(folder / "run.parquet"),
     ):
         pass
 
@@ -141,7 +145,7 @@ def test_the_viewer_opens_a_recording_without_a_warning_of_our_making(folder, tm
 
     write(tmp_path / "view.rrd", open_run(folder))
     try:
-        with viewer.headless(tmp_path / "view.rrd") as client:
+        with headless(tmp_path / "view.rrd") as (client, _):
             client.set_time(TIMELINE, duration=1.0)
             client.save_screenshot(str(tmp_path / "view.png"))
             state = client.get_state()

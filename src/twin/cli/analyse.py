@@ -208,7 +208,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
             measured = chapter9.rows(of_9, advance, processes=processes or cores())
     shown = chain(
         _simulated(wanted, cells) if wanted else (),
-        _measured(measured, whole=len(of_9) == len(chapter9.tables())) if measured else (),
+        _measured(measured) if measured else (),
     )
     show([cell.as_dict() for cell in cells] + measured, as_json, shown)
     return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
@@ -234,16 +234,16 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
     return of_8, of_9
 
 
-def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
-    """The cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
+def _measured(rows: list[Row]) -> Iterator[Shown]:
+    """The cells of chapter 9, thesis beside twin."""
     from twin.page import digits
-    from twin.thesis import chapter9
+    from twin.thesis.chapter8 import COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")
     lines = [
         (
             *(row["table"], row["row"]),
-            f"{row['column']} [{chapter9.COLUMNS[row['column']][1]}]",
+            f"{row['column']} [{COLUMNS[row['column']].unit}]",
             *(digits(row[key], "") for key in keys),
             "fitted" if row["calibration"] else "",
         )
@@ -251,15 +251,6 @@ def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
     ]
     heads = ("table", "row", "quantity", *(key.replace("_", " ") for key in keys), "")
     yield Table("", heads, lines, words=range(len(heads)))
-    if not whole:
-        return
-    for goal in chapter9.goals(rows):
-        verdict = "reached" if goal.reached else "not reached"
-        yield f"predicted: {verdict}: {goal.sentence}: {goal.found}"
-    scatter = chapter9.scatter()
-    for each in chapter9.held_out_goals(rows):
-        verdict = each.verdict(scatter[each.sentence])
-        yield f"held out: {verdict}: {each.sentence}: {each.value:.3f}"
 
 
 def _simulated(wanted: list[SimulatedTable], cells: list[ThesisCell]) -> Iterator[Shown]:

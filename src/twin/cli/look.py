@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 @AGAINST
 @SETTING
 @click.option("--rrd", type=click.Path(path_type=Path), help="Write a recording, open no viewer.")
-@click.option("--screenshot", "picture", type=click.Path(path_type=Path), help="Save a picture.")
-@click.option("--at", type=float, help="Simulated time of the picture in s [the middle].")
 @SERVE
 @click.option("--connect", metavar="ADDRESS", help="Send to the viewer at HOST:PORT.")
 def view(
@@ -36,8 +34,6 @@ def view(
     against: str | None,
     overrides: tuple[str, ...],
     rrd: Path | None,
-    picture: Path | None,
-    at: float | None,
     serve: int | None,
     connect: str | None,
 ) -> int:
@@ -47,13 +43,7 @@ def view(
     there is none.
     """
     opened = open_all(runs, against, overrides)
-    from twin.view.recording import (  # heavy: after a wrong name was told
-        address,
-        forward,
-        reach,
-        screenshot,
-        write,
-    )
+    from twin.view.recording import address, forward, reach, write  # heavy: a wrong name was told
 
     if connect is not None:
         forward(reach(address(connect)), opened)
@@ -62,16 +52,10 @@ def view(
     if rrd is not None:
         write(rrd, opened)
         say(f"written to {rrd}")
-        if picture is None:
-            return 0
+        return 0
     with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
-        recording = rrd or Path(folder) / "view.rrd"
-        if rrd is None:
-            write(recording, opened)
-        if picture is not None:
-            screenshot(recording, picture, _instant(opened, at))
-            say(f"written to {picture}")
-            return 0
+        recording = Path(folder) / "view.rrd"
+        write(recording, opened)
         return _show(recording, serve)
 
 
@@ -90,14 +74,6 @@ def _show(recording: Path, serve: int | None) -> int:
     if code:
         raise ViewError("the viewer ended with an error; use --rrd FILE or --serve")
     return 0
-
-
-def _instant(opened: list[Run], at: float | None) -> float:
-    """The instant to show, within the run."""
-    end = max(float(run.rows["time"][-1]) for run in opened)
-    if at is not None and not 0 <= at <= end:
-        raise TwinError(f"--at {at:g}: the run goes from 0 to {end:g} s")
-    return end / 2 if at is None else at
 
 
 ENDINGS = {"html": ".html", "png": ".png", "pdf": ".pdf", "csv": ".csv", "latex": ".tex"}

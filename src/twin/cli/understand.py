@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,20 +71,14 @@ def explain(
 def _effects(found: Explanation) -> Iterator[Shown]:
     from twin.explain.effects import EFFECTS, present
 
-    percent = found.whole.percent is not None
-    what = "tracking error e_tt [%]" if percent else "RMS distance [mm]"
+    what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
 
-    def size(case: EffectCase | None) -> float | None:
-        if case is None:
-            return None
-        return case.percent if percent else None if case.rms is None else 1000 * case.rms
-
     def shown(case: EffectCase, base: EffectCase) -> tuple[str, str]:
-        value, start = size(case), size(base)
-        if value is None:
+        value, start = found.size(case), found.size(base)
+        if isnan(value):
             return case.outcome.split(" at ", maxsplit=1)[0], "-"
-        return f"{value:.2f}", "-" if start is None else f"{value - start:+.2f}"
+        return f"{value:.2f}", "-" if isnan(start) else f"{value - start:+.2f}"
 
     def percentage(share: float | None) -> str:
         return "-" if share is None else f"{100 * share:z.1f} %"
@@ -108,8 +103,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
         ("none, on the exact equations", found.exact),
     ):
         if case is not None:
-            value = size(case)
-            yield f"{label}: {case.outcome if value is None else f'{value:.2f}'}"
+            value = found.size(case)
+            yield f"{label}: {case.outcome if isnan(value) else f'{value:.2f}'}"
     has = present(found.scenario)
     lacking = [effect.label for effect in EFFECTS if effect not in has]
     if lacking:

@@ -79,6 +79,16 @@ class Explanation:
     base: float | None
     rest: float | None
 
+    @property
+    def in_percent(self) -> bool:
+        """Whether errors are told as e_tt in %, else as root mean squares in mm."""
+        return self.whole.percent is not None
+
+    def size(self, case: EffectCase) -> float:
+        """The error of a case in % or mm; NaN for a run cut short."""
+        value, factor = (case.percent, 1) if self.in_percent else (case.rms, 1000)
+        return np.nan if value is None else factor * value
+
 
 def plan(scenario: Scenario) -> dict[str, Scenario]:
     """The runs that explain a scenario, by name: ``all``, ``none``, ``exact``, ``-e``, ``+e``.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
+from twin.data_file import packaged
 from twin.scenario.schema import MECHANISM_ONLY, Scenario
 
 Overrides = Mapping[str, Any]
@@ -43,10 +42,9 @@ def _overrides(table: Mapping[str, Any]) -> Overrides:
     return {key: None if value == "default" else value for key, value in table.items()}
 
 
-_TABLES = tomllib.loads((files("twin.explain") / "effects.toml").read_text(encoding="utf-8"))
 EFFECTS = tuple(
     Effect(name=name, **about | {key: _overrides(about[key]) for key in ("off", "typical")})
-    for name, about in _TABLES.items()
+    for name, about in packaged("twin.explain", "effects.toml").items()
 )
 """Every effect that can be switched alone."""
 

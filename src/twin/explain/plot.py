@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from twin.explain.attribution import EffectCase, Explanation
+from twin.explain.attribution import Explanation
 from twin.run.picture import COLOURS, drawn
 from twin.writing import write_whole
 
@@ -37,21 +37,14 @@ def draw(path: Path, explanation: Explanation) -> None:
         write_whole(path, lambda target: figure.savefig(target, dpi=110, format="png"))
 
 
-def _size(case: EffectCase, percent: bool) -> float:
-    """Error in % or mm; NaN for a run cut short."""
-    value = case.percent if percent else None if case.rms is None else 1000 * case.rms
-    return np.nan if value is None else value
-
-
 def _errors(panel: Axes, explanation: Explanation) -> None:
-    percent = explanation.whole.percent is not None
-    whole, none = (_size(case, percent) for case in (explanation.whole, explanation.none))
+    whole, none = explanation.size(explanation.whole), explanation.size(explanation.none)
     for y, part in enumerate(explanation.contributions):
         for case, beside, at, colour, mark, label in (
             (part.without, whole, y - 0.13, LEFT, "o", "all but this one"),
             (part.alone, none, y + 0.13, ALONE, "s", "this one alone"),
         ):
-            size = _size(case, percent)
+            size = explanation.size(case)
             bar: dict[str, Any] = {"lw": 5, "alpha": 0.35, "solid_capstyle": "butt"}
             panel.plot([beside, size], [at] * 2, color=colour, **bar)
             panel.plot(size, at, mark, color=colour, ms=6, label="" if y else label)
@@ -66,6 +59,7 @@ def _errors(panel: Axes, explanation: Explanation) -> None:
     panel.set_yticks(range(len(labels)), labels)
     panel.set_ylim(len(labels) - 0.4, -1.1)
     panel.set_xlim(left=0)
+    percent = explanation.in_percent
     panel.set_xlabel("tracking error $e_{tt}$ [%]" if percent else "RMS distance [mm]")
     panel.set_title("Error without each effect, and with it alone")
     panel.figure.legend(*panel.get_legend_handles_labels(), loc="outside lower left", ncols=2)

@@ -53,19 +53,17 @@ class Search:
     Args:
         numbers: The cells whose misfit is made small.
         asking: How it looks for that.
-        rounds: Most times it asks.
 
     Attributes:
         cells: The cells.
-        rounds: As it was given.
         asked: The samples it wants next; none when it has ended.
         first: Those it wanted first, before any cell was looked at.
         best: The best sample so far.
         chi2: Its sum of squared residuals.
     """
 
-    def __init__(self, numbers: Sequence[Cell], asking: Asking, rounds: int) -> None:
-        self.cells, self.rounds = tuple(numbers), rounds
+    def __init__(self, numbers: Sequence[Cell], asking: Asking) -> None:
+        self.cells = tuple(numbers)
         self._asking = asking
         self.first = self.asked = next(asking)
         self.best: Sample = ()
@@ -89,20 +87,15 @@ class Search:
             self.asked = []
 
 
-def wide(table: FitTable, numbers: Sequence[Cell], seed: int, near: Sample | None = None) -> Search:
+def wide(table: FitTable, seed: int, near: Sample | None = None) -> Asking:
     """A global search by CMA-ES.
 
     Args:
         table: The parameters.
-        numbers: The cells whose misfit is made small.
         seed: Of its random numbers.
         near: Sample about which it begins; the whole ranges without one.
     """
     rounds = table.generations if near is None else min(table.generations, NEAR_GENERATIONS)
-    return Search(numbers, _generations(table, seed, near, rounds), rounds)
-
-
-def _generations(table: FitTable, seed: int, near: Sample | None, rounds: int) -> Asking:
     size = len(table.parameters)
     # the library needs two dimensions; a second one to a single parameter changes nothing
     space = max(2, size)
@@ -125,18 +118,13 @@ def _generations(table: FitTable, seed: int, near: Sample | None, rounds: int) -
             return
 
 
-def descent(table: FitTable, numbers: Sequence[Cell], start: Sample) -> Search:
+def descent(table: FitTable, start: Sample) -> Asking:
     """Least squares from a start, by steps on the linear model of its own samples.
 
     Args:
         table: The parameters.
-        numbers: The cells whose misfit is made small.
         start: Where to begin.
     """
-    return Search(numbers, _steps(table, start), ROUNDS)
-
-
-def _steps(table: FitTable, start: Sample) -> Asking:
     at = shares(start, table)
     inwards = np.where(at + FIRST <= 1, FIRST, -FIRST)
     steps = [np.zeros(len(at)), *np.diag(inwards)]
@@ -165,19 +153,23 @@ def _to_minimum(table: FitTable, seen: Mapping[Sample, Array], best: Array) -> A
 
 
 def searched(
-    searches: Sequence[Search], runs: Runs, advance: Callable[[float], None] = lambda _: None
+    searches: Sequence[Search],
+    runs: Runs,
+    rounds: int,
+    advance: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Carry all searches to their ends.
 
     Args:
         searches: Side by side.
         runs: What carries out their runs.
+        rounds: About how often they ask.
         advance: Called with the share done, 0 to 1.
 
     Raises:
         TwinError: If a run cannot be carried out.
     """
-    turn, rounds = 0, max(each.rounds for each in searches)
+    turn = 0
     while left := [search for search in searches if search.asked]:
         found = runs.indicators(each for search in left for each in search.wanted)
         for search in left:
@@ -226,20 +218,25 @@ class FittedParameter:
     unit: str
 
 
+def misfits(
+    numbers: tuple[Cell, ...], samples: Sequence[Sample], runs: Runs
+) -> dict[Sample, Array]:
+    """Residuals of cells, shape (cells,), for each of some samples."""
+    places = dict.fromkeys(cell.experiment for cell in numbers)
+    found = runs.indicators((sample, place) for sample in samples for place in places)
+    return {x: residuals(numbers, computed(numbers, x, found)) for x in samples}
+
+
 def jacobian(table: FitTable, numbers: tuple[Cell, ...], best: Sample, runs: Runs) -> Array:
     """Derivatives of the residuals by shares of the ranges, shape (cells, parameters)."""
     at = shares(best, table)
-    pairs = []
-    for k in range(len(at)):
-        step = np.zeros(len(at))
-        step[k] = STEP
-        pairs.append((rounded(at - step, table), rounded(at + step, table)))
-    experiments = tuple(dict.fromkeys(cell.experiment for cell in numbers))
-    found = runs.indicators((x, i) for pair in pairs for x in pair for i in experiments)
-    columns = []
-    for k, (low, high) in enumerate(pairs):
-        below, above = (residuals(numbers, computed(numbers, x, found)) for x in (low, high))
-        columns.append((above - below) / (shares(high, table)[k] - shares(low, table)[k]))
+    steps = STEP * np.eye(len(at))
+    pairs = [(rounded(at - step, table), rounded(at + step, table)) for step in steps]
+    found = misfits(numbers, [sample for pair in pairs for sample in pair], runs)
+    columns = [
+        (found[high] - found[low]) / (shares(high, table)[k] - shares(low, table)[k])
+        for k, (low, high) in enumerate(pairs)
+    ]
     return np.stack(columns, axis=1)
 
 
@@ -359,7 +356,10 @@ class FitResult:
 
     def as_dict(self) -> dict[str, Any]:
         """For ``--json``."""
-        names = list(self.table.parameters)
+
+        def named(sample: Sample) -> dict[str, float]:
+            return dict(zip(self.table.parameters, sample, strict=True))
+
         return {
             "title": self.table.title,
             "chi2": self.chi2,
@@ -367,13 +367,8 @@ class FitResult:
             "runs": self.runs,
             "parameters": [asdict(each) for each in self.estimates],
             "correlation": self.correlation.tolist(),
-            "searches": [
-                {"chi2": chi2, "parameters": dict(zip(names, sample, strict=True))}
-                for chi2, sample in self.ends
-            ],
-            "without": {
-                group: dict(zip(names, sample, strict=True)) for group, sample in self.folds.items()
-            },
+            "searches": [{"chi2": chi2, "parameters": named(sample)} for chi2, sample in self.ends],
+            "without": {group: named(sample) for group, sample in self.folds.items()},
             "chi2_without": self.chi2_without,
             "cells": [
                 {
@@ -412,19 +407,20 @@ def fit(
         TwinError: If a run cannot be carried out.
     """
     numbers = cells(table)
-    whole = [wide(table, numbers, seed) for seed in range(1, table.restarts + 1)]
-    searched(whole, runs, lambda share: advance(0.5 * share))
+    whole = [Search(numbers, wide(table, seed)) for seed in range(1, table.restarts + 1)]
+    searched(whole, runs, table.generations, lambda share: advance(0.5 * share))
     ahead = min(whole, key=lambda search: search.chi2)
     near = {
-        group: wide(table, own, 1, _start(own, whole, runs))
+        group: Search(own, wide(table, 1, _start(own, whole, runs)))
         for group in (table.groups if leave_out and len(table.groups) > 1 else ())
         if len(own := [c for c in numbers if c.group != group]) >= len(table.parameters)
     }
-    if near:
-        searched([*near.values()], runs, lambda share: advance(0.5 + 0.3 * share))
-    refined = descent(table, numbers, ahead.best)
-    folds = {group: descent(table, each.cells, each.best) for group, each in near.items()}
-    searched([refined, *folds.values()], runs, lambda share: advance(0.8 + 0.15 * share))
+    some = [*near.values()]
+    searched(some, runs, NEAR_GENERATIONS, lambda share: advance(0.5 + 0.3 * share))
+    refined = Search(numbers, descent(table, ahead.best))
+    folds = {g: Search(each.cells, descent(table, each.best)) for g, each in near.items()}
+    some = [refined, *folds.values()]
+    searched(some, runs, ROUNDS, lambda share: advance(0.8 + 0.15 * share))
     best = refined.best if refined.chi2 <= ahead.chi2 else ahead.best
     left = {group: search.best for group, search in folds.items()}
     found = runs.indicators(
@@ -469,12 +465,6 @@ def _start(own: Sequence[Cell], whole: Sequence[Search], runs: Runs) -> Sample:
 
     So nothing that is left out has a say.
     """
-    numbers = tuple(own)
     drawn = [sample for search in whole for sample in search.first]
-    places = dict.fromkeys(cell.experiment for cell in numbers)
-    found = runs.indicators((sample, place) for sample in drawn for place in places)
-
-    def misfit(sample: Sample) -> float:
-        return float((residuals(numbers, computed(numbers, sample, found)) ** 2).sum())
-
-    return min(drawn, key=misfit)
+    found = misfits(tuple(own), drawn, runs)
+    return min(drawn, key=lambda sample: float((found[sample] ** 2).sum()))

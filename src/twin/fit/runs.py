@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -96,34 +97,22 @@ Indicators = Mapping[Wanted, Mapping[str, float]]
 
 
 class Runs:
-    """Carries out experiments with given parameters; what a folder holds is not run again.
+    """Carries out experiments with given parameters; what a store holds is not run again.
 
     Args:
         table: The experiments.
         store: Where finished runs are kept.
-        progress: Told how many runs have been finished altogether, and how many did not end well.
-        how: Who carries them out, as for ``carry``.
+        how: Who carries them out, and who is told of it, as for ``carry``.
 
     Raises:
         ScenarioError: If a scenario or key does not exist, or a value is out of range.
     """
 
-    def __init__(
-        self,
-        table: FitTable,
-        store: Store,
-        *,
-        progress: Callable[[int, int], None] = lambda *_: None,
-        **how: Any,
-    ) -> None:
+    def __init__(self, table: FitTable, store: Store, **how: Any) -> None:
         self.table = table
-        self._store, self._how = store, {"processes": 1} | how
-        self._progress = progress
-        self._builders = {
-            name: Builder(name) for name in dict.fromkeys(e.scenario for e in table.experiments)
-        }
-        self._known: dict[Wanted, Mapping[str, float]] = {}
-        self._failed = 0
+        self._store, self._how = store, {"processes": 1, "whole": True} | how
+        self._builder = cache(Builder)
+        self._asked: set[Wanted] = set()
         middle = tuple((p.low + p.high) / 2 for p in table.parameters.values())
         for experiment in table.experiments:
             self.scenario(middle, experiment)
@@ -131,7 +120,7 @@ class Runs:
     @property
     def finished(self) -> int:
         """How many different runs have been asked for."""
-        return len(self._known)
+        return len(self._asked)
 
     def scenario(self, sample: Sample, experiment: Experiment) -> Scenario:
         """An experiment with the parameters of a sample.
@@ -151,7 +140,7 @@ class Runs:
                 point[key] = value * float(point[key])
             else:
                 factors[key] = value * factors.get(key, 1.0)
-        build = self._builders[experiment.scenario]
+        build = self._builder(experiment.scenario)
         fixed = (*self.table.set, *experiment.set)
         return build(fixed, {**point, **factors}, factors)
 
@@ -162,29 +151,18 @@ class Runs:
             TwinError: If a process is killed, or a chunk of runs is lost too often.
             LawError: If none of an experiment can be run, as where its law raises an error.
         """
-        asked = list(dict.fromkeys(wanted))
-        missing = [each for each in asked if each not in self._known]
-        if missing:
-            experiments = self.table.experiments
-            batch = ScenarioRuns(
-                (self.scenario(sample, experiments[i]) for sample, i in missing), seen=True
-            )
-            before = len(self._known)
-            gave = evaluate(
-                batch,
-                {"place": [place for _, place in missing]},
-                self._store,
-                whole=True,
-                progress=lambda done, failed: self._progress(before + done, self._failed + failed),
-                **self._how,
-            )
-            self._failed += int((gave["outcome"] != "finished").sum())
-            for place, own in gave.groupby("place"):
-                if (own["outcome"] == "refused").all():
-                    raise LawError(f"{experiments[place].label}: {own['reason'].iloc[0]}")
-            for each, row in zip(missing, gave.to_dict("records"), strict=True):
-                self._known[each] = {name: row[name] for name in experiments[each[1]].measured}
-        return {each: self._known[each] for each in asked}
+        asked, experiments = list(dict.fromkeys(wanted)), self.table.experiments
+        self._asked.update(asked)
+        batch = ScenarioRuns((self.scenario(x, experiments[i]) for x, i in asked), seen=True)
+        places = [place for _, place in asked]
+        gave = evaluate(batch, {"place": places}, self._store, **self._how)
+        for place, own in gave.groupby("place"):
+            if (own["outcome"] == "refused").all():
+                raise LawError(f"{experiments[place].label}: {own['reason'].iloc[0]}")
+        return {
+            each: {name: row[name] for name in experiments[each[1]].measured}
+            for each, row in zip(asked, gave.to_dict("records"), strict=True)
+        }
 
 
 def rounded(share: Array, table: FitTable) -> Sample:

@@ -23,7 +23,7 @@ from twin.shadow.follow import Shadow
 from twin.shadow.horizon import DRAWN, Replays
 from twin.shadow.monitor import LATE_THRESHOLD
 from twin.shadow.proposal import Proposal
-from twin.view.recording import add_twin, begin_twin, new_stream
+from twin.view.recording import fix, new_stream, send
 from twin.view.streams import Scores, TwinStream
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
@@ -57,11 +57,11 @@ def drawing(scenario: Scenario, shown: Shown) -> Tell:
     twin = TwinStream(shown.name, scenario)
     stream = new_stream(shown.name, shown.recording)
     stream.connect_grpc(shown.url)
-    begin_twin(stream, twin)
+    fix(stream, twin.fixed())
 
     def tell(replays: Replays | None, events: list[tuple[float, str]]) -> None:
         found = None if replays is None or not len(replays.time) else scores(replays)
-        add_twin(stream, twin, found, events)
+        send(stream, twin.batches(found, events))
         stream.flush()
 
     return tell

@@ -10,7 +10,6 @@ dead time and held noise together by RK4 at 10 ms.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ import numpy as np
 
 from controllers.arrays import Array, Mask
 from controllers.interfaces import Measurement
+from twin.data_file import packaged
 from twin.errors import TwinError
 from twin.hal.cams import FixedRatio
 from twin.hal.interface import Transmission
@@ -44,13 +44,8 @@ PERIOD = 0.002
 FINE, COARSE = 0.0005, 0.002
 """Physics steps of the mechanism in s: the steady errors of full state feedback, 0.1 mm and less,
 shrink with the step; with noise nothing changes by more than 0.01 % between 0.5 and 2 ms."""
-
-
-def _read(name: str) -> str:
-    return files("twin.thesis").joinpath("data", name).read_text(encoding="utf-8")
-
-
-IDEAL: dict[str, Any] = tomllib.loads(_read("ideal.toml"))
+HERE = "twin.thesis"
+IDEAL = packaged(HERE, "data/ideal.toml")
 """A rig with the imperfections that a row gives, and no others; nothing saturates."""
 
 
@@ -120,7 +115,7 @@ def tables() -> dict[str, SimulatedTable]:
     """All tables by number, in the thesis's order."""
     found = {}
     for group, bound in FILES.items():
-        content = tomllib.loads(_read(f"{group}.toml"))
+        content = packaged(HERE, f"data/{group}.toml")
         for entry in content["table"]:
             common = {
                 "seeds": content.get("seeds", 1),
@@ -149,7 +144,8 @@ def continuous() -> dict[str, Any]:
 
     ``fitted`` of a row is what another reading of the thesis gives, in words.
     """
-    found: dict[str, Any] = json.loads(_read("chapter_8.json"))
+    text = (files(HERE) / "data/chapter_8.json").read_text(encoding="utf-8")
+    found: dict[str, Any] = json.loads(text)
     return found
 
 
@@ -179,9 +175,9 @@ class ThesisColumn:
 
 
 COLUMNS = {
-    name: ThesisColumn(**about) for name, about in tomllib.loads(_read("columns.toml")).items()
+    name: ThesisColumn(**about) for name, about in packaged(HERE, "data/columns.toml").items()
 }
-"""The columns by the names the data files use.
+"""The columns of this chapter and the next by the names the data files use.
 
 The "average tracking error" is not (C.4), but a root mean square over the run. e_tt (C.7) and the
 "max. steady tracking error" are taken from ``metrics.start`` on.
@@ -205,7 +201,7 @@ def judge(row: SimulatedRow, motion: Motion, off: Array, start: float) -> dict[s
     values = found[0].as_dict()
     values |= {f"x{state + 1}_error": np.sqrt((off[:, state] ** 2).mean()) for state in range(4)}
     # beyond the end, in % of it
-    values["overshoot"] = max(0.0, 100 * (motion.ball[:, 0].max() / motion.ball[-1, 0] - 1))
+    values["overshoot_percent"] = max(0.0, 100 * (motion.ball[:, 0].max() / motion.ball[-1, 0] - 1))
     settled = [last if each.settling_time is None else each.settling_time for each in found]
     return {
         column: settled if column == "t_ss" else [float(values[COLUMNS[column].metric or column])]
@@ -332,8 +328,8 @@ def row_results(
         few = sum(job.cost for job in jobs) < WORTH_PROCESSES
         processes = 1 if few else min(cores(), MOST_PROCESSES, len(jobs))
     done = 0.0
-    for index, found in results(_tried, enumerate(jobs), processes):
-        done += jobs[index].cost
+    for cost, found in results(_tried, ((job.cost, job) for job in jobs), processes):
+        done += cost
         progress(done)
         yield from found
 
@@ -486,16 +482,15 @@ class ThesisCell:
 def compare(wanted: Iterable[SimulatedTable], found: Results) -> list[ThesisCell]:
     """Every cell of the tables."""
     return [
-        _cell(table, index, row, column, found)
+        _cell(table, index, column, found)
         for table in wanted
         for index, row in enumerate(table.rows)
         for column in row.cells
     ]
 
 
-def _cell(
-    table: SimulatedTable, index: int, row: SimulatedRow, column: str, found: Results
-) -> ThesisCell:
+def _cell(table: SimulatedTable, index: int, column: str, found: Results) -> ThesisCell:
+    row = table.rows[index]
     thesis, known = row.cells[column], continuous()[table.id][row.name]
     exact, *span = known[column]
     mine = {way: found[(table.id, index), way] for way in WAYS[1:]}

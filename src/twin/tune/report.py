@@ -69,25 +69,24 @@ def trade_off(found: TuneResult) -> Figure:
     """Cost against effort of every candidate that lost no rig, and the best at each effort."""
     with drawn(10, 4) as figure:
         ax = figure.subplots()
-        ran = [
-            (c, s.effort, s.cost)
-            for c in found.candidates
-            for s in c.scores[:1]
-            if s.effort is not None and s.cost is not None
-        ]
+        ran = {
+            candidate.number: (score.effort, score.cost)
+            for candidate in found.candidates
+            for score in candidate.scores[:1]
+            if score.effort is not None and score.cost is not None
+        }
         few = found.tune.rigs[0]
-        whole = [(e, k) for c, e, k in ran]
-        if whole:
-            ax.plot(*zip(*whole, strict=True), "o", ms=4, color=OTHER, label="candidates")
-            best = zip(*front(whole), strict=True)
+        if ran:
+            whole = zip(*ran.values(), strict=True)
+            ax.plot(*whole, "o", ms=4, color=OTHER, label="candidates")
+            best = zip(*front(list(ran.values())), strict=True)
             ax.plot(*best, "-", lw=1, color=OTHER, label="least cost at each effort")
         for candidate, colour, label in (
             (found.candidates[0], BEFORE, "before"),
             (found.chosen, AFTER, "after"),
         ):
-            for c, effort, cost in ran:
-                if c is candidate:
-                    ax.plot(effort, cost, "o", ms=9, color=colour, label=label)
+            if candidate.number in ran:
+                ax.plot(*ran[candidate.number], "o", ms=9, color=colour, label=label)
         ax.axvline(found.tune.limits.effort, ls=":", color="#555555")
         ax.annotate(
             "largest allowed",
@@ -265,8 +264,7 @@ def margins_table(found: TuneResult) -> Table:
     """Margins and verdict before and after, and what was asked."""
     rows = []
     for label, candidate in (("before", found.candidates[0]), ("after", found.chosen)):
-        score = next(s for each, s in found.finalists if each is candidate)
-        loop = candidate.loop
+        score, loop = found.worth(candidate), candidate.loop
         rows.append(
             (
                 label,

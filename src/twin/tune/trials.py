@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor
-from functools import lru_cache
+from contextlib import suppress
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -60,15 +61,12 @@ def loop_margins(law: Law, observer: Observer, *, dead_time: float) -> NominalLo
         observer: Any observer, or a predictor around one.
         dead_time: Of the ball's measurement in s.
     """
-    try:
-        return _least(sampled_loop(law, observer, dead_time=dead_time))
-    except ValueError:
-        pass
-    try:
-        loop = sampled_loop(law, Ideal(model=law.model, period=observer.period))
-    except ValueError:  # a law that switches
-        return NominalLoop(None, None, observed=False)
-    return _least(loop)._replace(observed=False)
+    full_state = Ideal(model=law.model, period=observer.period)
+    for seen, late in ((observer, dead_time), (full_state, 0.0)):
+        with suppress(ValueError):
+            loop = _least(sampled_loop(law, seen, dead_time=late))
+            return loop._replace(observed=seen is observer)
+    return NominalLoop(None, None, observed=False)  # a law that switches
 
 
 def _least(loop: Loop) -> NominalLoop:
@@ -137,7 +135,7 @@ class Trials:
         self._executor = executor
         self._store, self._how = store, {"executor": executor, "processes": processes}
         self._family = read_family(tune.family)
-        self._builders = {name: Builder(name) for name in {t.scenario for t in tune.tasks}}
+        self._builder = cache(Builder)
         about = self._family.parameters | tune.fields
         self._relative = {key for key, each in about.items() if each.relative}
         self.start = self._beginning()
@@ -169,7 +167,7 @@ class Trials:
         """
         about = self.tune.tasks[task]
         seed = () if rig is None else (f"seed={rig.seed}",)
-        build = self._builders[about.scenario]
+        build = self._builder(about.scenario)
         point = fields | (rig.point if rig is not None else {})
         fixed = (*self.tune.set, *about.set, *on, *seed)
         return at_study_step(build(fixed, point, self._relative & point.keys()))
@@ -257,7 +255,7 @@ class Trials:
 
     def _beginning(self) -> Point:
         """Where the fields begin, each a value that its range holds."""
-        build = self._builders[self.tune.tasks[0].scenario]
+        build = self._builder(self.tune.tasks[0].scenario)
         fixed = (*self.tune.set, *self.tune.tasks[0].set)
         found: Point = {}
         for key, about in self.tune.fields.items():

@@ -146,14 +146,13 @@ def _beside(about: Parameter, value: float | str) -> list[float | str]:
         return [other for other in about.values if other != value]
     assert not isinstance(value, str)
     low, high = about.ends
-    if about.integers is not None:
-        step = max(1, round(STEP * (high - low)))
-        sides: list[float] = [value - step, value + step]
-    elif about.loguniform is not None:
+    if about.loguniform is not None:
         factor = math.exp(STEP * math.log(high / low))
-        sides = [value / factor, value * factor]
+        sides = value / factor, value * factor
     else:
-        sides = [value - STEP * (high - low), value + STEP * (high - low)]
+        step = STEP * (high - low)
+        whole = step if about.continuous else max(1, round(step))
+        sides = value - whole, value + whole
     inside = [min(max(side, low), high) for side in sides]
     return [side for side in inside if side != value]
 
@@ -192,10 +191,14 @@ class TuneResult:
     after: dict[str, Any]
     runs: int
 
+    def worth(self, candidate: Candidate) -> Score:
+        """What a finalist is worth where the verdict is given."""
+        return next(found for each, found in self.finalists if each is candidate)
+
     @property
     def verdict(self) -> Score:
-        """What the chosen one is worth where the verdict is given."""
-        return next(found for each, found in self.finalists if each is self.chosen)
+        """What the chosen one is worth there."""
+        return self.worth(self.chosen)
 
     @property
     def good(self) -> bool:

@@ -1,19 +1,16 @@
-"""Runs in the viewer: recorded ones as an ``.rrd`` file or a picture, live ones row by row."""
+"""Runs in the viewer: recorded ones as an ``.rrd`` file, live ones row by row."""
 
 from __future__ import annotations
 
 import os
 import re
 import socket
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
 import rerun as rr
 import rerun.blueprint as rrb
-from PIL import Image
-from rerun.experimental import ViewerClient
 
 from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
@@ -28,11 +25,10 @@ from twin.view.streams import (
     TWIN_WORDS,
     Batch,
     RunStream,
-    Scores,
     TwinStream,
     saved_twin,
 )
-from twin.view.viewer import environment, headless
+from twin.view.viewer import environment
 from twin.writing import write_whole
 
 Words = Mapping[str, str]
@@ -162,11 +158,6 @@ def _events(roots: Sequence[str]) -> rrb.TextLogView:
 
 
 APPLICATION = "ballplate"
-SETTLE = 9.0
-"""Seconds after which the viewer has loaded everything and its notices have faded."""
-
-MENU = 36
-"""Height of the viewer's own menu, which is cut off."""
 
 
 def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
@@ -181,27 +172,17 @@ def new_stream(name: str, recording: str | None = None) -> rr.RecordingStream:
     return stream
 
 
-def send(stream: rr.RecordingStream, batch: Batch) -> None:
-    """Send a batch of columns."""
-    time = rr.TimeColumn(TIMELINE, duration=batch.time)
-    rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
-
-
-def begin_twin(stream: rr.RecordingStream, twin: TwinStream) -> None:
-    """Send what does not change of a run's twin."""
-    for entity, shape in twin.fixed():
+def fix(stream: rr.RecordingStream, shapes: Iterable[tuple[str, rr.AsComponents]]) -> None:
+    """Send what does not change: entity and shape."""
+    for entity, shape in shapes:
         stream.log(entity, shape, static=True)
 
 
-def add_twin(
-    stream: rr.RecordingStream,
-    twin: TwinStream,
-    scores: Scores | None,
-    events: Sequence[tuple[float, str]],
-) -> None:
-    """Send what the twin says: scores, and times in s and texts of what happened."""
-    for batch in twin.batches(scores, events):
-        send(stream, batch)
+def send(stream: rr.RecordingStream, batches: Iterable[Batch]) -> None:
+    """Send batches of columns."""
+    for batch in batches:
+        time = rr.TimeColumn(TIMELINE, duration=batch.time)
+        rr.send_columns(batch.entity, indexes=[time], columns=batch.columns, recording=stream)
 
 
 def write(path: Path, runs: Sequence[Run]) -> None:
@@ -258,12 +239,6 @@ def _plan(
     return blueprint([each.root for each in streams], groups, TIMELINE, live=live, ranges=ranges)
 
 
-def _log_fixed(stream: rr.RecordingStream, run: RunStream, rows: Mapping[str, Array]) -> None:
-    """Send what does not change of a run, by rows of it."""
-    for entity, shape in (*run.fixed(), *run.styles(rows)):
-        stream.log(entity, shape, static=True)
-
-
 def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     together = len(runs) > 1
     streams = [
@@ -274,45 +249,13 @@ def _send_all(stream: rr.RecordingStream, runs: Sequence[Run]) -> None:
     plan = _plan(streams, [run.rows for run in runs], live=False, twin=any(twins))
     stream.send_blueprint(plan, make_active=True, make_default=True)
     for each, run in zip(streams, runs, strict=True):
-        _log_fixed(stream, each, run.rows)
-        for batch in each.batches(run.rows):
-            send(stream, batch)
+        fix(stream, (*each.fixed(), *each.styles(run.rows)))
+        send(stream, each.batches(run.rows))
     for run, said in zip(runs, twins, strict=True):
         if said is not None:
             twin = TwinStream(run.name, run.scenario)
-            begin_twin(stream, twin)
-            add_twin(stream, twin, *said)
-
-
-def screenshot(
-    recording: Path, picture: Path, at: float, size: tuple[int, int] = (1600, 900)
-) -> None:
-    """Save what the viewer shows of a recording.
-
-    Args:
-        recording: The ``.rrd`` file.
-        picture: The PNG file to write.
-        at: Simulated time in s to show.
-        size: Width and height in points.
-
-    Raises:
-        ViewError: If the viewer does not start.
-        RecordError: If the picture cannot be written.
-    """
-    with headless(recording, size) as viewer:
-        viewer.set_time(TIMELINE, duration=at, play_state="paused")
-        time.sleep(SETTLE)
-        write_whole(picture, lambda target: _take(viewer, target, size))
-
-
-def _take(viewer: ViewerClient, target: Path, size: tuple[int, int]) -> None:
-    """Save the viewer's window without its menu."""
-    viewer.save_screenshot(str(target.resolve()))
-    with Image.open(target) as large:
-        scale = large.width // size[0]
-        page = large.crop((0, scale * MENU, large.width, large.height)).convert("RGB")
-        small = page.resize((size[0], size[1] - MENU), Image.Resampling.LANCZOS)
-    small.save(target, optimize=True)
+            fix(stream, twin.fixed())
+            send(stream, twin.batches(*said))
 
 
 EVERY = 0.08
@@ -379,12 +322,11 @@ def work(
             if not begun:
                 _begin(stream, run, block, url, twin=twin)
                 begun = True
-            for batch in run.batches(block):
-                send(stream, batch)
+            send(stream, run.batches(block))
             if ring.dropped != shown:
                 shown = ring.dropped
                 missed = rr.Scalars.columns(scalars=[shown])
-                send(stream, Batch(DROPPED, block["time"][-1:], missed))
+                send(stream, [Batch(DROPPED, block["time"][-1:], missed)])
             stream.flush()
 
 
@@ -396,4 +338,4 @@ def _begin(
     stream.connect_grpc(url, default_blueprint=plan)
     if twin:  # whose process may have come first, and the viewer made a plan of its own
         stream.send_blueprint(plan, make_active=True, make_default=True)
-    _log_fixed(stream, run, block)
+    fix(stream, (*run.fixed(), *run.styles(block)))

@@ -113,7 +113,9 @@ def signals(
         **_lines("xy", error.T),
     }
     angles, rates = np.degrees(state[:, 2::4].T), np.degrees(state[:, 3::4].T)
-    found["angle_deg"] = _with_limits(_lines(AXES, angles), float(np.degrees(limits.angle)))
+    most = np.full(len(state), np.degrees(limits.angle))
+    ends = {"limit_high": Signal(most, PINK, 0.8), "limit_low": Signal(-most, PINK, 0.8)}
+    found["angle_deg"] = _lines(AXES, angles) | ends
     found["rate_deg_per_s"] = _lines(AXES, rates)
     found["effort_rad_per_s2"] = _effort(rows)
     if true:
@@ -195,10 +197,3 @@ def _lines(names: Sequence[str], values: Sequence[Array] | Array) -> dict[str, S
     """Lines of a plot, each in the next colour; no more than there are colours."""
     colours = (BLUE, VERMILION, GREEN, PINK)
     return {n: Signal(v, colour) for n, v, colour in zip(names, values, colours, strict=False)}
-
-
-def _with_limits(plot: dict[str, Signal], limit: float) -> dict[str, Signal]:
-    count = len(next(iter(plot.values())).values)
-    for name, value in (("limit_high", limit), ("limit_low", -limit)):
-        plot[name] = Signal(np.full(count, value), PINK, 0.8)
-    return plot

@@ -6,19 +6,15 @@ import os
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
-
-from rerun.experimental import ViewerClient
 
 from twin.errors import ViewError
 from twin.jobs import wait_until
 
-NEEDS = "it needs a Vulkan driver (Debian: mesa-vulkan-drivers)"
+STARTING = 10.0
+"""Longest time in s that the server of a page may take to start."""
 
 
 def program() -> Path:
@@ -80,18 +76,50 @@ class Opened:
 
     Attributes:
         process: The program.
-        url: Where it takes data.
+        port: Where it takes data.
         page: Where a browser finds it; empty for a window.
     """
 
     process: subprocess.Popen[bytes]
-    url: str
+    port: int
     page: str = ""
+
+    @property
+    def url(self) -> str:
+        """The address where it takes data, in its own form."""
+        return f"rerun+http://127.0.0.1:{self.port}/proxy"
+
+    @property
+    def listens(self) -> bool:
+        """Whether it has not ended and takes data."""
+        with socket.socket() as probe:
+            reached = probe.connect_ex(("127.0.0.1", self.port)) == 0
+        return reached and self.process.poll() is None
 
     def close(self) -> None:
         """End it."""
         self.process.terminate()
         self.process.wait()
+
+
+def started(*options: str | Path) -> Opened:
+    """The viewer, listening on a free port of this machine only.
+
+    Raises:
+        ViewError: If it is missing or cannot be started.
+    """
+    port, path = free_port(), str(program())
+    try:
+        process = subprocess.Popen(
+            (path, "--bind", "127.0.0.1", "--port", str(port), *map(str, options)),
+            env=environment(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C is for the run
+        )
+    except OSError as error:
+        raise ViewError(f"the viewer {path} cannot be started: {error.strerror}") from error
+    return Opened(process, port)
 
 
 def window(*files: Path) -> Opened:
@@ -102,9 +130,7 @@ def window(*files: Path) -> Opened:
     """
     if not has_display():
         raise ViewError("no display for a viewer window; use --rrd FILE, --serve or --connect")
-    port = free_port()
-    more = [*map(str, files)] or ["--expect-data-soon"]
-    return Opened(_start(*_local(port), *more), _url(port))
+    return started(*files or ("--expect-data-soon",))
 
 
 def page(web_port: int, *files: Path) -> Opened:
@@ -114,93 +140,12 @@ def page(web_port: int, *files: Path) -> Opened:
         ViewError: If the port is taken, or there is no viewer.
     """
     check_free(web_port)
-    port = free_port()
-    command = [*_local(port), "--serve-web", "--web-viewer-port", str(web_port)]
-    process = _start(*command, *map(str, files))
+    made = started("--serve-web", "--web-viewer-port", str(web_port), *files)
     if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, process.pid, 15)  # the control loop comes first
-    _wait_for(process, port)
-    data = quote(_url(port), safe="")
-    return Opened(process, _url(port), f"http://127.0.0.1:{web_port}/?url={data}")
-
-
-@contextmanager
-def headless(
-    path: Path, size: tuple[int, int] = (1600, 900), wait: float = 30.0
-) -> Iterator[ViewerClient]:
-    """A viewer without a window that has loaded a file.
-
-    Args:
-        path: The ``.rrd`` file.
-        size: Width and height in points.
-        wait: Longest time in s for starting and for loading.
-
-    Raises:
-        ViewError: If it does not start, does not load the file, or ends by itself.
-    """
-    port = free_port()
-    viewer = _start(*_local(port), "--headless", "--window-size", f"{size[0]}x{size[1]}")
-    try:
-        client = _connect(viewer, port, wait)
-        client.open(str(path.resolve()))
-        if not wait_until(lambda: _loaded(client), wait, 0.1):
-            raise ViewError(f"the viewer did not load {path} within {wait:g} s")
-        yield client
-    except ConnectionError as error:
-        raise ViewError(f"the viewer ended by itself; {NEEDS}") from error
-    finally:
-        viewer.terminate()
-        viewer.wait()
-
-
-def _loaded(client: ViewerClient) -> bool:
-    state = client.get_state()
-    return not state.loading and any(each.timelines for each in state.recordings)
-
-
-def _connect(viewer: subprocess.Popen[bytes], port: int, wait: float) -> ViewerClient:
-    until = time.monotonic() + wait
-    while viewer.poll() is None and time.monotonic() < until:
-        try:
-            client = ViewerClient.connect(_url(port))
-            client.get_state()
-        except (RuntimeError, ValueError, OSError):
-            time.sleep(0.1)
-        else:
-            return client
-    raise ViewError(f"the viewer did not start; {NEEDS}")
-
-
-def _local(port: int) -> list[str]:
-    """The command that starts the viewer, listening on this machine only."""
-    return [str(program()), "--bind", "127.0.0.1", "--port", str(port)]
-
-
-def _url(port: int) -> str:
-    return f"rerun+http://127.0.0.1:{port}/proxy"
-
-
-def _wait_for(process: subprocess.Popen[bytes], port: int, wait: float = 10.0) -> None:
-    """Return when a program listens at a port."""
-    until = time.monotonic() + wait
-    while process.poll() is None and time.monotonic() < until:
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return
-        time.sleep(0.05)
-    process.terminate()
-    process.wait()
-    raise ViewError(f"the viewer's server did not start at port {port}")
-
-
-def _start(*command: str) -> subprocess.Popen[bytes]:
-    try:
-        return subprocess.Popen(
-            command,
-            env=environment(),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the run
-        )
-    except OSError as error:
-        raise ViewError(f"the viewer {command[0]} cannot be started: {error.strerror}") from error
+        os.setpriority(os.PRIO_PROCESS, made.process.pid, 15)  # the control loop comes first
+    wait_until(lambda: made.listens or made.process.poll() is not None, STARTING, 0.05)
+    if not made.listens:
+        made.close()
+        raise ViewError(f"the viewer's server did not start at port {made.port}")
+    data = quote(made.url, safe="")
+    return replace(made, page=f"http://127.0.0.1:{web_port}/?url={data}")
