@@ -36,7 +36,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @LAW
 @SETTING
 @JSON
-def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
+def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.
 
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
@@ -57,7 +57,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
     thesis = (*_pole_table(rows), *margins)
     shown = (*_told(loop), _neglected_terms(neglected, chosen.title), *thesis)
-    show(numbers, as_json, shown)
+    show(numbers, shown)
 
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
@@ -185,7 +185,7 @@ def _shown(value: float | None, scale: float = 1.0) -> str:
 @click.argument("tables", nargs=-1, metavar="[TABLE]...")
 @PROCESSES
 @JSON
-def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) -> int:
+def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
     """Recompute the thesis's tables and compare.
 
     TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
@@ -210,7 +210,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
         _simulated(wanted, cells) if wanted else (),
         _measured(measured, whole=len(of_9) == len(chapter9.tables())) if measured else (),
     )
-    show([cell.as_dict() for cell in cells] + measured, as_json, shown)
+    show([cell.as_dict() for cell in cells] + measured, shown)
     return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
 
 

@@ -60,8 +60,6 @@ def lost_motion(
     rate: float,
     cycles: int,
     overrides: tuple[str, ...],
-    *,
-    as_json: bool,
 ) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
@@ -91,7 +89,7 @@ def lost_motion(
         told.append(f"{each.axis}: {each.words}")
         if each.shape in KEYS:
             told.append(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}")
-    show([each.as_dict() for each in found], as_json, told)
+    show([each.as_dict() for each in found], told)
 
 
 @click.command(cls=Command, example="calibrate touch --out touch-of-rig.json")
@@ -110,7 +108,7 @@ def lost_motion(
     help="Calibration file [touch-of-rig.json].",
 )
 @JSON
-def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> None:
+def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
@@ -125,7 +123,7 @@ def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> Non
             found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
     then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
-    show({"file": str(out), **found.as_dict()}, as_json, (*_residuals(found), then))
+    show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
 
 
 def _point(text: str) -> tuple[float, float]:
@@ -195,15 +193,13 @@ calibrate.add_command(lost_motion)
     "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
 )
 @JSON
-def cams(
-    out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
-) -> None:
+def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
     from twin.sim.calibration import static_error, sweep_cams, tap_test
 
     if rig is not None:
-        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
+        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines)
         return
     path = out or model_path("cams.json")
     if out is not None and not check:
@@ -245,13 +241,13 @@ def cams(
         if named is None
         else f"{'checked' if check else 'written to'} {path}",
     )
-    show({"table": named, "residual": left, "resonance": ringing}, as_json, shown)
+    show({"table": named, "residual": left, "resonance": ringing}, shown)
 
 
 @calibrate.command(cls=Command, example="calibrate level runs/excite")
 @click.argument("log", type=PATH)
 @JSON
-def level(log: Path, *, as_json: bool) -> int:
+def level(log: Path) -> int:
     """Estimate from a recorded run how far the base is off level, and say how to correct it.
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
@@ -267,7 +263,7 @@ def level(log: Path, *, as_json: bool) -> int:
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
         levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
     told = (f"{each.name}: {advice(each, foot)}" for each, foot in zip(levels, FEET, strict=True))
-    show([each.as_dict() for each in levels], as_json, told)
+    show([each.as_dict() for each in levels], told)
     return int(any(each.word != IDENTIFIED for each in levels))
 
 
@@ -294,7 +290,7 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
     return f"{known}: raise the {side} side by {rise:.2f} mm per metre along {along}"
 
 
-def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
+def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
     """Measure the cams of a rig."""
     from twin.doctor.cams import measure
     from twin.hal.cams import CamTable
@@ -315,4 +311,4 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
         f"deg, the measured one by {found.rms_deg:.3f} deg RMS",
         f'written to {path}; name it in the rig file: cams = "{path}"',
     )
-    show({"table": str(path), "points": found.points, **numbers}, as_json, told)
+    show({"table": str(path), "points": found.points, **numbers}, told)

@@ -32,7 +32,7 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 )
 @LAW
 @JSON
-def describe(name: str, *, as_json: bool) -> int:
+def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
     A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
@@ -41,18 +41,18 @@ def describe(name: str, *, as_json: bool) -> int:
     from twin.scenario.describe import about, described
 
     if name in WORDS:
-        return _kinds(WORDS[name], as_json=as_json)
+        return _kinds(WORDS[name])
     found = described(name)
     sentence = about(name)
     shown: list[Shown] = [bold(sentence)] if sentence else []
     shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
     if not name:
         shown.append("Settings of a law, observer or reference: ballplate describe NAME")
-    show([key.as_dict() for key in found], as_json, shown)
+    show([key.as_dict() for key in found], shown)
     return 0
 
 
-def _kinds(table: str, *, as_json: bool) -> int:
+def _kinds(table: str) -> int:
     """List the laws, observers or references with one sentence each."""
     from twin.scenario.describe import about
     from twin.scenario.schema import choices
@@ -60,7 +60,7 @@ def _kinds(table: str, *, as_json: bool) -> int:
     sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
     told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
     told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
-    show(sentences, as_json, told)
+    show(sentences, told)
     return 0
 
 

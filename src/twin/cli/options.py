@@ -126,9 +126,9 @@ def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> li
     return [CompletionItem(Path(incomplete).as_posix() if incomplete else "", type="file")]
 
 
-def _note_plant(context: click.Context, __: click.Parameter, plant: str | None) -> None:
-    """Keep what ``--plant`` says, for ``--set``."""
-    context.meta["plant"] = plant
+def _note(context: click.Context, option: click.Parameter, value: object) -> None:
+    """Keep what an option says for whoever looks for it, by its name."""
+    context.meta[str(option.name)] = value
 
 
 def _settings(
@@ -165,7 +165,7 @@ PLANT = click.option(
     type=click.Choice(["mujoco", "lagrange"]),
     expose_value=False,
     is_eager=True,
-    callback=_note_plant,
+    callback=_note,
     help="Simulate the mechanism, or the exact equations.",
 )
 PROCESSES = click.option(
@@ -205,7 +205,13 @@ LAW = click.option(
     callback=_add_laws,
     help="Take in the laws, observers and references of a Python file; those in laws/ always are.",
 )
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+JSON = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=_note,
+    help="Print JSON and nothing else.",
+)
 
 ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
 

@@ -46,9 +46,14 @@ def dim(sentence: str) -> Text:
     return Text(sentence, style="dim")
 
 
+def json_wanted() -> bool:
+    """Whether the command that runs was given ``--json``."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get("json"))
+
+
 def show(
     found: Mapping[str, Any] | Sequence[Any],
-    as_json: bool,
     shown: Iterable[object],
     folder: str | Path | None = None,
     files: str = "",
@@ -58,13 +63,12 @@ def show(
 
     Args:
         found: What ``--json`` prints.
-        as_json: Whether it was asked for.
         shown: What people read, in this order; taken only where it is printed.
         folder: Where it was written; None for nowhere.
         files: Its files there, in words.
         replaced: What it replaced there, in words.
     """
-    if as_json:
+    if json_wanted():
         click.echo(json.dumps(found, indent=2, allow_nan=False))
         return
     for each in shown:
@@ -77,11 +81,11 @@ def show(
         say(f"written to {folder}/{replaced}: {files}")
 
 
-def show_titles(titles: Mapping[str, str], *, as_json: bool) -> None:
+def show_titles(titles: Mapping[str, str]) -> None:
     """Print what there is to run, name to title, one line each."""
     width = max(map(len, titles), default=0)
     lines = (Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles)
-    show(titles, as_json, lines)
+    show(titles, lines)
 
 
 def say(*lines: str) -> None:

@@ -24,7 +24,7 @@ from twin.cli.options import (
     Command,
     known,
 )
-from twin.cli.output import console, errors, progress, say, show, warn
+from twin.cli.output import console, errors, json_wanted, progress, say, show, warn
 from twin.doctor.check import CheckStatus
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
@@ -67,7 +67,6 @@ def doctor(
     reset: bool,
     udev: bool,
     install: bool,
-    as_json: bool,
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
@@ -81,25 +80,25 @@ def doctor(
     from twin.scenario import load
 
     if install:
-        found = _told(examine_installation(), as_json)
-        show([each.as_dict() for each in found], as_json, ())
+        found = _told(examine_installation())
+        show([each.as_dict() for each in found], ())
         return 0
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
-        found = _told(examine(chosen, file, ask, move=move, reset=reset), as_json)
+        found = _told(examine(chosen, file, ask, move=move, reset=reset))
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     shown = (told, next_step(found, rig, move=move))
-    show([each.as_dict() for each in found], as_json, shown)
+    show([each.as_dict() for each in found], shown)
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
-def _told(results: Iterable[CheckResult], as_json: bool) -> list[CheckResult]:
+def _told(results: Iterable[CheckResult]) -> list[CheckResult]:
     """All results, each told when it comes unless JSON is wanted."""
     found = []
     for result in results:
         found.append(result)
-        if not as_json:
+        if not json_wanted():
             _print(result)
     return found
 
@@ -217,7 +216,7 @@ def _listen(rig: VirtualRig) -> None:
 @click.command(cls=Command, example="safety --json")
 @PROCESSES
 @JSON
-def safety(processes: int | None, *, as_json: bool) -> int:
+def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     from twin.safety.cases import CASES
     from twin.safety.trial import run_all
@@ -229,7 +228,7 @@ def safety(processes: int | None, *, as_json: bool) -> int:
         _table(rows),
         f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
     ]
-    show([row.as_dict() for row in rows], as_json, shown)
+    show([row.as_dict() for row in rows], shown)
     return int(good < len(rows))
 
 

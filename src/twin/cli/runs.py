@@ -34,6 +34,7 @@ from twin.cli.output import (
     bold,
     dim,
     indicators,
+    json_wanted,
     progress,
     reasons,
     show,
@@ -52,9 +53,9 @@ if TYPE_CHECKING:
 
 @click.command("list", cls=Command, example="list")
 @JSON
-def list_scenarios(*, as_json: bool) -> None:
+def list_scenarios() -> None:
     """List the scenarios that can be run by name."""
-    show_titles(scenarios(), as_json=as_json)
+    show_titles(scenarios())
 
 
 @click.command(cls=Command, example="run circle --beside cure")
@@ -86,7 +87,6 @@ def run(
     reset: bool,
     everything: bool,
     shadow: bool,
-    as_json: bool,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     from twin.run.files import former, free, run_folder
@@ -136,7 +136,7 @@ def run(
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )
-    show(numbers, as_json, shown, folder, files, replaced)
+    show(numbers, shown, folder, files, replaced)
     viewing.keep(folder)
     return int(not done.finished)
 
@@ -171,7 +171,6 @@ def compare(
     processes: int | None,
     *,
     everything: bool,
-    as_json: bool,
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture.
 
@@ -213,7 +212,7 @@ def compare(
         *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
-    show(summaries, as_json, shown, found.folder, files, found.replaced)
+    show(summaries, shown, found.folder, files, found.replaced)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
 
@@ -235,8 +234,6 @@ def sweep(
     vary: tuple[str, ...],
     out: Path | None,
     processes: int | None,
-    *,
-    as_json: bool,
 ) -> int:
     """Run a scenario over the values of a key: a table and a curve.
 
@@ -260,8 +257,8 @@ def sweep(
         reporter=Terminal(),
     )
     numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
-    show(numbers, as_json, _table(done), folder, "sweep.png, sweep.csv")
-    if not as_json:
+    show(numbers, _table(done), folder, "sweep.png, sweep.csv")
+    if not json_wanted():
         _tell(done)
     return int(not done.finished)
 

@@ -48,7 +48,6 @@ def study(
     out: Path | None,
     *,
     plan: bool,
-    as_json: bool,
 ) -> int:
     """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
@@ -57,14 +56,14 @@ def study(
     """
     known = shipped_in("studies")
     if study is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("study", study, known)  # a wrong name is told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         work = work_of(study, {"samples": samples, "seeds": seeds})
         check_writable(folder)
-        return _plan_study(work, folder, processes, scheduler, as_json=as_json)
+        return _plan_study(work, folder, processes, scheduler)
     done = run_study(
         study,
         out=folder,
@@ -85,13 +84,11 @@ def study(
         *endings(done.work, done.rows),
     )
     files = "report.html, figures/, rows.parquet, rows.csv"
-    show(_numbers(about, found), as_json, shown, folder, files)
+    show(_numbers(about, found), shown, folder, files)
     return 0
 
 
-def _plan_study(
-    work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
-) -> int:
+def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
     from twin.study.experiments import Store, executors, remaining, seconds
 
     with executors(processes, scheduler) as (_, count):
@@ -108,7 +105,7 @@ def _plan_study(
         if chunks
         else f"{total} runs, all of them finished"
     )
-    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, as_json, [told])
+    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, [told])
     return 0
 
 
@@ -170,7 +167,6 @@ def tune(
     out: Path | None,
     *,
     plan: bool,
-    as_json: bool,
 ) -> int:
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
@@ -181,7 +177,7 @@ def tune(
     """
     known = shipped_in("tunes")
     if tune is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
     from twin.tune.schema import read
@@ -200,7 +196,7 @@ def tune(
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         if plan:
-            _plan_tune(about, trials, count, as_json=as_json)
+            _plan_tune(about, trials, count)
             return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
@@ -213,11 +209,11 @@ def tune(
     )
     then = f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}"
     files = f"report.html, tune.json, tuned.toml; {then}"
-    show(found.as_dict(), as_json, shown, folder, files)
+    show(found.as_dict(), shown, folder, files)
     return int(not found.good)
 
 
-def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None:
+def _plan_tune(about: Tune, trials: Trials, processes: int) -> None:
     from twin.tune.tune import planned_runs
 
     search, verdict, fresh = planned_runs(about)
@@ -230,4 +226,4 @@ def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) ->
         f"{verdict} of the verdict and {fresh} of the certificate take about "
         f"{duration(seconds)} on {processes} processors (measured here on one)"
     )
-    show({**counts, **cost}, as_json, [told])
+    show({**counts, **cost}, [told])

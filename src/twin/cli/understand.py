@@ -40,7 +40,6 @@ def explain(
     processes: int | None,
     *,
     typical: bool,
-    as_json: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
     from twin.explain.attribution import explain as explain_scenario
@@ -63,7 +62,7 @@ def explain(
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
     draw(folder / "picture.png", found)
-    show(numbers, as_json, _effects(found), folder, "picture.png, explain.json")
+    show(numbers, _effects(found), folder, "picture.png, explain.json")
     return 0 if found.whole.rms is not None else 1
 
 
@@ -131,9 +130,7 @@ PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 )
 @click.option("--out", type=PATH, help="Folder [runs/identify-LOG].")
 @JSON
-def identify(
-    log: Path, names: str | None, hold_out: float, out: Path | None, *, as_json: bool
-) -> int:
+def identify(log: Path, names: str | None, hold_out: float, out: Path | None) -> int:
     """Fit friction, dead time, drives and level to a recorded run.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
@@ -159,7 +156,7 @@ def identify(
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
     shown = (table, *why, *sentences(found), *notes)
-    show(found.as_dict(), as_json, shown, folder, "report.html, parameters.toml")
+    show(found.as_dict(), shown, folder, "report.html, parameters.toml")
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
 
 
@@ -177,7 +174,6 @@ def fit(
     out: Path | None,
     *,
     no_leave_out: bool,
-    as_json: bool,
 ) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
@@ -188,7 +184,7 @@ def fit(
     """
     known = shipped_in("fits")
     if table is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
@@ -210,7 +206,7 @@ def fit(
     told = sentences(found)
     shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
     more = told[len(found.estimates) + 1 :]
-    show(found.as_dict(), as_json, (*shown, *more), folder, "report.html, fit.json")
+    show(found.as_dict(), (*shown, *more), folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 
@@ -231,7 +227,6 @@ def shadow(
     out: Path | None,
     *,
     no_proposal: bool,
-    as_json: bool,
 ) -> int:
     """Let the twin run beside a recorded run: is it still right, since when not, and why.
 
@@ -253,7 +248,7 @@ def shadow(
         examined = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )
-    show(examined.numbers, as_json, examined.sentences, folder, FILES)
+    show(examined.numbers, examined.sentences, folder, FILES)
     return int(bool(examined.found.alarms))
 
 
@@ -284,8 +279,6 @@ def whatif(
     lasting: float,
     scenario: str | None,
     out: Path | None,
-    *,
-    as_json: bool,
 ) -> int:
     """Simulate other futures from a moment of a run: what would have happened.
 
@@ -321,5 +314,5 @@ def whatif(
         f"`ballplate view {folder}` and `ballplate report {folder}`"
     )
     shown = (agreement(moment), *tables, *apart)
-    show(summary(moment, found), as_json, shown, folder, files)
+    show(summary(moment, found), shown, folder, files)
     return 0
