@@ -13,7 +13,7 @@ from ballplate.reporter import Reporter, default, overview, showable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find
-from twin.writing import check_writable
+from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +116,6 @@ class Comparison(Mapping[str, "Result"]):
         """
         from twin.run.files import MANIFEST
         from twin.run.picture import draw
-        from twin.writing import write_json
 
         place = Path(folder)
         draw(place / "compare.png", self.motions, self.title, self._area)

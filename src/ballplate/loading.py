@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballplate.reporter import Reporter, default, png, showable
+from twin.errors import ScenarioError
 from twin.run.files import Signals
 
 if TYPE_CHECKING:
@@ -77,7 +78,6 @@ def load(path: str | Path) -> Result | Comparison | Log:
     if file.suffix == ".csv":
         return _log(file)
     from ballplate.comparing import Comparison
-    from ballplate.reporter import default
     from ballplate.results import Result
     from twin.run.finished import open_runs
 
@@ -173,7 +173,6 @@ def identify(
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.errors import ScenarioError
     from twin.identify.identify import identify as fit
     from twin.identify.parameters import chosen
 

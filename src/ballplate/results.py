@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
-from twin.run.finished import Run
+from twin.run.files import free
+from twin.run.finished import Run, of_other_class, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -151,9 +152,6 @@ class Result(Run):
         Raises:
             RecordError: If it cannot be written, or the run is one that was opened.
         """
-        from twin.run.files import free
-        from twin.run.finished import of_other_class
-
         place = Path(folder) if folder is not None else Path("runs") / self.name
         if self.record is not None and of_other_class(place, lambda: self.scenario):
             if folder is None:
@@ -183,8 +181,6 @@ def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> R
     Raises:
         RecordError: If it cannot be written, or the run is one that was opened.
     """
-    from twin.run.finished import save
-
     if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
     save(result, folder, {label: each.motion for label, each in result.shown.items()}, beside)

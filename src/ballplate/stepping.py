@@ -124,6 +124,8 @@ class Rig:
         """
         import numpy as np
 
+        from twin.run.loop import passed
+
         if not hasattr(self, "_begin") or self._ended is not None:
             raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
         if self.done:
@@ -139,20 +141,8 @@ class Rig:
         more = each("further", np.full(known, np.nan) if further is None else further, known)
         requested = (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
-        channels = {
-            "measured": now.y,
-            "age": now.age,
-            "touched": now.touched,
-            "estimate": believed,
-            "requested": requested,
-            "applied": (self.applied - before) / self.period,
-            "supervisor": self._rig.supervisor.state,
-        }
-        if known:
-            channels["further"] = more
-        self._record.append(now.time, channels | self._rig.telemetry())
-        self._rig.wait()
-        self.measurement = self._rig.read()
+        decided = (believed, requested, (self.applied - before) / self.period, more)
+        self.measurement = passed(self._rig, self._record, now, *decided)
         self._over = self._monitor.watch(self.measurement)
         if not self._over and (self._record.length - 1) % LOOKED == 0:
             self._over = self._monitor.examine(self.time)

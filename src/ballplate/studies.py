@@ -16,7 +16,7 @@ from ballplate.reporter import Reporter, default, png, showable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
 from twin.shipped import find
-from twin.writing import check_writable
+from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -159,8 +159,6 @@ class Sweep:
         Raises:
             RecordError: If they cannot be written.
         """
-        from twin.writing import write_whole
-
         figure, text, place = self.plot(), self.csv(), Path(folder)
         write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))
         write_whole(place / "sweep.csv", text)

@@ -11,7 +11,7 @@ import click
 from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SETTING, Command
 from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
-from twin.page import Table
+from twin.page import Table, digits
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
@@ -236,7 +236,6 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 def _measured(rows: list[Row], *, whole: bool) -> Iterator[Shown]:
     """The cells of chapter 9, thesis beside twin, and for the whole chapter the goals."""
-    from twin.page import digits
     from twin.thesis import chapter9
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")

@@ -25,7 +25,7 @@ from twin.cli.options import (
     known,
 )
 from twin.cli.output import console, errors, json_wanted, progress, say, show, warn
-from twin.doctor.check import CheckStatus
+from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
 from twin.page import Table
@@ -74,7 +74,6 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
-    from twin.doctor.check import next_step
     from twin.doctor.examine import examine
     from twin.doctor.install import examine_installation
     from twin.scenario import load

@@ -29,8 +29,8 @@ from twin.cli.options import (
     Viewing,
 )
 from twin.cli.output import (
+    TERMINAL,
     Shown,
-    Terminal,
     bold,
     dim,
     indicators,
@@ -42,8 +42,8 @@ from twin.cli.output import (
     warn,
 )
 from twin.errors import LogError
-from twin.page import Table
-from twin.report.numbers import own_settings, ranking
+from twin.page import Table, digits
+from twin.report.numbers import FIRST, LABELS, own_settings, ranking
 from twin.shipped import find
 
 if TYPE_CHECKING:
@@ -72,7 +72,6 @@ def list_scenarios() -> None:
 )
 @RIG
 @RESET
-@click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
 @VIEWING
 @ALL
 @JSON
@@ -82,13 +81,13 @@ def run(
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
-    viewing: Viewing,
     *,
     reset: bool,
     everything: bool,
-    shadow: bool,
+    **watched: Any,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
+    viewing = Viewing(**watched)
     from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
     from twin.scenario import load
@@ -99,7 +98,6 @@ def run(
     folder = out or (free(named) if other or rig is not None else named)
     replaced, named_out = former(folder), folder
     replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
-    terminal = Terminal()
     done = run_scenario(
         scenario,
         overrides,
@@ -107,13 +105,13 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
-        watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
-        reporter=terminal,
+        watch=lambda chosen: viewing.of(chosen, folder),
+        reporter=TERMINAL,
     )
     if done.folder != folder and done.folder is not None:
         folder = done.folder
         replaced = f" ({named_out}/ keeps its finished run)"
-    examined = _examined(folder) if shadow else None
+    examined = _examined(folder) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
     numbers["baseline"] = None if model is None else model.summary()
@@ -198,7 +196,7 @@ def compare(
         settings=overrides,
         out=out or folder_of,
         processes=processes,
-        reporter=Terminal(),
+        reporter=TERMINAL,
     )
     summaries = found.summaries()
     by_heading = {found.headings[label]: each for label, each in summaries.items()}
@@ -254,7 +252,7 @@ def sweep(
         settings=overrides,
         out=folder,
         processes=processes,
-        reporter=Terminal(),
+        reporter=TERMINAL,
     )
     numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
     show(numbers, _table(done), folder, "sweep.png, sweep.csv")
@@ -274,8 +272,6 @@ def _tell(done: Sweep) -> None:
 def _table(done: Sweep) -> Iterator[Shown]:
     """The first indicator that applies of every curve, or all of the only one."""
     from ballplate.studies import named
-    from twin.page import digits
-    from twin.report.numbers import FIRST, LABELS
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
     curves = done.curves

@@ -12,7 +12,7 @@ from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCHEDULER, SETTING, Command
-from twin.cli.output import Terminal, bold, duration, progress, show, show_titles
+from twin.cli.output import TERMINAL, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
@@ -69,7 +69,7 @@ def study(
         out=folder,
         processes=processes,
         scheduler=scheduler,
-        reporter=Terminal(),
+        reporter=TERMINAL,
         samples=samples,
         seeds=seeds,
     )

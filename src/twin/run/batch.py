@@ -114,7 +114,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
             time, reason = outcome.time, outcome.reason
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
             continue
-        motion = (Motion.seen if seen else Motion.of)(record, desired[paths[at]], at)
+        motion = Motion.of(record, desired[paths[at]], at, seen=seen)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -53,9 +53,6 @@ from twin.scenario.changing import always_friction
 from twin.scenario.load import check, recorded
 from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
-
-if TYPE_CHECKING:
-    from controllers.arrays import Array
 
 
 class RecordedReference(Reference):
@@ -453,8 +450,9 @@ def open_run(path: Path) -> list[Run]:
         scenario, absent = recorded(tables, str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
+    said = {key: metadata.get(key) or kind() for key, kind in SHAPES.items()}
     for key, kind in SHAPES.items():
-        if not isinstance(metadata.get(key) or kind(), kind):
+        if not isinstance(said[key], kind):
             raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
@@ -464,15 +462,9 @@ def open_run(path: Path) -> list[Run]:
         scenario,
         values,
         units,
-        metadata.get("metrics", {}),
-        metadata.get("versions", {}),
-        file.parent,
-        tuple(metadata.get("events") or ()),
-        metadata.get("ledger", {}),
-        metadata.get("branch", {}),
-        metadata.get("driven", {}),
-        metadata.get("classes", {}),
-        absent,
+        folder=file.parent,
+        absent=absent,
+        **said | {"events": tuple(said["events"])},
     )
     if file.name != STREAM:
         return [run]

@@ -23,7 +23,7 @@ from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
 from twin.run.loop import Ending, Outcome
 from twin.run.metrics import Motion
-from twin.run.record import CHANNELS
+from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
 
 SCALES = {
@@ -110,8 +110,6 @@ def _read_table(
     path: Path, units: Mapping[str, str], look: Callable[[list[str]], object]
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     import pyarrow as pa  # noqa: PLC0415  heavy: a CSV file does without
-
-    from twin.run.record import stored  # noqa: PLC0415
 
     try:
         table = stored(path)

@@ -12,7 +12,7 @@ import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -23,9 +23,6 @@ from twin.scenario import changing
 from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
 from twin.shipped import find
 from twin.validation import Model, keys_of, one_line, read_tables
-
-if TYPE_CHECKING:
-    from twin.scenario.schema import Scenario
 
 
 def clean(scenario: Scenario) -> Scenario:
