@@ -107,17 +107,18 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Args:
         name: A shipped scenario, or a TOML file.
         changed: What is changed of it.
-        titled: Whether its title says so.
+        titled: Whether its title says so, and with that what ran.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
     from twin.scenario.load import check, read, resolved
-    from twin.scenario.load import titled as title_of
+    from twin.scenario.variants import comparison
 
     pairs = [(each.key, each.value) for each in changed]
     chosen = check(*resolved(*read(str(name)), pairs))
-    return title_of(chosen, [each.text for each in changed]) if titled else chosen
+    title = comparison(chosen.title, (), [each.text for each in changed])
+    return chosen.model_copy(update={"title": title}) if titled else chosen
 
 
 def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

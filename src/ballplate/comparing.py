@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of, varied_of
-from ballplate.reporter import Reporter, default, overview, showable
+from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find
-from twin.writing import check_writable, write_json
+from twin.writing import write_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,8 @@ class Comparison(Mapping[str, "Result"]):
         title: What is compared.
         headings: What the table calls each run.
         names: What pictures call it.
-        folders: Where each run that was just made is kept within a folder of the comparison.
+        folders: Where each run that was just made is kept within a folder of the comparison, by
+            label.
         interrupted: Whether Ctrl-C ended it before all had run.
         folder: Where it was saved as the runs came; None for nowhere.
         replaced: What it replaced where it is saved, in words; empty for nothing.
@@ -103,7 +104,7 @@ class Comparison(Mapping[str, "Result"]):
         from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
-        self.folders = {label: self.folders.get(label, slug(label)) for label in self.runs}
+        self.folders = {label: slug(self.names[label]) for label in self.runs}
         for label, each in self.runs.items():
             kept(each, Path(folder) / self.folders[label])
         return self.draw(folder)
@@ -152,13 +153,11 @@ class Case(NamedTuple):
         scenario: What is run.
         heading: What the table calls it: the shortest text that tells it from the others.
         name: What pictures call it, where no key stands over it.
-        folder: Where it is kept within the folder of the comparison.
     """
 
     scenario: Scenario
     heading: str
     name: str
-    folder: str
 
 
 def compare(
@@ -192,7 +191,7 @@ def compare(
             range or cannot be assembled, or the folder cannot be written.
         KeyboardInterrupt: If the user interrupts before any has run.
     """
-    from twin.run.files import forget, sorted_out
+    from twin.run.files import forget, slug, sorted_out
 
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
@@ -212,11 +211,8 @@ def compare(
     finished = labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
     title = title_of(names, cases, finished, varied, [each.text for each in base])
-    folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
-    replaced = ""
-    if folder is not None:
-        check_writable(folder, report.name_of("out"))
-        replaced = forget(folder)
+    folder = writable(out([*names, *finished]) if callable(out) else out, report)
+    replaced = "" if folder is None else forget(folder)
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
     interrupted = False
@@ -228,7 +224,7 @@ def compare(
                 report.warn(f"{label}: {done}")
                 continue
             each = Result.from_run(done, label)
-            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
+            runs[label] = each if folder is None else kept(each, folder / slug(cases[label].name))
     except KeyboardInterrupt:
         interrupted = True
         if not runs:
@@ -241,7 +237,7 @@ def compare(
         title,
         {label: cases[label].heading for label in ordered},
         names={label: cases[label].name for label in ordered},
-        folders={label: cases[label].folder for label in ordered},
+        folders={label: slug(cases[label].name) for label in ordered},
         interrupted=interrupted or bool(failed),
         folder=folder,
         replaced=replaced,
@@ -313,7 +309,6 @@ def cases_of(
     Raises:
         ScenarioError: If anything in them is unknown or out of range.
     """
-    from twin.run.files import slug
     from twin.scenario.variants import variants
 
     cases: dict[str, Case] = {}
@@ -326,7 +321,7 @@ def cases_of(
             )
             changed = changes_of((), dict(variant.settings))
             scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, heading, called, slug(called))
+            cases[label] = Case(scenario, heading, called)
     return cases
 
 
@@ -370,8 +365,7 @@ def _each(
     if min(processes, len(cases)) <= 1 or not all(map(importable, cases.values())):
         for label, case in cases.items():
             try:
-                warn_of_dangers(case, reporter, label if len(cases) > 1 else "")
-                done = one_run(case, label, reporter, warn=False)
+                done = one_run(case, label, reporter, which=label if len(cases) > 1 else "")
             except LawError as error:
                 yield label, error
                 continue

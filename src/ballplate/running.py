@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.reporter import Reporter, default
+from ballplate.reporter import Reporter, default, writable
 from twin.errors import RigError, ScenarioError
 from twin.shipped import find
-from twin.writing import check_writable, written_alone
+from twin.writing import written_alone
 
 if TYPE_CHECKING:
     from ballplate.results import Result
@@ -86,9 +86,7 @@ def run(
     from twin.run.finished import holds_finished
     from twin.run.plants import PLANTS
 
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        check_writable(folder, report.name_of("out"))
+    folder = writable(out, report)
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
@@ -130,7 +128,7 @@ def one_run(
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
     *,
-    warn: bool = True,
+    which: str = "",
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -140,15 +138,14 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
-        warn: Whether nobody has warned of its dangers yet.
+        which: Which of several runs it is, for the warnings.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
     from twin.run import finished
 
-    if warn:
-        warn_of_dangers(scenario, reporter)
+    warn_of_dangers(scenario, reporter, which)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 

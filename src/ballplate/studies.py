@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
 from ballplate.comparing import cases_of
-from ballplate.reporter import Reporter, default, png, showable
+from ballplate.reporter import Reporter, default, png, showable, writable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
 from twin.shipped import find
-from twin.writing import check_writable, write_whole
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -223,8 +223,7 @@ def sweep(
     report = reporter or default()
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
-    if out is not None:
-        check_writable(Path(out), report.name_of("out"))
+    folder = writable(out, report)
     count = processes or jobs.cores()
     if not all(map(importable, cases)):
         count = 1
@@ -248,8 +247,8 @@ def sweep(
     points = list(itertools.product(*plain))
     every = [rows.get(number, _none("not run")) for number in range(len(cases))]
     done = Sweep(title, tuple(varied), points, every)
-    if out is not None:
-        done.save(out)
+    if folder is not None:
+        done.save(folder)
     return done
 
 
@@ -366,9 +365,8 @@ def study(
 
     report = reporter or default()
     work = work_of(str(name), keys)
-    if out is not None:
-        check_writable(Path(out), report.name_of("out"))
-    store = Store(None if out is None else Path(out))
+    folder = writable(out, report)
+    store = Store(folder)
     with (
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
         report.progress(work.study.title, work.different, "runs") as advance,
@@ -381,8 +379,8 @@ def study(
             progress=lambda done, failed: advance(done, f"{failed} failed"),
         )
     found = StudyResult(work, rows, answers(work, rows))
-    if out is not None:
-        found.save(out)
+    if folder is not None:
+        found.save(folder)
     return found
 
 

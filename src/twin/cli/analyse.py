@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ballplate.changes import changes_of, scenario_of
 from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SETTING, Command
 from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
@@ -44,10 +45,8 @@ def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """
     from controllers.analysis import design_rows, linear_designs
     from controllers.ballplate import BallPlate
-    from twin.scenario import load
-    from twin.scenario.load import titled
 
-    chosen = titled(load(scenario, overrides), overrides)
+    chosen = scenario_of(scenario, changes_of(overrides, {}))
     model = BallPlate()
     with progress("analysis", len(linear_designs(model)) + 1) as advance:
         rows = design_rows(model, advance)

@@ -286,8 +286,7 @@ def play(
 
     library()
     chosen = load(scenario, overrides)
-    folder = out or folder_of(scenario)
-    check_writable(folder)
+    folder = check_writable(out or folder_of(scenario))
     server = Server(chosen, folder, address=address, port=port, seconds=seconds)
     if server.token:
         warn(f"the page can be reached from other machines, by whoever has this address: {address}")

@@ -190,8 +190,7 @@ def tune(
     from twin.tune.tune import tuned
 
     library()
-    folder = out or Path("runs") / f"tune-{Path(tune).stem}"
-    check_writable(folder)
+    folder = check_writable(out or Path("runs") / f"tune-{Path(tune).stem}")
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)

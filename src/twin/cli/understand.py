@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ballplate.changes import changes_of, scenario_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
 from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
@@ -47,15 +48,12 @@ def explain(
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
     from twin.run.files import run_folder
-    from twin.scenario import load
-    from twin.scenario.load import titled
 
-    chosen = titled(load(scenario, overrides), overrides)
+    chosen = scenario_of(scenario, changes_of(overrides, {}))
     if typical:
         chosen = with_typical(chosen)
     named = run_folder(scenario, overrides)
-    folder = out or named.with_name(f"explain-{named.name}")
-    check_writable(folder)
+    folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
     with progress(f"{runs} runs of {chosen.title}", runs) as advance:
         found = explain_scenario(chosen, advance, processes)
@@ -141,14 +139,13 @@ def identify(log: Path, names: str | None, hold_out: float, out: Path | None) ->
 
     wanted = chosen_parameters(names)
     log = log_file(log)  # a wrong name is told before anything heavy is imported
-    folder = out or ROOT / f"identify-{run_name(log)}"
     from twin.identify.identify import identify as identify_log
     from twin.identify.log import read
     from twin.identify.report import HEADS, rows, sentences, write
     from twin.identify.verdict import IDENTIFIED
 
     recorded = read(log)
-    check_writable(folder)
+    folder = check_writable(out or ROOT / f"identify-{run_name(log)}")
     with progress(f"identifying from {recorded.source}", 1.0) as advance:
         found = identify_log(recorded, wanted, 1 - hold_out, advance)
     write(found, folder)
@@ -194,8 +191,7 @@ def fit(
     from twin.study.experiments import Store, executors
 
     about = read(table)
-    folder = out or Path("runs") / f"fit-{Path(table).stem}"
-    check_writable(folder)
+    folder = check_writable(out or Path("runs") / f"fit-{Path(table).stem}")
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
         runs = Runs(about, store, executor=executor, processes=count)
@@ -239,11 +235,9 @@ def shadow(
 
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    own = is_record(log)
-    folder = out or (log.parent if own else ROOT / f"shadow-{name}")
     from twin.shadow.examine import FILES, examine
 
-    check_writable(folder)
+    folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
         examined = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
@@ -288,7 +282,6 @@ def whatif(
     from twin.run.files import ROOT, log_file, run_name
 
     run = log_file(run)  # a wrong name is told before anything heavy is imported
-    folder = out or ROOT / f"whatif-{run_name(run)}"
     from twin.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
     from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
@@ -299,7 +292,7 @@ def whatif(
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
-        check_writable(folder)
+        folder = check_writable(out or ROOT / f"whatif-{run_name(run)}")
         write(moment, found, folder, beside)
     for note in moment.notes:
         warn(note)

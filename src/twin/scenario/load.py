@@ -1,7 +1,5 @@
 """The clean model of a scenario: what the designer of its controller saw.
 
-What a run is called: its scenario's title and what was changed of it.
-
 From a name and overrides to a checked scenario, or one clear line about what is wrong.
 """
 
@@ -53,19 +51,6 @@ def clean(scenario: Scenario) -> Scenario:
     }
     tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
     return scenario.model_copy(update={**tables, "predictor": None, "change": ()})
-
-
-def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
-    """The scenario with what was changed in its title, so that the title says what ran.
-
-    Args:
-        scenario: With the overrides in force.
-        overrides: ``KEY=VALUE`` each, as given; one of the title itself says nothing more.
-    """
-    changed = [text for text in overrides if text.partition("=")[0].strip() != "title"]
-    if not changed:
-        return scenario
-    return scenario.model_copy(update={"title": f"{scenario.title} ({', '.join(changed)})"})
 
 
 Tables = dict[str, Any]
