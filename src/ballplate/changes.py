@@ -23,6 +23,9 @@ Table = Mapping[str, Any]
 """A table of a scenario: keys to values or further tables."""
 Settings = Mapping[str, Any] | Sequence[str]
 """Dotted keys to values, ``{"plant.friction.rolling_mm": 0.1}``, or texts ``"duration=10"``."""
+Vary = Mapping[str, Iterable[Any]] | Sequence[str]
+"""Dotted key, or a table as ``controller``, to the values that it takes in turn, or texts
+``KEY=[A, B, ...]``."""
 
 
 class Changes(TypedDict, total=False):
@@ -139,13 +142,17 @@ def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield key, _plain(key, value)
 
 
-def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
+def varied_of(vary: Vary) -> dict[str, list[Any]]:
     """What is varied with plain values; a law, observer or reference is its table.
 
     Raises:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
+    from twin.scenario.variants import parsed
+
+    if isinstance(vary, list | tuple):
+        vary = parsed(vary)
     if not isinstance(vary, Mapping):
         raise ScenarioError(f"vary: give a table of keys and their values, got {vary!r}")
     for key, values in vary.items():

@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
-from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of, varied_of
+from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
@@ -140,10 +140,6 @@ class Comparison(Mapping[str, "Result"]):
         """For a notebook: indicators and picture."""
         runs = {self.headings[label]: each for label, each in self.runs.items()}
         return overview(self.title, runs, self.plot())
-
-
-Vary = Mapping[str, Iterable[Any]]
-"""Dotted key, or a table as ``controller``, to the values that it takes in turn."""
 
 
 class Case(NamedTuple):

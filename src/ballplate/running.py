@@ -23,10 +23,12 @@ from twin.writing import written_alone
 if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.devices.rig import HardwareRig
+    from twin.emulator.process import Emulator
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
     from twin.run.finished import Run
     from twin.run.record import Recorder
+    from twin.scenario.rig import RigFile
     from twin.scenario.schema import Scenario
 
 
@@ -210,6 +212,31 @@ SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 
 
 @contextmanager
+def rig_of(
+    on: str, scenario: Scenario, reporter: Reporter
+) -> Iterator[tuple[RigFile, Emulator | None]]:
+    """The file of a rig; of the virtual rig, which runs meanwhile, also who pushes it about.
+
+    Args:
+        on: Rig file or ``emulated``.
+        scenario: What the virtual rig simulates.
+        reporter: Is told how far it lagged.
+
+    Raises:
+        TwinError: If there is no such rig, or its file is wrong.
+    """
+    from twin.emulator.process import emulated
+    from twin.scenario.rig import check_rig, read_rig
+
+    if on != EMULATED:
+        yield read_rig(Path(on)), None
+        return
+    with emulated(scenario) as virtual:
+        yield check_rig(virtual.tables, EMULATED), virtual
+        reporter.note(virtual.lag())
+
+
+@contextmanager
 def connected(
     on: str | None, scenario: Scenario, keys: Sequence[str], reporter: Reporter, *, reset: bool
 ) -> Iterator[HardwareRig | None]:
@@ -232,8 +259,9 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
+    from twin.emulator.serve import follow_changes
     from twin.run.connect import connect
-    from twin.scenario.rig import check_rig, read_rig
+    from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
@@ -248,25 +276,19 @@ def connected(
                     f"{name} {on}: {key} describes a simulated rig and changes nothing of a real "
                     "one; leave it out, or set what the rig has in its file"
                 )
-        real = connect(scenario, read_rig(Path(on)), reset=reset)
+    else:
         _judge_computer(f"{name} {on}", scenario, reporter)
-        yield real
-        return
-    from twin.emulator.process import emulated
-    from twin.emulator.serve import follow_changes
-    from twin.run.plants import believed
-
-    _judge_computer(f"{name} {on}", scenario, reporter)
-    # what a virtual rig knows of its cams is part of its scenario
-    known = believed(scenario)
-    with emulated(scenario) as virtual:
-        tables = check_rig(virtual.tables, EMULATED)
-        host = connect(
-            scenario, tables, reset=reset, transmission=known, paused=virtual.pauses.paused
-        )
+    with rig_of(on, scenario, reporter) as (file, virtual):
+        if virtual is None:
+            real = connect(scenario, file, reset=reset)
+            _judge_computer(f"{name} {on}", scenario, reporter)
+            yield real
+            return
+        # what a virtual rig knows of its cams is part of its scenario
+        known, paused = believed(scenario), virtual.pauses.paused
+        host = connect(scenario, file, reset=reset, transmission=known, paused=paused)
         follow_changes(host, scenario, known, virtual.begin)
         yield host
-        reporter.note(virtual.lag())
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:

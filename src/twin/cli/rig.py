@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED
+from ballplate.running import EMULATED, rig_of
 from twin.cli.options import (
     JSON,
     LAW,
@@ -24,7 +24,7 @@ from twin.cli.options import (
     Command,
     known,
 )
-from twin.cli.output import console, errors, json_wanted, progress, say, show, warn
+from twin.cli.output import TERMINAL, console, json_wanted, progress, say, show, warn
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
@@ -112,15 +112,8 @@ def _print(result: CheckResult) -> None:
 @contextmanager
 def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
     """The rig file, and who puts and lifts the ball."""
-    from twin.emulator.process import emulated
-    from twin.scenario.rig import check_rig, read_rig
-
-    if name != EMULATED:
-        yield read_rig(Path(name)), _ask
-        return
-    with emulated(scenario) as virtual:
-        yield check_rig(virtual.tables, EMULATED), virtual.tell
-        errors.print(virtual.lag(), style="dim", highlight=False)
+    with rig_of(name, scenario, TERMINAL) as (file, virtual):
+        yield file, _ask if virtual is None else virtual.tell
 
 
 def _ask(word: str) -> str:

@@ -44,7 +44,6 @@ from twin.cli.output import (
 from twin.errors import LogError
 from twin.page import Table, digits
 from twin.report.numbers import FIRST, LABELS, own_settings, ranking
-from twin.shipped import find
 
 if TYPE_CHECKING:
     from ballplate.studies import Sweep
@@ -175,29 +174,25 @@ def compare(
     SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
     what the twin predicts for the scenario beside them.
     """
-    from twin.run.files import sorted_out
-
-    for name in sorted_out(sources).scenarios:
-        find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.comparing import compare as compare_sources
     from twin.run.files import run_folder
-    from twin.run.logs import distances
-    from twin.scenario.variants import parsed, varied
-
-    over = parsed(vary)
 
     def folder_of(names: Sequence[str]) -> Path:
+        from twin.scenario.variants import parsed, varied
+
         stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
-        return run_folder(f"compare-{'-'.join(stems)}", (*varied(over), *overrides))
+        return run_folder(f"compare-{'-'.join(stems)}", (*varied(parsed(vary)), *overrides))
 
     found = compare_sources(
         *sources,
-        vary=over,
+        vary=vary,
         settings=overrides,
         out=out or folder_of,
         processes=processes,
         reporter=TERMINAL,
     )
+    from twin.run.logs import distances
+
     summaries = found.summaries()
     by_heading = {found.headings[label]: each for label, each in summaries.items()}
     finished = [label for label in found if label not in found.folders]

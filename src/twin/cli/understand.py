@@ -11,7 +11,7 @@ import click
 from ballplate.changes import changes_of, scenario_of
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
-from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
+from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
@@ -137,22 +137,20 @@ def identify(log: Path, names: str | None, hold_out: float, out: Path | None) ->
     """
     from twin.run.files import ROOT, log_file, run_name
 
-    wanted = chosen_parameters(names)
-    log = log_file(log)  # a wrong name is told before anything heavy is imported
-    from twin.identify.identify import identify as identify_log
-    from twin.identify.log import read
-    from twin.identify.report import HEADS, rows, sentences, write
+    chosen_parameters(names)  # a wrong name is told before anything heavy is imported
+    log = log_file(log)
+    from ballplate.loading import identify as identify_log
+    from twin.identify.report import HEADS, rows
     from twin.identify.verdict import IDENTIFIED
 
-    recorded = read(log)
     folder = check_writable(out or ROOT / f"identify-{run_name(log)}")
-    with progress(f"identifying from {recorded.source}", 1.0) as advance:
-        found = identify_log(recorded, wanted, 1 - hold_out, advance)
-    write(found, folder)
+    done = identify_log(log, names or (), hold_out=hold_out, reporter=TERMINAL)
+    done.save(folder)
+    found = done.found
     why = (f"{each.about.name}: {each.why}" for each in found.verdicts if each.why)
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
-    shown = (table, *why, *sentences(found), *notes)
+    shown = (table, *why, *done.sentences, *notes)
     show(found.as_dict(), shown, folder, "report.html, parameters.toml")
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
 

@@ -99,23 +99,13 @@ def last(root: Path = ROOT) -> Path:
     return max(times, key=lambda folder: (times[folder], folder))
 
 
-def forget(folder: Path) -> str:
-    """Remove the runs of the comparison that a folder holds.
-
-    Returns:
-        What a new one replaces, in words; empty if there is none.
-    """
-    count = forget_listed(folder, MANIFEST)
-    return f" (replaced a comparison of {count} runs)" if count else ""
-
-
-def forget_listed(folder: Path, manifest: str) -> int:
+def forget(folder: Path, manifest: str = MANIFEST) -> str:
     """Remove the runs that a file of their folder lists, so that none of them stays behind.
 
     Only what those runs consist of, and the list, is removed.
 
     Returns:
-        How many there were.
+        What a new comparison replaces, in words; empty if there is none.
     """
     inner = [folder / name for name in listed(folder, manifest)]
     for run in inner:
@@ -123,9 +113,10 @@ def forget_listed(folder: Path, manifest: str) -> int:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
-    if inner:
-        (folder / manifest).unlink()
-    return len(inner)
+    if not inner:
+        return ""
+    (folder / manifest).unlink()
+    return f" (replaced a comparison of {len(inner)} runs)"
 
 
 def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:
