@@ -13,7 +13,7 @@ from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
 from twin.shipped import find
-from twin.writing import write_json
+from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,10 +116,10 @@ class Comparison(Mapping[str, "Result"]):
             RecordError: If it cannot be written.
         """
         from twin.run.files import MANIFEST
-        from twin.run.picture import draw
+        from twin.run.picture import png
 
         place = Path(folder)
-        draw(place / "compare.png", self.motions, self.title, self._area)
+        write_whole(place / "compare.png", png(self.motions, self.title, self._area))
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.running import EMULATED
-from twin.cli.options import EMPTY_RIG, JSON, PATH, SETTING, Command, Group
+from twin.cli import options
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
@@ -40,10 +40,8 @@ def _turned(
         yield file, AkdServos(file.servos(0.002)), advance
 
 
-@click.command(
-    "lost-motion", cls=Command, example="calibrate lost-motion --set plant.servo.backlash_deg=0.44"
-)
-@EMPTY_RIG
+@options.command("lost-motion", example="calibrate lost-motion --set plant.servo.backlash_deg=0.44")
+@options.EMPTY_RIG
 @click.option(
     "--amplitude",
     type=click.FloatRange(0.2, 8),
@@ -52,8 +50,8 @@ def _turned(
 )
 @click.option("--rate", type=click.FloatRange(0.1, 5), default=1.0, help="Of the plate, deg/s [1].")
 @click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
-@SETTING
-@JSON
+@options.SETTING
+@options.JSON
 def lost_motion(
     rig: str,
     amplitude: float,
@@ -92,8 +90,8 @@ def lost_motion(
     show([each.as_dict() for each in found], told)
 
 
-@click.command(cls=Command, example="calibrate touch --out touch-of-rig.json")
-@EMPTY_RIG
+@options.command(example="calibrate touch --out touch-of-rig.json")
+@options.EMPTY_RIG
 @click.option(
     "--at",
     "places",
@@ -103,11 +101,11 @@ def lost_motion(
 )
 @click.option(
     "--out",
-    type=PATH,
+    type=options.PATH,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
-@JSON
+@options.JSON
 def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
@@ -166,7 +164,7 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
-@click.group(cls=Group, example="calibrate cams --check")
+@click.group(cls=options.Group, example="calibrate cams --check")
 def calibrate() -> None:
     """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
 
@@ -175,10 +173,10 @@ calibrate.add_command(touch)
 calibrate.add_command(lost_motion)
 
 
-@calibrate.command(cls=Command, example="calibrate cams --check")
+@calibrate.command(cls=options.Command, example="calibrate cams --check")
 @click.option(
     "--out",
-    type=PATH,
+    type=options.PATH,
     help="Write the table to this file; without it, it is only tried.",
 )
 @click.option("--check", is_flag=True, help="Only check the table of the model, or of --out.")
@@ -192,7 +190,7 @@ calibrate.add_command(lost_motion)
 @click.option(
     "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
 )
-@JSON
+@options.JSON
 def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
@@ -244,9 +242,9 @@ def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: 
     show({"table": named, "residual": left, "resonance": ringing}, shown)
 
 
-@calibrate.command(cls=Command, example="calibrate level runs/excite")
-@click.argument("log", type=PATH)
-@JSON
+@calibrate.command(cls=options.Command, example="calibrate level runs/excite")
+@click.argument("log", type=options.PATH)
+@options.JSON
 def level(log: Path) -> int:
     """Estimate from a recorded run how far the base is off level, and say how to correct it.
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, Command
+from twin.cli import options
 from twin.cli.output import Shown, bold, console, show
 from twin.data_file import packaged
 from twin.errors import ScenarioError
@@ -26,12 +25,12 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 """What lists all of a kind, and the table of a scenario that names one."""
 
 
-@click.command(cls=Command, example="describe plant.friction")
+@options.command(example="describe plant.friction")
 @click.argument(
-    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
+    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
 )
-@LAW
-@JSON
+@options.LAW
+@options.JSON
 def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
@@ -96,7 +95,7 @@ STARTS = {kind: Start(**about) for kind, about in _TABLES["starts"].items()}
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
-@click.command(cls=Command, example="new law mine --like pid")
+@options.command(example="new law mine --like pid")
 @click.argument("kind", type=click.Choice(list(STARTS)))
 @click.argument("name")
 @click.option(

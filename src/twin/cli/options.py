@@ -46,6 +46,10 @@ class Command(click.Command):
         super().format_usage(ctx, formatter)
 
 
+command = functools.partial(click.command, cls=Command)
+"""Makes a function a command: ``@command(example="run circle")``, or with a name before it."""
+
+
 class Group(Command, click.Group):
     """A command of several, whose help begins with an example, too."""
 

@@ -13,17 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballplate.running import EMULATED, rig_of
-from twin.cli.options import (
-    JSON,
-    LAW,
-    PATH,
-    PLANT,
-    PROCESSES,
-    SCENARIO,
-    SETTING,
-    Command,
-    known,
-)
+from twin.cli import options
 from twin.cli.output import TERMINAL, console, json_wanted, progress, say, show, warn
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
@@ -42,7 +32,7 @@ if TYPE_CHECKING:
 COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
 
 
-@click.command(cls=Command, example="doctor --rig emulated")
+@options.command(example="doctor --rig emulated")
 @click.option(
     "--rig",
     metavar="FILE",
@@ -50,14 +40,17 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
     help="Rig file [`emulated`, the virtual rig].",
 )
 @click.option(
-    "--scenario", default="circle", callback=known, help="Scenario that the rig is to run [circle]."
+    "--scenario",
+    default="circle",
+    callback=options.known,
+    help="Scenario that the rig is to run [circle].",
 )
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
 @click.option("--install", is_flag=True, help="Only say what this installation lacks for what.")
-@SETTING
-@JSON
+@options.SETTING
+@options.JSON
 def doctor(
     rig: str,
     scenario: str,
@@ -141,9 +134,9 @@ def request(word: str) -> str:
     return "lift the ball or the finger off"
 
 
-@click.command(cls=Command, example="emulate circle --write rig.toml")
-@SCENARIO(default="circle")
-@SETTING
+@options.command(example="emulate circle --write rig.toml")
+@options.SCENARIO(default="circle")
+@options.SETTING
 @click.option(
     "--protocol",
     type=click.Choice([str(protocol) for protocol in Protocol]),
@@ -153,7 +146,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=PATH,
+    type=options.PATH,
     default=Path("emulated.toml"),
     help="Where to write the rig file [emulated.toml].",
 )
@@ -205,9 +198,9 @@ def _listen(rig: VirtualRig) -> None:
             console.print(rig.obey(line.strip()))
 
 
-@click.command(cls=Command, example="safety --json")
-@PROCESSES
-@JSON
+@options.command(example="safety --json")
+@options.PROCESSES
+@options.JSON
 def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     from twin.safety.cases import CASES
@@ -236,12 +229,12 @@ def _table(rows: list[FaultRow]) -> Table:
 PORT = 8090
 
 
-@click.command(cls=Command, example="play circle")
-@SCENARIO(default="hold")
-@LAW
-@SETTING
-@PLANT
-@click.option("--out", type=PATH, help="Run folder [runs/play-SCENARIO].")
+@options.command(example="play circle")
+@options.SCENARIO(default="hold")
+@options.LAW
+@options.SETTING
+@options.PLANT
+@click.option("--out", type=options.PATH, help="Run folder [runs/play-options.SCENARIO].")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),

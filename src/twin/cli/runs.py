@@ -11,23 +11,7 @@ import click
 from ballplate.changes import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
-from twin.cli import options as tab
-from twin.cli.options import (
-    ALL,
-    JSON,
-    LAW,
-    PATH,
-    PLANT,
-    PROCESSES,
-    RESET,
-    RIG,
-    SCENARIO,
-    SETTING,
-    VARY,
-    VIEWING,
-    Command,
-    Viewing,
-)
+from twin.cli import options
 from twin.cli.output import (
     TERMINAL,
     Shown,
@@ -50,30 +34,30 @@ if TYPE_CHECKING:
     from twin.shadow.examine import Examined
 
 
-@click.command("list", cls=Command, example="list")
-@JSON
+@options.command("list", example="list")
+@options.JSON
 def list_scenarios() -> None:
     """List the scenarios that can be run by name."""
     show_titles(scenarios())
 
 
-@click.command(cls=Command, example="run circle --beside cure")
-@SCENARIO()
-@LAW
-@SETTING
-@PLANT
-@click.option("--out", type=PATH, help="Run folder [runs/SCENARIO-CHANGES].")
+@options.command(example="run circle --beside cure")
+@options.SCENARIO()
+@options.LAW
+@options.SETTING
+@options.PLANT
+@click.option("--out", type=options.PATH, help="Run folder [runs/options.SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,
     metavar="SCENARIO",
     help="Run this one as well, simulated, for table and picture; may be repeated.",
 )
-@RIG
-@RESET
-@VIEWING
-@ALL
-@JSON
+@options.RIG
+@options.RESET
+@options.VIEWING
+@options.ALL
+@options.JSON
 def run(
     scenario: str,
     overrides: tuple[str, ...],
@@ -86,7 +70,7 @@ def run(
     **watched: Any,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
-    viewing = Viewing(**watched)
+    viewing = options.Viewing(**watched)
     from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
     from twin.scenario import load
@@ -150,16 +134,16 @@ def _examined(folder: Path) -> Examined | None:
         return None
 
 
-@click.command(cls=Command, example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
-@click.argument("sources", nargs=-1, required=True, shell_complete=tab.sources)
-@LAW
-@SETTING
-@PLANT
-@VARY
-@click.option("--out", type=PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
-@PROCESSES
-@ALL
-@JSON
+@options.command(example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
+@click.argument("sources", nargs=-1, required=True, shell_complete=options.sources)
+@options.LAW
+@options.SETTING
+@options.PLANT
+@options.VARY
+@click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
+@options.PROCESSES
+@options.ALL
+@options.JSON
 def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -210,16 +194,16 @@ def compare(
     return int(found.interrupted or any(early))
 
 
-@click.command(cls=Command, example="sweep circle plant.friction.rolling_mm=0:0.5:6")
-@SCENARIO()
-@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
-@LAW
-@SETTING
-@PLANT
-@VARY
-@click.option("--out", type=PATH, help="Folder [runs/sweep-...].")
-@PROCESSES
-@JSON
+@options.command(example="sweep circle plant.friction.rolling_mm=0:0.5:6")
+@options.SCENARIO()
+@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=options.settings)
+@options.LAW
+@options.SETTING
+@options.PLANT
+@options.VARY
+@click.option("--out", type=options.PATH, help="Folder [runs/sweep-...].")
+@options.PROCESSES
+@options.JSON
 def sweep(
     scenario: str,
     values: str,

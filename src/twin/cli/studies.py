@@ -10,8 +10,7 @@ from rich.filesize import decimal
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCHEDULER, SETTING, Command
+from twin.cli import options
 from twin.cli.output import TERMINAL, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
@@ -29,16 +28,16 @@ BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
 
 
-@click.command(cls=Command, example="study friction --plan")
-@click.argument("study", required=False, shell_complete=tab.studies)
+@options.command(example="study friction --plan")
+@click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/study-NAME].")
-@LAW
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/study-NAME].")
+@options.LAW
+@options.JSON
 def study(
     study: str | None,
     samples: int | None,
@@ -109,6 +108,10 @@ def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str 
     return 0
 
 
+WHOLE = ("median", "low", "high", "runs", "failed")
+"""What is told of all runs of a variant."""
+
+
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     from twin.study.report import sentences
 
@@ -120,11 +123,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
         "metric": about.metrics[0],
         "variants": {
             answer.variant: {
-                "median": number(answer.whole.median),
-                "low": number(answer.whole.low),
-                "high": number(answer.whole.high),
-                "runs": answer.whole.runs,
-                "failed": answer.whole.failed,
+                **{name: number(getattr(answer.whole, name)) for name in WHOLE},
                 "chance_to_fail": answer.whole.chance,
                 "indices": {
                     index.key: {
@@ -146,17 +145,17 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     }
 
 
-@click.command(cls=Command, example="tune afl --plan")
+@options.command(example="tune afl --plan")
 @click.argument("tune", required=False)
-@SETTING
+@options.SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
 @click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/tune-NAME].")
-@LAW
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
+@options.LAW
+@options.JSON
 def tune(
     tune: str | None,
     overrides: tuple[str, ...],

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.changes import changes_of, scenario_of
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
+from twin.cli import options
 from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
@@ -22,18 +21,18 @@ if TYPE_CHECKING:
     from twin.explain.attribution import EffectCase, Explanation
 
 
-@click.command(cls=Command, example="explain circle")
-@SCENARIO()
-@LAW
-@SETTING
+@options.command(example="explain circle")
+@options.SCENARIO()
+@options.LAW
+@options.SETTING
 @click.option(
     "--typical",
     is_flag=True,
     help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
-@click.option("--out", type=PATH, help="Folder [runs/explain-SCENARIO].")
-@PROCESSES
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [runs/explain-options.SCENARIO].")
+@options.PROCESSES
+@options.JSON
 def explain(
     scenario: str,
     overrides: tuple[str, ...],
@@ -116,8 +115,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
 PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
-@click.command(cls=Command, example="identify runs/excite")
-@click.argument("log", type=PATH, shell_complete=tab.runs)
+@options.command(example="identify runs/excite")
+@click.argument("log", type=options.PATH, shell_complete=options.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
 @click.option(
     "--hold-out",
@@ -126,8 +125,8 @@ PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
     show_default=True,
     help="Share of the log held out from the fit.",
 )
-@click.option("--out", type=PATH, help="Folder [runs/identify-LOG].")
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
+@options.JSON
 def identify(log: Path, names: str | None, hold_out: float, out: Path | None) -> int:
     """Fit friction, dead time, drives and level to a recorded run.
 
@@ -155,13 +154,13 @@ def identify(log: Path, names: str | None, hold_out: float, out: Path | None) ->
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
 
 
-@click.command(cls=Command, example="fit friction_of_two_series")
+@options.command(example="fit friction_of_two_series")
 @click.argument("table", required=False)
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/fit-NAME].")
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/fit-NAME].")
+@options.JSON
 def fit(
     table: str | None,
     processes: int | None,
@@ -207,13 +206,13 @@ def fit(
 HORIZON = click.Choice(["0.5", "1", "2"])
 
 
-@click.command(cls=Command, example="shadow runs/circle")
-@click.argument("log", type=PATH)
-@SETTING
+@options.command(example="shadow runs/circle")
+@click.argument("log", type=options.PATH)
+@options.SETTING
 @click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
 @click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
-@click.option("--out", type=PATH, help="Folder [RUN, or runs/shadow-LOG].")
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
+@options.JSON
 def shadow(
     log: Path,
     overrides: tuple[str, ...],
@@ -247,8 +246,8 @@ def shadow(
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
 
 
-@click.command(cls=Command, example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
-@click.argument("run", type=PATH)
+@options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
+@click.argument("run", type=options.PATH)
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER)
@@ -261,8 +260,8 @@ FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; rep
     help="How long it goes on, s.",
 )
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
-@click.option("--out", type=PATH, help="Folder [runs/whatif-RUN].")
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [runs/whatif-RUN].")
+@options.JSON
 def whatif(
     run: Path,
     at: float,

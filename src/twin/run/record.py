@@ -245,8 +245,8 @@ def write_run(
 
     columns = [("time", "s", recorder.time), *recorder.columns()]
     fields = arrow_fields({name: unit for name, unit, _ in columns})
-    encoded: dict[str, str | bytes] = {"ballplate": json.dumps(metadata, sort_keys=True)}
-    schema = pa.schema(fields, metadata=encoded | (beside or {}))
+    said = json.dumps(metadata, sort_keys=True)
+    schema = pa.schema(fields, metadata={"ballplate": said, **(beside or {})})
     found = pa.Table.from_arrays([_arrow(values) for *_, values in columns], schema=schema)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
     (folder / STREAM).unlink(missing_ok=True)
