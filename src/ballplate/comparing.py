@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
@@ -200,13 +200,23 @@ def compare(
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.results import Result, kept
+    from twin.run.finished import open_runs
+    from twin.scenario.variants import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
-    opened = _opened(sources, folders, report)
+    found = open_runs(folders, tell=report.warn) if folders else []
+    results = [each for each in sources if not isinstance(each, str | Path)]
+    for each in results:
+        if not isinstance(each, Result):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    opened = [*map(Result.from_run, found), *results]
     recorded, fitted = measured(logs, names, opened, base)
     finished = labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
-    title = title_of(names, cases, finished, varied, [each.text for each in base])
+    listed = ", ".join((*names, *finished))
+    named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
+    what = next(iter(cases.values())).scenario.title if cases and named else listed
+    title = comparison(what, varied, [each.text for each in base])
     folder = writable(out([*names, *finished]) if callable(out) else out, report)
     replaced = "" if folder is None else forget(folder)
     runs: dict[str, Result] = {}
@@ -214,13 +224,13 @@ def compare(
     interrupted = False
     try:
         scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, done in _each(scenarios, processes, report):
-            if isinstance(done, LawError):
-                failed.append(done)
-                report.warn(f"{label}: {done}")
+        for label, came in _each(scenarios, processes, report):
+            if isinstance(came, LawError):
+                failed.append(came)
+                report.warn(f"{label}: {came}")
                 continue
-            each = Result.from_run(done, label)
-            runs[label] = each if folder is None else kept(each, folder / slug(cases[label].name))
+            run = Result.from_run(came, label)
+            runs[label] = run if folder is None else kept(run, folder / slug(cases[label].name))
     except KeyboardInterrupt:
         interrupted = True
         if not runs:
@@ -228,7 +238,7 @@ def compare(
     if failed and not (runs or finished):
         raise failed[0]
     ordered = {label: runs[label] for label in cases if label in runs}
-    found = Comparison(
+    done = Comparison(
         {**finished, **ordered},
         title,
         {label: cases[label].heading for label in ordered},
@@ -240,25 +250,8 @@ def compare(
         logs=tuple(each.name for each in recorded),
     )
     if folder is not None:
-        found.draw(folder)
-    return found
-
-
-def _opened(
-    sources: Sequence[str | Path | Result], folders: tuple[Path, ...], reporter: Reporter
-) -> list[Result]:
-    """Finished runs: those of the folders, then those that were given as they are."""
-    from ballplate.results import Result
-    from twin.run.finished import open_runs
-
-    found = open_runs(folders, tell=reporter.warn) if folders else []
-    opened = [Result.from_run(each) for each in found]
-    for each in sources:
-        if isinstance(each, Result):
-            opened.append(each)
-        elif not isinstance(each, str | Path):
-            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
-    return opened
+        done.draw(folder)
+    return done
 
 
 def measured(
@@ -321,23 +314,6 @@ def cases_of(
     return cases
 
 
-def title_of(
-    names: Sequence[str],
-    cases: Mapping[str, Case],
-    finished: Mapping[str, Result],
-    varied: Iterable[str],
-    changed: Sequence[str],
-) -> str:
-    """What is compared, over which keys, and what all runs share."""
-    from twin.scenario.variants import comparison
-
-    listed = ", ".join((*names, *finished))
-    titled = any(text.partition("=")[0].strip() == "title" for text in changed)
-    one = cases and (titled or (not finished and len(names) == 1))
-    what = next(iter(cases.values())).scenario.title if one else listed
-    return comparison(what, varied, changed)
-
-
 def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles."""
     names = [each.name for each in finished]
@@ -374,13 +350,13 @@ def _each(
             warn_of_dangers(case, reporter, label)
     found: Iterator[tuple[str, Run | LawError]]
     with reporter.progress("comparison", len(cases), "runs") as advance:
-        found = jobs.results(_attempt, cases.items(), min(processes, len(cases)))
+        found = jobs.results(attempt, cases.items(), min(processes, len(cases)))
         for number, (label, each) in enumerate(found, 1):
             advance(number)
             yield label, each
 
 
-def _attempt(scenario: Scenario) -> Run | LawError:
+def attempt(scenario: Scenario) -> Run | LawError:
     """The run of a scenario, or how its law failed."""
     from twin.run import finished
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.comparing import cases_of
+from ballplate.comparing import attempt, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
@@ -254,12 +254,9 @@ def sweep(
 
 def _judged(scenario: Scenario) -> dict[str, Any]:
     """The indicators of a run; of one whose law raises an error none, but its line."""
-    from twin.run import finished
-
-    try:
-        done = finished.run(scenario)
-    except LawError as error:
-        return _none("failed") | {"reason": str(error)}
+    done = attempt(scenario)
+    if isinstance(done, LawError):
+        return _none("failed") | {"reason": str(done)}
     if done.interrupted:
         raise KeyboardInterrupt
     return done.summary()

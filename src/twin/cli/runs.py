@@ -12,19 +12,7 @@ from ballplate.changes import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
 from twin.cli import options
-from twin.cli.output import (
-    TERMINAL,
-    Shown,
-    bold,
-    dim,
-    indicators,
-    json_wanted,
-    progress,
-    reasons,
-    show,
-    show_titles,
-    warn,
-)
+from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, show, show_titles
 from twin.errors import LogError
 from twin.page import Table, digits
 from twin.report.numbers import FIRST, LABELS, own_settings, ranking
@@ -127,10 +115,10 @@ def _examined(folder: Path) -> Examined | None:
     from twin.shadow.examine import examine
 
     try:
-        with progress("the twin beside the whole run", 1.0) as advance:
+        with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:
             return examine(folder, folder, progress=advance)
     except LogError as error:
-        warn(f"{error}; the run itself is in {folder}/")
+        TERMINAL.warn(f"{error}; the run itself is in {folder}/")
         return None
 
 
@@ -235,21 +223,14 @@ def sweep(
     )
     numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
     show(numbers, _table(done), folder, "sweep.png, sweep.csv")
-    if not json_wanted():
-        _tell(done)
     return int(not done.finished)
 
 
-def _tell(done: Sweep) -> None:
-    """Why runs failed, each reason once."""
-    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
-        warn(reason)
-    if any(row["outcome"] == "not run" for row in done.rows):
-        warn("interrupted: what had not ended is not in the table")
-
-
 def _table(done: Sweep) -> Iterator[Shown]:
-    """The first indicator that applies of every curve, or all of the only one."""
+    """The first indicator that applies of every curve, or all of the only one.
+
+    For whom it is printed, why runs failed is told beside it, each reason once.
+    """
     from ballplate.studies import named
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
@@ -273,3 +254,7 @@ def _table(done: Sweep) -> Iterator[Shown]:
     if several and keys:
         label, unit = LABELS[keys[0]]
         yield dim(f"{label} in {unit}")
+    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
+        TERMINAL.warn(reason)
+    if any(row["outcome"] == "not run" for row in done.rows):
+        TERMINAL.warn("interrupted: what had not ended is not in the table")

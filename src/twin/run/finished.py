@@ -146,9 +146,9 @@ class Run(Signals):
         """
         desired = (reference or build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
-            record.add("reference", desired[:, None])  # who draws the record may lack the class
+            record.data["reference"] = desired[:, None]  # who draws the record may lack the class
         if (laid := _laid(scenario, record, reference)) is not None:
-            record.add("laid", laid[:, None])
+            record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
         found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())

@@ -70,7 +70,8 @@ class Recorder:
         every: Control periods from one recorded instant to the next. Between two, the applied
             acceleration that is kept is the largest by amount; the rest is that of the instant.
         length: Periods recorded so far.
-        data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
+        data: Channel name to values, shape (ticks, N) or (ticks, N, columns); what is known at the
+            end only, shape (length, N, columns).
         observers: Are shown time and channels of each period as they are recorded; must not
             stall.
     """
@@ -168,10 +169,6 @@ class Recorder:
                 channel.columns, channel.units, np.moveaxis(self[name], -1, 0), strict=True
             ):
                 yield column, unit, values.T.ravel()
-
-    def add(self, name: str, values: Array) -> None:
-        """A channel that is known at the end only, shape (length, N, columns)."""
-        self.data[name] = values
 
     def begin_with(self, columns: Mapping[str, Array]) -> None:
         """Take in the rows of one rig's record from which to go on.
