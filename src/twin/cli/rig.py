@@ -91,15 +91,11 @@ def _told(results: Iterable[CheckResult]) -> list[CheckResult]:
     for result in results:
         found.append(result)
         if not json_wanted():
-            _print(result)
+            colour = COLOURS[result.status]
+            console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
+            advice = f" -> {result.advice}" if result.advice else ""
+            say(f"{result.seen}{advice}")
     return found
-
-
-def _print(result: CheckResult) -> None:
-    colour = COLOURS[result.status]
-    console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
-    advice = f" -> {result.advice}" if result.advice else ""
-    say(f"{result.seen}{advice}")
 
 
 @contextmanager
