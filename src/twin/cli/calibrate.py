@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -219,10 +220,7 @@ def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: 
         resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
         advance(3)
     left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
-    ringing = {
-        axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
-        for axis, r in resonances.items()
-    }
+    ringing = {axis: asdict(each) for axis, each in resonances.items()}
     named = str(path) if check or out is not None else None
     rows = [
         (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))

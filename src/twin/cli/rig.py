@@ -230,7 +230,7 @@ PORT = 8090
 @options.LAW
 @options.SETTING
 @options.PLANT
-@click.option("--out", type=options.PATH, help="Run folder [runs/play-options.SCENARIO].")
+@click.option("--out", type=options.PATH, help="Run folder [runs/play-SCENARIO].")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),

@@ -34,7 +34,7 @@ def list_scenarios() -> None:
 @options.LAW
 @options.SETTING
 @options.PLANT
-@click.option("--out", type=options.PATH, help="Run folder [runs/options.SCENARIO-CHANGES].")
+@click.option("--out", type=options.PATH, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
-@click.option("--out", type=options.PATH, help="Folder [runs/explain-options.SCENARIO].")
+@click.option("--out", type=options.PATH, help="Folder [runs/explain-SCENARIO].")
 @options.PROCESSES
 @options.JSON
 def explain(
