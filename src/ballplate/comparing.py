@@ -174,7 +174,8 @@ def compare(
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
             ``load``.
-        vary: What is varied, all combinations of it; of scenarios, not of what is finished.
+        vary: What is varied, all combinations of it, as a table or texts ``KEY=[A, B, ...]``; of
+            scenarios, not of what is finished.
         settings: What is changed of all scenarios.
         out: Folder to save in as the runs come, or what gives one for the names of what is
             compared; see ``Comparison.save`` for later.
@@ -258,6 +259,7 @@ def measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[KeyChange]
 ) -> tuple[list[Run], list[KeyChange]]:
     """Logs as runs, and what their prediction is to be changed to."""
+    from twin.run.files import numbered
     from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []
@@ -275,8 +277,8 @@ def measured(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
-        taken = sum(run.name.partition("~")[0] == path.stem for run in runs)
-        runs.append(log_run(rows, scenario, f"{path.stem}~{taken + 1}" if taken else path.stem))
+        name = numbered(path.stem, [run.name for run in runs])
+        runs.append(log_run(rows, scenario, name))
     return runs, fitted
 
 
@@ -316,12 +318,13 @@ def cases_of(
 
 def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles."""
+    from twin.run.files import numbered
+
     names = [each.name for each in finished]
     found: dict[str, Result] = {}
     for each in finished:
         label = each.name if names.count(each.name) == 1 else each.title
-        taken = sum(other.partition("~")[0] == label for other in found)
-        found[f"{label}~{taken + 1}" if taken else label] = each
+        found[numbered(label, found)] = each
     return found
 
 

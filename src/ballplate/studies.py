@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
+from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
 from ballplate.comparing import attempt, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
 from ballplate.running import importable
@@ -186,7 +186,7 @@ def named(value: Any) -> str:
 
 def sweep(
     scenario: str | Path,
-    vary: Mapping[str, Iterable[Any]],
+    vary: Vary,
     *,
     settings: Settings = (),
     out: str | Path | None = None,
@@ -200,7 +200,8 @@ def sweep(
 
     Args:
         scenario: A shipped scenario, or a TOML file.
-        vary: Dotted key, or a table as ``controller``, to the values that it takes.
+        vary: Dotted key, or a table as ``controller``, to the values that it takes; or texts
+            ``KEY=[A, B, ...]``.
         settings: What else is changed, by dotted keys or as texts ``KEY=VALUE``.
         out: Folder to save in; see ``Sweep.save`` for later.
         processes: Processes to use; all processors by default.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -73,6 +73,12 @@ def free(folder: Path) -> Path:
         number += 1
         found = folder.with_name(f"{folder.name}~{number}")
     return found
+
+
+def numbered(name: str, taken: Iterable[str]) -> str:
+    """A name, or, if others have it already, with its number among them behind it."""
+    others = sum(other.partition("~")[0] == name for other in taken)
+    return f"{name}~{others + 1}" if others else name
 
 
 def former(folder: Path) -> str:

@@ -40,6 +40,7 @@ from twin.run.files import (
     is_record,
     last,
     listed,
+    numbered,
     record_in,
     record_of,
     run_folders,
@@ -521,8 +522,7 @@ def open_runs(
             failed.append(error)
             continue
         name = listed(path.parent).get(path.name, run.name)
-        taken = sum(other.name.partition("~")[0] == name for other in runs)
-        runs.append(replace(run, name=f"{name}~{taken + 1}" if taken else name))
+        runs.append(replace(run, name=numbered(name, [other.name for other in runs])))
     if not runs:
         raise failed[0]
     for each in failed:
