@@ -12,6 +12,7 @@ from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, sc
 from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
+from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
 from twin.shipped import find
 from twin.writing import write_json, write_whole
 
@@ -101,7 +102,6 @@ class Comparison(Mapping[str, "Result"]):
             RecordError: If it cannot be written, or a run is one that was opened.
         """
         from ballplate.results import kept
-        from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
         self.folders = {label: slug(self.names[label]) for label in self.runs}
@@ -115,7 +115,6 @@ class Comparison(Mapping[str, "Result"]):
         Raises:
             RecordError: If it cannot be written.
         """
-        from twin.run.files import MANIFEST
         from twin.run.picture import png
 
         place = Path(folder)
@@ -188,8 +187,6 @@ def compare(
             range or cannot be assembled, or the folder cannot be written.
         KeyboardInterrupt: If the user interrupts before any has run.
     """
-    from twin.run.files import forget, slug, sorted_out
-
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
     given = [str(each) for each in sources if isinstance(each, str | Path)]
@@ -259,7 +256,6 @@ def measured(
     logs: Sequence[Path], names: Sequence[str], finished: Sequence[Run], base: Sequence[KeyChange]
 ) -> tuple[list[Run], list[KeyChange]]:
     """Logs as runs, and what their prediction is to be changed to."""
-    from twin.run.files import numbered
     from twin.run.logs import fitting, log_run, read_log
 
     runs: list[Run] = []
@@ -318,8 +314,6 @@ def cases_of(
 
 def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     """Finished runs by their names, or, where those are the same, by their titles."""
-    from twin.run.files import numbered
-
     names = [each.name for each in finished]
     found: dict[str, Result] = {}
     for each in finished:

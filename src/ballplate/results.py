@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
-from twin.run.files import free
+from twin.run.files import MOVING, free
 from twin.run.finished import Run, of_other_class, save
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +95,6 @@ class Result(Run):
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
         from twin.report.html import html
-        from twin.writing import write_whole
 
         write_whole(Path(file), html([self]))
         return Path(file)
@@ -130,8 +130,6 @@ class Result(Run):
             RecordError: If the ending is none of these, the run has no such part, or the file
                 cannot be written.
         """
-        from twin.run.files import MOVING
-
         if Path(file).suffix not in MOVING:
             return super().export(file)
         from twin.run.film import Cut, Film, moving

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
 from twin.errors import RigError, ScenarioError
+from twin.run.files import STREAM, free
 from twin.shipped import find
 from twin.writing import written_alone
 
@@ -84,7 +85,6 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
-    from twin.run.files import free
     from twin.run.finished import holds_finished
     from twin.run.plants import PLANTS
 
@@ -334,7 +334,6 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         folder: Holds no run.
         attach: What else is given the recorder before the run.
     """
-    from twin.run.files import STREAM
     from twin.run.finished import described
     from twin.view.live_process import LiveProcess
 

@@ -15,6 +15,9 @@ from ballplate.comparing import attempt, cases_of
 from ballplate.reporter import Reporter, default, png, showable, writable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
+from twin.page import Picture, Table, Text, digits, fragment
+from twin.report.numbers import LABELS
+from twin.run.indicators import UNITS
 from twin.shipped import find
 from twin.writing import write_whole
 
@@ -95,8 +98,6 @@ class Sweep:
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
-        from twin.run.indicators import UNITS
-
         names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
         frame = self.to_pandas().reindex(columns=[*self.keys, *names])
         frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
@@ -117,7 +118,6 @@ class Sweep:
         """
         import numpy as np
 
-        from twin.report.numbers import LABELS
         from twin.run.picture import drawn, style
 
         known = [name for name in DRAWN if any(each is not None for each in self[name])]
@@ -166,9 +166,6 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        from twin.page import Picture, Table, digits, fragment
-        from twin.report.numbers import LABELS
-
         metric = DRAWN[0]
         unit = LABELS[metric][1]
         lines = [
@@ -265,8 +262,6 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    from twin.run.indicators import UNITS
-
     return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}
 
 
@@ -326,7 +321,6 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
-        from twin.page import Picture, Text, fragment
         from twin.study.report import compared
 
         found = compared(self.work.study, self.answers)

@@ -18,6 +18,7 @@ from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
 from twin.page import Table
 from twin.paths import model_path
+from twin.run.files import log_file
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -248,8 +249,6 @@ def level(log: Path) -> int:
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
-    from twin.run.files import log_file
-
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     from twin.identify.identify import identify
     from twin.identify.log import read

@@ -16,6 +16,7 @@ from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, sho
 from twin.errors import LogError
 from twin.page import Table, digits
 from twin.report.numbers import FIRST, LABELS, own_settings, ranking
+from twin.run.files import former, free, run_folder
 
 if TYPE_CHECKING:
     from ballplate.studies import Sweep
@@ -59,7 +60,6 @@ def run(
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
     viewing = options.Viewing(**watched)
-    from twin.run.files import former, free, run_folder
     from twin.run.finished import of_other_class
     from twin.scenario import load
 
@@ -147,7 +147,6 @@ def compare(
     what the twin predicts for the scenario beside them.
     """
     from ballplate.comparing import compare as compare_sources
-    from twin.run.files import run_folder
 
     def folder_of(names: Sequence[str]) -> Path:
         from twin.scenario.variants import parsed, varied
@@ -207,7 +206,6 @@ def sweep(
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.run.files import run_folder
     from twin.scenario.variants import parsed, swept, varied
 
     (key, points), curves = swept(values), parsed(vary)

@@ -14,6 +14,7 @@ from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, s
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
+from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable, write_json
 
@@ -46,7 +47,6 @@ def explain(
     from twin.explain.attribution import plan, summary
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
-    from twin.run.files import run_folder
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     if typical:
@@ -134,8 +134,6 @@ def identify(log: Path, names: str | None, hold_out: float, out: Path | None) ->
     the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
     be identified.
     """
-    from twin.run.files import ROOT, log_file, run_name
-
     chosen_parameters(names)  # a wrong name is told before anything heavy is imported
     log = log_file(log)
     from ballplate.loading import identify as identify_log
@@ -228,8 +226,6 @@ def shadow(
     identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
     another twin proves better. Exit code 1 after an alarm.
     """
-    from twin.run.files import ROOT, is_record, log_file, run_name
-
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
     from twin.shadow.examine import FILES, examine
@@ -276,8 +272,6 @@ def whatif(
     RUN is a run folder or a CSV log. A simulated run is gone on with exactly, a real one from its
     estimated state. Without --set and --branch nothing is changed.
     """
-    from twin.run.files import ROOT, log_file, run_name
-
     run = log_file(run)  # a wrong name is told before anything heavy is imported
     from twin.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
