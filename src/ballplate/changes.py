@@ -23,6 +23,9 @@ Table = Mapping[str, Any]
 """A table of a scenario: keys to values or further tables."""
 Settings = Mapping[str, Any] | Sequence[str]
 """Dotted keys to values, ``{"plant.friction.rolling_mm": 0.1}``, or texts ``"duration=10"``."""
+Vary = Mapping[str, Iterable[Any]] | Sequence[str]
+"""Dotted key, or a table as ``controller``, to the values that it takes in turn, or texts
+``KEY=[A, B, ...]``."""
 
 
 class Changes(TypedDict, total=False):
@@ -107,17 +110,18 @@ def scenario_of(name: str | Path, changed: Sequence[KeyChange], *, titled: bool 
     Args:
         name: A shipped scenario, or a TOML file.
         changed: What is changed of it.
-        titled: Whether its title says so.
+        titled: Whether its title says so, and with that what ran.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
     """
     from twin.scenario.load import check, read, resolved
-    from twin.scenario.load import titled as title_of
+    from twin.scenario.variants import comparison
 
     pairs = [(each.key, each.value) for each in changed]
     chosen = check(*resolved(*read(str(name)), pairs))
-    return title_of(chosen, [each.text for each in changed]) if titled else chosen
+    title = comparison(chosen.title, (), [each.text for each in changed])
+    return chosen.model_copy(update={"title": title}) if titled else chosen
 
 
 def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -138,13 +142,17 @@ def flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield key, _plain(key, value)
 
 
-def varied_of(vary: Mapping[str, Iterable[Any]]) -> dict[str, list[Any]]:
+def varied_of(vary: Vary) -> dict[str, list[Any]]:
     """What is varied with plain values; a law, observer or reference is its table.
 
     Raises:
         ScenarioError: If a value is none that a scenario can hold, or there is no list of values,
             none in it, or one twice.
     """
+    from twin.scenario.variants import parsed
+
+    if isinstance(vary, list | tuple):
+        vary = parsed(vary)
     if not isinstance(vary, Mapping):
         raise ScenarioError(f"vary: give a table of keys and their values, got {vary!r}")
     for key, values in vary.items():

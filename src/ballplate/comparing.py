@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
-from ballplate.changes import Changes, KeyChange, Settings, changes_of, scenario_of, varied_of
-from ballplate.reporter import Reporter, default, overview, showable
+from ballplate.changes import Changes, KeyChange, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.reporter import Reporter, default, overview, showable, writable
 from ballplate.running import WORTH_PROCESS, importable, one_run, warn_of_dangers
 from twin.errors import LawError, ScenarioError
+from twin.run.files import MANIFEST, forget, numbered, slug, sorted_out
 from twin.shipped import find
-from twin.writing import check_writable
+from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +35,8 @@ class Comparison(Mapping[str, "Result"]):
         title: What is compared.
         headings: What the table calls each run.
         names: What pictures call it.
-        folders: Where each run that was just made is kept within a folder of the comparison.
+        folders: Where each run that was just made is kept within a folder of the comparison, by
+            label.
         interrupted: Whether Ctrl-C ended it before all had run.
         folder: Where it was saved as the runs came; None for nowhere.
         replaced: What it replaced where it is saved, in words; empty for nothing.
@@ -100,10 +102,9 @@ class Comparison(Mapping[str, "Result"]):
             RecordError: If it cannot be written, or a run is one that was opened.
         """
         from ballplate.results import kept
-        from twin.run.files import forget, slug
 
         self.replaced = forget(Path(folder))
-        self.folders = {label: self.folders.get(label, slug(label)) for label in self.runs}
+        self.folders = {label: slug(self.names[label]) for label in self.runs}
         for label, each in self.runs.items():
             kept(each, Path(folder) / self.folders[label])
         return self.draw(folder)
@@ -114,12 +115,10 @@ class Comparison(Mapping[str, "Result"]):
         Raises:
             RecordError: If it cannot be written.
         """
-        from twin.run.files import MANIFEST
-        from twin.run.picture import draw
-        from twin.writing import write_json
+        from twin.run.picture import png
 
         place = Path(folder)
-        draw(place / "compare.png", self.motions, self.title, self._area)
+        write_whole(place / "compare.png", png(self.motions, self.title, self._area))
         content = {
             "folders": list(self.folders.values()),
             "names": [self.names[label] for label in self.folders],
@@ -142,10 +141,6 @@ class Comparison(Mapping[str, "Result"]):
         return overview(self.title, runs, self.plot())
 
 
-Vary = Mapping[str, Iterable[Any]]
-"""Dotted key, or a table as ``controller``, to the values that it takes in turn."""
-
-
 class Case(NamedTuple):
     """A run of a comparison.
 
@@ -153,13 +148,11 @@ class Case(NamedTuple):
         scenario: What is run.
         heading: What the table calls it: the shortest text that tells it from the others.
         name: What pictures call it, where no key stands over it.
-        folder: Where it is kept within the folder of the comparison.
     """
 
     scenario: Scenario
     heading: str
     name: str
-    folder: str
 
 
 def compare(
@@ -180,7 +173,8 @@ def compare(
     Args:
         sources: Scenarios by name or TOML file, run folders, CSV logs, results of ``run`` or
             ``load``.
-        vary: What is varied, all combinations of it; of scenarios, not of what is finished.
+        vary: What is varied, all combinations of it, as a table or texts ``KEY=[A, B, ...]``; of
+            scenarios, not of what is finished.
         settings: What is changed of all scenarios.
         out: Folder to save in as the runs come, or what gives one for the names of what is
             compared; see ``Comparison.save`` for later.
@@ -193,8 +187,6 @@ def compare(
             range or cannot be assembled, or the folder cannot be written.
         KeyboardInterrupt: If the user interrupts before any has run.
     """
-    from twin.run.files import forget, sorted_out
-
     if not sources:
         raise ScenarioError("compare: name a scenario or give a result")
     given = [str(each) for each in sources if isinstance(each, str | Path)]
@@ -206,30 +198,37 @@ def compare(
     for name in names:
         find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.results import Result, kept
+    from twin.run.finished import open_runs
+    from twin.scenario.variants import comparison
 
     base, varied = changes_of(settings, changes), varied_of(vary or {})
-    opened = _opened(sources, folders, report)
+    found = open_runs(folders, tell=report.warn) if folders else []
+    results = [each for each in sources if not isinstance(each, str | Path)]
+    for each in results:
+        if not isinstance(each, Result):
+            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
+    opened = [*map(Result.from_run, found), *results]
     recorded, fitted = measured(logs, names, opened, base)
     finished = labelled([*map(Result.from_run, recorded), *opened])
     cases = cases_of(names, [*fitted, *base], varied, alone=not finished)
-    title = title_of(names, cases, finished, varied, [each.text for each in base])
-    folder = out([*names, *finished]) if callable(out) else None if out is None else Path(out)
-    replaced = ""
-    if folder is not None:
-        check_writable(folder, report.name_of("out"))
-        replaced = forget(folder)
+    listed = ", ".join((*names, *finished))
+    named = any(each.key == "title" for each in base) or (len(names) == 1 and not finished)
+    what = next(iter(cases.values())).scenario.title if cases and named else listed
+    title = comparison(what, varied, [each.text for each in base])
+    folder = writable(out([*names, *finished]) if callable(out) else out, report)
+    replaced = "" if folder is None else forget(folder)
     runs: dict[str, Result] = {}
     failed: list[LawError] = []
     interrupted = False
     try:
         scenarios = {label: case.scenario for label, case in cases.items()}
-        for label, done in _each(scenarios, processes, report):
-            if isinstance(done, LawError):
-                failed.append(done)
-                report.warn(f"{label}: {done}")
+        for label, came in _each(scenarios, processes, report):
+            if isinstance(came, LawError):
+                failed.append(came)
+                report.warn(f"{label}: {came}")
                 continue
-            each = Result.from_run(done, label)
-            runs[label] = each if folder is None else kept(each, folder / cases[label].folder)
+            run = Result.from_run(came, label)
+            runs[label] = run if folder is None else kept(run, folder / slug(cases[label].name))
     except KeyboardInterrupt:
         interrupted = True
         if not runs:
@@ -237,37 +236,20 @@ def compare(
     if failed and not (runs or finished):
         raise failed[0]
     ordered = {label: runs[label] for label in cases if label in runs}
-    found = Comparison(
+    done = Comparison(
         {**finished, **ordered},
         title,
         {label: cases[label].heading for label in ordered},
         names={label: cases[label].name for label in ordered},
-        folders={label: cases[label].folder for label in ordered},
+        folders={label: slug(cases[label].name) for label in ordered},
         interrupted=interrupted or bool(failed),
         folder=folder,
         replaced=replaced,
         logs=tuple(each.name for each in recorded),
     )
     if folder is not None:
-        found.draw(folder)
-    return found
-
-
-def _opened(
-    sources: Sequence[str | Path | Result], folders: tuple[Path, ...], reporter: Reporter
-) -> list[Result]:
-    """Finished runs: those of the folders, then those that were given as they are."""
-    from ballplate.results import Result
-    from twin.run.finished import open_runs
-
-    found = open_runs(folders, tell=reporter.warn) if folders else []
-    opened = [Result.from_run(each) for each in found]
-    for each in sources:
-        if isinstance(each, Result):
-            opened.append(each)
-        elif not isinstance(each, str | Path):
-            raise ScenarioError(f"compare: takes names, files and results, got {each!r:.60}")
-    return opened
+        done.draw(folder)
+    return done
 
 
 def measured(
@@ -291,8 +273,8 @@ def measured(
                 f"{path}: a log has no reference; name the scenario it was recorded with, as in: "
                 f"ballplate compare {path} circle"
             )
-        taken = sum(run.name.partition("~")[0] == path.stem for run in runs)
-        runs.append(log_run(rows, scenario, f"{path.stem}~{taken + 1}" if taken else path.stem))
+        name = numbered(path.stem, [run.name for run in runs])
+        runs.append(log_run(rows, scenario, name))
     return runs, fitted
 
 
@@ -314,7 +296,6 @@ def cases_of(
     Raises:
         ScenarioError: If anything in them is unknown or out of range.
     """
-    from twin.run.files import slug
     from twin.scenario.variants import variants
 
     cases: dict[str, Case] = {}
@@ -327,25 +308,8 @@ def cases_of(
             )
             changed = changes_of((), dict(variant.settings))
             scenario = scenario_of(name, [*base, *changed], titled=False)
-            cases[label] = Case(scenario, heading, called, slug(called))
+            cases[label] = Case(scenario, heading, called)
     return cases
-
-
-def title_of(
-    names: Sequence[str],
-    cases: Mapping[str, Case],
-    finished: Mapping[str, Result],
-    varied: Iterable[str],
-    changed: Sequence[str],
-) -> str:
-    """What is compared, over which keys, and what all runs share."""
-    from twin.scenario.variants import comparison
-
-    listed = ", ".join((*names, *finished))
-    titled = any(text.partition("=")[0].strip() == "title" for text in changed)
-    one = cases and (titled or (not finished and len(names) == 1))
-    what = next(iter(cases.values())).scenario.title if one else listed
-    return comparison(what, varied, changed)
 
 
 def labelled(finished: Sequence[Result]) -> dict[str, Result]:
@@ -354,8 +318,7 @@ def labelled(finished: Sequence[Result]) -> dict[str, Result]:
     found: dict[str, Result] = {}
     for each in finished:
         label = each.name if names.count(each.name) == 1 else each.title
-        taken = sum(other.partition("~")[0] == label for other in found)
-        found[f"{label}~{taken + 1}" if taken else label] = each
+        found[numbered(label, found)] = each
     return found
 
 
@@ -371,8 +334,7 @@ def _each(
     if min(processes, len(cases)) <= 1 or not all(map(importable, cases.values())):
         for label, case in cases.items():
             try:
-                warn_of_dangers(case, reporter, label if len(cases) > 1 else "")
-                done = one_run(case, label, reporter, warn=False)
+                done = one_run(case, label, reporter, which=label if len(cases) > 1 else "")
             except LawError as error:
                 yield label, error
                 continue
@@ -385,13 +347,13 @@ def _each(
             warn_of_dangers(case, reporter, label)
     found: Iterator[tuple[str, Run | LawError]]
     with reporter.progress("comparison", len(cases), "runs") as advance:
-        found = jobs.results(_attempt, cases.items(), min(processes, len(cases)))
+        found = jobs.results(attempt, cases.items(), min(processes, len(cases)))
         for number, (label, each) in enumerate(found, 1):
             advance(number)
             yield label, each
 
 
-def _attempt(scenario: Scenario) -> Run | LawError:
+def attempt(scenario: Scenario) -> Run | LawError:
     """The run of a scenario, or how its law failed."""
     from twin.run import finished
 

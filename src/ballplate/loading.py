@@ -7,16 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ballplate.comparing import Comparison
 from ballplate.reporter import Reporter, default, png, showable
+from ballplate.results import Result
+from controllers.arrays import Array
+from twin.data_file import parse_toml
+from twin.errors import ScenarioError
+from twin.identify import log as logs
+from twin.page import Picture, Table, Text, fragment
 from twin.run.files import Signals
+from twin.run.finished import open_runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ballplate.comparing import Comparison
-    from ballplate.results import Result
-    from controllers.arrays import Array
-    from twin.identify import log as logs
     from twin.identify.identify import Identification
     from twin.identify.verdict import ParameterVerdict
 
@@ -37,8 +43,6 @@ class Log(Signals):
 
     def plot(self) -> Figure:
         """Ball and plate as they were measured, over time."""
-        import numpy as np
-
         from twin.run.picture import drawn
 
         with drawn(9, 5) as figure:
@@ -55,8 +59,6 @@ class Log(Signals):
 
     def _repr_html_(self) -> str:
         """For a notebook: its picture."""
-        from twin.page import Picture, fragment
-
         return fragment("", [Picture("", png(self.plot()))])
 
 
@@ -76,11 +78,6 @@ def load(path: str | Path) -> Result | Comparison | Log:
     file = Path(path)
     if file.suffix == ".csv":
         return _log(file)
-    from ballplate.comparing import Comparison
-    from ballplate.reporter import default
-    from ballplate.results import Result
-    from twin.run.finished import open_runs
-
     runs = {each.name: Result.from_run(each) for each in open_runs((file,), tell=default().warn)}
     if len(runs) == 1:
         return next(iter(runs.values()))
@@ -88,16 +85,14 @@ def load(path: str | Path) -> Result | Comparison | Log:
 
 
 def _log(file: Path) -> Log:
-    from twin.identify.log import COLUMNS, read
-
-    log = read(file)
+    log = logs.read(file)
     columns = {"time": log.time, "measured_x": log.ball[:, 0], "measured_y": log.ball[:, 1]}
     columns |= {"measured_phi": log.plate[:, 0], "measured_theta": log.plate[:, 1]}
     columns |= {"age": log.age, "touched": log.touched.astype(float)}
     if log.command is not None:
         names = ("applied_phi_rate", "applied_theta_rate")
         columns |= dict(zip(names, log.command.T, strict=True))
-    return Log(log.source, columns, {name: COLUMNS[name].unit for name in columns})
+    return Log(log.source, columns, {name: logs.COLUMNS[name].unit for name in columns})
 
 
 HOLD_OUT = 1 / 3
@@ -129,7 +124,6 @@ class Identified:
     @property
     def settings(self) -> dict[str, Any]:
         """The identified parameters as ``run`` takes them: ``run("circle", found.settings)``."""
-        from twin.data_file import parse_toml
         from twin.identify.report import parameters
 
         return parse_toml(parameters(self.found))
@@ -148,7 +142,6 @@ class Identified:
     def _repr_html_(self) -> str:
         """For a notebook: the verdict in words, and each parameter with its interval."""
         from twin.identify.report import HEADS, rows
-        from twin.page import Table, Text, fragment
 
         title = f"Identification from {self.found.log.source}"
         return fragment(title, [Table("", HEADS, rows(self.found)), Text(self.sentences)])
@@ -173,7 +166,6 @@ def identify(
     Raises:
         TwinError: If the log cannot be read, or nothing can be learned from it.
     """
-    from twin.errors import ScenarioError
     from twin.identify.identify import identify as fit
     from twin.identify.parameters import chosen
 
@@ -188,14 +180,10 @@ def identify(
 
 
 def _recorded(log: str | Path | Result) -> logs.Log:
-    from ballplate.results import Result
-    from twin.identify.log import COLUMNS, of_columns, read
-
     if not isinstance(log, Result):
-        return read(Path(log))
+        return logs.read(Path(log))
     if log.folder is not None:
-        return read(log.folder)
+        return logs.read(log.folder)
     scenario = log.scenario.model_dump(mode="json")
-    return of_columns(
-        {name: log[name] for name in COLUMNS if name in log}, {"scenario": scenario}, log.name
-    )
+    columns = {name: log[name] for name in logs.COLUMNS if name in log}
+    return logs.of_columns(columns, {"scenario": scenario}, log.name)

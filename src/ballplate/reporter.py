@@ -8,8 +8,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
 from io import BytesIO
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
+
+from twin.writing import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,6 +87,15 @@ class Notebook(Reporter):
             yield advance
         finally:
             shown.update(display.HTML(""))
+
+
+def writable(out: str | Path | None, reporter: Reporter) -> Path | None:
+    """The folder to save in, after a look whether that can be written; None for none.
+
+    Raises:
+        ScenarioError: If it cannot.
+    """
+    return None if out is None else check_writable(Path(out), reporter.name_of("out"))
 
 
 def default() -> Reporter:

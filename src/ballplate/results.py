@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 from ballplate.reporter import Reporter, default, overview, showable
 from twin.errors import RecordError
-from twin.run.finished import Run
+from twin.run.files import MOVING, free
+from twin.run.finished import Run, of_other_class, save
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +95,6 @@ class Result(Run):
     def report(self, file: str | Path) -> Path:
         """Write the report of ``ballplate report``, one page that needs nothing else."""
         from twin.report.html import html
-        from twin.writing import write_whole
 
         write_whole(Path(file), html([self]))
         return Path(file)
@@ -129,8 +130,6 @@ class Result(Run):
             RecordError: If the ending is none of these, the run has no such part, or the file
                 cannot be written.
         """
-        from twin.run.files import MOVING
-
         if Path(file).suffix not in MOVING:
             return super().export(file)
         from twin.run.film import Cut, Film, moving
@@ -151,9 +150,6 @@ class Result(Run):
         Raises:
             RecordError: If it cannot be written, or the run is one that was opened.
         """
-        from twin.run.files import free
-        from twin.run.finished import of_other_class
-
         place = Path(folder) if folder is not None else Path("runs") / self.name
         if self.record is not None and of_other_class(place, lambda: self.scenario):
             if folder is None:
@@ -183,8 +179,6 @@ def kept(result: Result, folder: Path, beside: SecondProcess | None = None) -> R
     Raises:
         RecordError: If it cannot be written, or the run is one that was opened.
     """
-    from twin.run.finished import save
-
     if result.record is None:
         raise RecordError(f"{result.name}: was opened from {result.folder}; nothing new to save")
     save(result, folder, {label: each.motion for label, each in result.shown.items()}, beside)

@@ -15,18 +15,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
-from ballplate.reporter import Reporter, default
+from ballplate.reporter import Reporter, default, writable
 from twin.errors import RigError, ScenarioError
+from twin.run.files import STREAM, free
 from twin.shipped import find
-from twin.writing import check_writable, written_alone
+from twin.writing import written_alone
 
 if TYPE_CHECKING:
     from ballplate.results import Result
     from twin.devices.rig import HardwareRig
+    from twin.emulator.process import Emulator
     from twin.hal.rig import Rig
     from twin.jobs import SecondProcess
     from twin.run.finished import Run
     from twin.run.record import Recorder
+    from twin.scenario.rig import RigFile
     from twin.scenario.schema import Scenario
 
 
@@ -82,13 +85,10 @@ def run(
     further = {Path(name).stem: scenario_of(name, changed) for name in others}
     from ballplate.results import Result, kept
     from twin.jobs import SecondProcess, cores
-    from twin.run.files import free
     from twin.run.finished import holds_finished
     from twin.run.plants import PLANTS
 
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        check_writable(folder, report.name_of("out"))
+    folder = writable(out, report)
     label = PLANTS[chosen.plant.kind].label if on is None else f"rig {Path(on).stem}"
     compared = chosen.baseline and chosen.plant.kind == "mujoco"
     alone = nullcontext() if folder is None else written_alone(folder, report.name_of("out"))
@@ -130,7 +130,7 @@ def one_run(
     attach: Attach = lambda _: None,
     rig: Rig | None = None,
     *,
-    warn: bool = True,
+    which: str = "",
 ) -> Run:
     """Run a scenario with its warnings and its progress.
 
@@ -140,15 +140,14 @@ def one_run(
         reporter: Who is told.
         attach: Is given the recorder before the run.
         rig: A real rig; simulated by default.
-        warn: Whether nobody has warned of its dangers yet.
+        which: Which of several runs it is, for the warnings.
 
     Raises:
         TwinError: If the scenario cannot be assembled.
     """
     from twin.run import finished
 
-    if warn:
-        warn_of_dangers(scenario, reporter)
+    warn_of_dangers(scenario, reporter, which)
     with reporter.progress(label, scenario.duration) as advance:
         return finished.run(scenario, advance, attach, rig)
 
@@ -213,6 +212,31 @@ SIMULATION_ONLY = ("plant.", "sensors.", "disturbance.", "rig.cams", "rig.cam_")
 
 
 @contextmanager
+def rig_of(
+    on: str, scenario: Scenario, reporter: Reporter
+) -> Iterator[tuple[RigFile, Emulator | None]]:
+    """The file of a rig; of the virtual rig, which runs meanwhile, also who pushes it about.
+
+    Args:
+        on: Rig file or ``emulated``.
+        scenario: What the virtual rig simulates.
+        reporter: Is told how far it lagged.
+
+    Raises:
+        TwinError: If there is no such rig, or its file is wrong.
+    """
+    from twin.emulator.process import emulated
+    from twin.scenario.rig import check_rig, read_rig
+
+    if on != EMULATED:
+        yield read_rig(Path(on)), None
+        return
+    with emulated(scenario) as virtual:
+        yield check_rig(virtual.tables, EMULATED), virtual
+        reporter.note(virtual.lag())
+
+
+@contextmanager
 def connected(
     on: str | None, scenario: Scenario, keys: Sequence[str], reporter: Reporter, *, reset: bool
 ) -> Iterator[HardwareRig | None]:
@@ -235,8 +259,9 @@ def connected(
             raise ScenarioError(f"{what}: a simulated rig has no faults to reset; it needs {name}")
         yield None
         return
+    from twin.emulator.serve import follow_changes
     from twin.run.connect import connect
-    from twin.scenario.rig import check_rig, read_rig
+    from twin.run.plants import believed
 
     if scenario.sensors.ideal:
         raise ScenarioError(f"{name}: no rig measures its full state; set sensors.ideal=false")
@@ -251,25 +276,19 @@ def connected(
                     f"{name} {on}: {key} describes a simulated rig and changes nothing of a real "
                     "one; leave it out, or set what the rig has in its file"
                 )
-        real = connect(scenario, read_rig(Path(on)), reset=reset)
+    else:
         _judge_computer(f"{name} {on}", scenario, reporter)
-        yield real
-        return
-    from twin.emulator.process import emulated
-    from twin.emulator.serve import follow_changes
-    from twin.run.plants import believed
-
-    _judge_computer(f"{name} {on}", scenario, reporter)
-    # what a virtual rig knows of its cams is part of its scenario
-    known = believed(scenario)
-    with emulated(scenario) as virtual:
-        tables = check_rig(virtual.tables, EMULATED)
-        host = connect(
-            scenario, tables, reset=reset, transmission=known, paused=virtual.pauses.paused
-        )
+    with rig_of(on, scenario, reporter) as (file, virtual):
+        if virtual is None:
+            real = connect(scenario, file, reset=reset)
+            _judge_computer(f"{name} {on}", scenario, reporter)
+            yield real
+            return
+        # what a virtual rig knows of its cams is part of its scenario
+        known, paused = believed(scenario), virtual.pauses.paused
+        host = connect(scenario, file, reset=reset, transmission=known, paused=paused)
         follow_changes(host, scenario, known, virtual.begin)
         yield host
-        reporter.note(virtual.lag())
 
 
 def _judge_computer(where: str, scenario: Scenario, reporter: Reporter) -> None:
@@ -315,7 +334,6 @@ def streamed(scenario: Scenario, folder: Path, attach: Attach) -> Iterator[Attac
         folder: Holds no run.
         attach: What else is given the recorder before the run.
     """
-    from twin.run.files import STREAM
     from twin.run.finished import described
     from twin.view.live_process import LiveProcess
 

@@ -6,19 +6,21 @@ import time
 from collections.abc import Sequence
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, Unpack
+from typing import Self, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.results import Result
+from controllers.arrays import Array
+from controllers.interfaces import Measurement, Reference
 from twin.errors import TwinError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ballplate.results import Result
-    from controllers.arrays import Array
-    from controllers.interfaces import Measurement, Reference
-    from twin.run.loop import Outcome
-    from twin.scenario.schema import Scenario
+from twin.run.assemble import assemble
+from twin.run.loop import Ending, Outcome, RunMonitor, passed
+from twin.run.plants import PLANTS
+from twin.run.record import Recorder
+from twin.scenario.schema import Scenario
 
 LOOKED = 100
 """Control periods after which is looked whether numbers have run away, as in a run."""
@@ -46,9 +48,6 @@ class Rig:
     applied: Array
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
-        from twin.run.assemble import assemble
-        from twin.run.loop import RunMonitor
-        from twin.run.record import Recorder
 
         self.scenarios = list(scenarios)
         self._rig, self.controller = assemble(self.scenarios)
@@ -63,8 +62,6 @@ class Rig:
         self._over = False
 
     def __enter__(self) -> Self:
-        import numpy as np
-
         self._rig.__enter__()
         self.measurement = self._rig.read()
         self.controller.start(self.measurement)
@@ -74,7 +71,6 @@ class Rig:
         return self
 
     def __exit__(self, *error: object) -> None:
-        from twin.run.loop import Ending
 
         self._spent = time.perf_counter() - self._begin
         self._rig.__exit__(*error)
@@ -122,8 +118,6 @@ class Rig:
         Raises:
             TwinError: If the rig is not entered, the run is over, or a shape is another.
         """
-        import numpy as np
-
         if not hasattr(self, "_begin") or self._ended is not None:
             raise TwinError("a rig is stepped within its context: with ballplate.rig(...) as rig:")
         if self.done:
@@ -139,20 +133,8 @@ class Rig:
         more = each("further", np.full(known, np.nan) if further is None else further, known)
         requested = (wanted - self.applied) / self.period
         before, self.applied = self.applied, self._rig.write(wanted)
-        channels = {
-            "measured": now.y,
-            "age": now.age,
-            "touched": now.touched,
-            "estimate": believed,
-            "requested": requested,
-            "applied": (self.applied - before) / self.period,
-            "supervisor": self._rig.supervisor.state,
-        }
-        if known:
-            channels["further"] = more
-        self._record.append(now.time, channels | self._rig.telemetry())
-        self._rig.wait()
-        self.measurement = self._rig.read()
+        decided = (believed, requested, (self.applied - before) / self.period, more)
+        self.measurement = passed(self._rig, self._record, now, *decided)
         self._over = self._monitor.watch(self.measurement)
         if not self._over and (self._record.length - 1) % LOOKED == 0:
             self._over = self._monitor.examine(self.time)
@@ -171,8 +153,6 @@ class Rig:
             raise TwinError("a rig has a result when its context is left")
         if rig not in range(len(self.scenarios)):
             raise TwinError(f"rig: must be 0 to {len(self.scenarios) - 1}, got {rig!r}")
-        from ballplate.results import Result
-        from twin.run.plants import PLANTS
 
         scenario, record = self.scenarios[rig], self._record.of_rig(rig)
         speed = record.length * self.period / self._spent
@@ -186,8 +166,6 @@ def shaped(what: str, given: ArrayLike, *shapes: tuple[int, ...]) -> Array:
     Raises:
         TwinError: If they are no numbers, or of another shape, which it names.
     """
-    import numpy as np
-
     try:
         found = np.asarray(given, float)
     except (TypeError, ValueError):

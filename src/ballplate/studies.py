@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
-from ballplate.comparing import cases_of
-from ballplate.reporter import Reporter, default, png, showable
+from ballplate.changes import Changes, Settings, Vary, changes_of, scenario_of, varied_of
+from ballplate.comparing import attempt, cases_of
+from ballplate.reporter import Reporter, default, png, showable, writable
 from ballplate.running import importable
 from twin.errors import LawError, ScenarioError, nearest
+from twin.page import Picture, Table, Text, digits, fragment
+from twin.report.numbers import LABELS
+from twin.run.indicators import UNITS
 from twin.shipped import find
-from twin.writing import check_writable
+from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,8 +98,6 @@ class Sweep:
 
     def csv(self) -> str:
         """A line per run: values of the keys, every indicator with its unit in the header."""
-        from twin.run.indicators import UNITS
-
         names = ["outcome", *(name for name in UNITS if name != "real_time_factor")]
         frame = self.to_pandas().reindex(columns=[*self.keys, *names])
         frame.columns = [f"{name} [{UNITS[name]}]" if name in UNITS else name for name in frame]
@@ -117,7 +118,6 @@ class Sweep:
         """
         import numpy as np
 
-        from twin.report.numbers import LABELS
         from twin.run.picture import drawn, style
 
         known = [name for name in DRAWN if any(each is not None for each in self[name])]
@@ -159,8 +159,6 @@ class Sweep:
         Raises:
             RecordError: If they cannot be written.
         """
-        from twin.writing import write_whole
-
         figure, text, place = self.plot(), self.csv(), Path(folder)
         write_whole(place / "sweep.png", lambda file: figure.savefig(file, format="png", dpi=110))
         write_whole(place / "sweep.csv", text)
@@ -168,9 +166,6 @@ class Sweep:
 
     def _repr_html_(self) -> str:
         """For a notebook: the tracking error of every run, and its curve."""
-        from twin.page import Picture, Table, digits, fragment
-        from twin.report.numbers import LABELS
-
         metric = DRAWN[0]
         unit = LABELS[metric][1]
         lines = [
@@ -188,7 +183,7 @@ def named(value: Any) -> str:
 
 def sweep(
     scenario: str | Path,
-    vary: Mapping[str, Iterable[Any]],
+    vary: Vary,
     *,
     settings: Settings = (),
     out: str | Path | None = None,
@@ -202,7 +197,8 @@ def sweep(
 
     Args:
         scenario: A shipped scenario, or a TOML file.
-        vary: Dotted key, or a table as ``controller``, to the values that it takes.
+        vary: Dotted key, or a table as ``controller``, to the values that it takes; or texts
+            ``KEY=[A, B, ...]``.
         settings: What else is changed, by dotted keys or as texts ``KEY=VALUE``.
         out: Folder to save in; see ``Sweep.save`` for later.
         processes: Processes to use; all processors by default.
@@ -225,8 +221,7 @@ def sweep(
     report = reporter or default()
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
-    if out is not None:
-        check_writable(Path(out), report.name_of("out"))
+    folder = writable(out, report)
     count = processes or jobs.cores()
     if not all(map(importable, cases)):
         count = 1
@@ -250,19 +245,16 @@ def sweep(
     points = list(itertools.product(*plain))
     every = [rows.get(number, _none("not run")) for number in range(len(cases))]
     done = Sweep(title, tuple(varied), points, every)
-    if out is not None:
-        done.save(out)
+    if folder is not None:
+        done.save(folder)
     return done
 
 
 def _judged(scenario: Scenario) -> dict[str, Any]:
     """The indicators of a run; of one whose law raises an error none, but its line."""
-    from twin.run import finished
-
-    try:
-        done = finished.run(scenario)
-    except LawError as error:
-        return _none("failed") | {"reason": str(error)}
+    done = attempt(scenario)
+    if isinstance(done, LawError):
+        return _none("failed") | {"reason": str(done)}
     if done.interrupted:
         raise KeyboardInterrupt
     return done.summary()
@@ -270,8 +262,6 @@ def _judged(scenario: Scenario) -> dict[str, Any]:
 
 def _none(outcome: str) -> dict[str, Any]:
     """The indicators of a run that there is not, and why not."""
-    from twin.run.indicators import UNITS
-
     return dict.fromkeys(UNITS) | {"outcome": outcome, "outcome_time": 0.0}
 
 
@@ -331,7 +321,6 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """For a notebook: sentences, a row per variant, figures."""
-        from twin.page import Picture, Text, fragment
         from twin.study.report import compared
 
         found = compared(self.work.study, self.answers)
@@ -368,9 +357,8 @@ def study(
 
     report = reporter or default()
     work = work_of(str(name), keys)
-    if out is not None:
-        check_writable(Path(out), report.name_of("out"))
-    store = Store(None if out is None else Path(out))
+    folder = writable(out, report)
+    store = Store(folder)
     with (
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
         report.progress(work.study.title, work.different, "runs") as advance,
@@ -383,8 +371,8 @@ def study(
             progress=lambda done, failed: advance(done, f"{failed} failed"),
         )
     found = StudyResult(work, rows, answers(work, rows))
-    if out is not None:
-        found.save(out)
+    if folder is not None:
+        found.save(folder)
     return found
 
 

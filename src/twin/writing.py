@@ -14,12 +14,15 @@ from typing import Any
 from twin.errors import RecordError, ScenarioError
 
 
-def check_writable(folder: Path, option: str = "--out") -> None:
+def check_writable(folder: Path, option: str = "--out") -> Path:
     """Check before the work that the results can be written; nothing is left of the check.
 
     Args:
         folder: Where they go; it need not exist.
         option: The option that named it.
+
+    Returns:
+        The folder.
 
     Raises:
         ScenarioError: If the folder cannot be made or written.
@@ -34,6 +37,7 @@ def check_writable(folder: Path, option: str = "--out") -> None:
             each.rmdir()
     except OSError as error:
         raise ScenarioError(f"{option} {folder}: cannot be written: {_why(error)}") from error
+    return folder
 
 
 @contextmanager

@@ -106,5 +106,5 @@ def test_every_command_that_a_page_shows_can_be_typed():
 
 def test_a_sentence_that_is_piped_is_one_line(capsys):
     sentence = "word " * 60 + "end"
-    output.show({}, as_json=False, shown=[sentence])
+    output.show({}, shown=[sentence])
     assert capsys.readouterr().out == sentence + "\n"

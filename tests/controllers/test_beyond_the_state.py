@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from controllers.controller import Controller
@@ -16,7 +17,7 @@ from controllers.stable_inversion import StableInversion
 from twin.errors import ScenarioError
 from twin.run.assemble import assemble, build_controller
 from twin.run.loop import drive
-from twin.run.record import Recorder, table
+from twin.run.record import Recorder, write_run
 from twin.scenario import load
 from twin.scenario.load import clean
 
@@ -130,14 +131,19 @@ def test_rigs_of_differing_observers_and_laws_run_side_by_side_as_alone():
     assert np.abs(together["applied"][:before, 3]).max() > 0.02
 
 
-def test_what_is_known_beyond_the_state_is_recorded_with_its_unit():
+def written(folder, record):
+    write_run(folder, record, {})
+    return pq.read_table(folder / "run.parquet")
+
+
+def test_what_is_known_beyond_the_state_is_recorded_with_its_unit(tmp_path):
     on = ["plant.kind=lagrange", "duration=0.6", "metrics.start=0"]
-    cured = table(run([load("circle", [*on, *CURE])], ticks=20), {})
+    cured = written(tmp_path, run([load("circle", [*on, *CURE])], ticks=20))
     units = {field.name: field.metadata[b"unit"] for field in cured.schema}
     assert units["estimated_friction"] == b"m/s^2"
     assert units["estimated_tilt_gain_x_spread"] == b"1"
     assert cured["estimated_friction"][0].as_py() == pytest.approx(0.053, abs=1e-3)
-    thesis = table(run([load("circle", on)], ticks=20), {})
+    thesis = written(tmp_path, run([load("circle", on)], ticks=20))
     assert not any("friction" in name for name in thesis.column_names)
 
 

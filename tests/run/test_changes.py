@@ -8,7 +8,8 @@ from twin.errors import ScenarioError
 from twin.run.assemble import assemble
 from twin.run.finished import run
 from twin.run.loop import drive
-from twin.run.plants import build_plant, change_plant
+from twin.run.plants import PLANTS as KINDS
+from twin.run.plants import build_plant
 from twin.run.record import Recorder
 from twin.scenario.changing import at_time
 from twin.scenario.load import load
@@ -65,7 +66,7 @@ def speed_after(plant, speed, change):
     simulated, _ = build_plant([base])
     simulated.start(np.array([[0.0, speed, 0.0, 0.0]]))
     simulated.advance(np.zeros((1, 2)), 100)
-    change_plant(simulated, [at_time(scenario(plant, change, *QUIET), 1.0)])
+    KINDS[plant].change(simulated, [at_time(scenario(plant, change, *QUIET), 1.0)])
     simulated.advance(np.zeros((1, 2)), 200)
     first = simulated.state[0, 1]
     simulated.advance(np.zeros((1, 2)), 100)

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from ballplate.changes import Changes, Settings, changes_of, model, scenario_of
+from ballplate.exporting import EXACT
 from controllers.analysis import (
     MEASUREMENTS,
     System,
@@ -86,7 +87,6 @@ def state_space(
 
 RATES = [3, 7]
 """Where the plate's rates stand in the state."""
-EXACT = {"plant.kind": "lagrange"}
 LEAST_SHARE = 1e-6
 """Share of a period below which a dead time is a whole number of periods."""
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ballplate.changes import changes_of, scenario_of
 from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SETTING, Command
 from twin.cli.output import Shown, bold, dim, progress, show
 from twin.errors import ScenarioError
-from twin.page import Table
+from twin.page import Table, digits
 
 if TYPE_CHECKING:
     from controllers.ballplate import BallPlate
@@ -36,7 +37,7 @@ TERMS = {"neglected": "left of (6.42)", "unlisted": "not named there: c4 phi'' a
 @LAW
 @SETTING
 @JSON
-def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None:
+def analyse(scenario: str, overrides: tuple[str, ...]) -> None:
     """Analyse loops, the thesis's and a scenario's own: poles, margins, neglected terms.
 
     SCENARIO [sine] gives the motion for which the neglected terms are computed, and a loop to
@@ -44,10 +45,8 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     """
     from controllers.analysis import design_rows, linear_designs
     from controllers.ballplate import BallPlate
-    from twin.scenario import load
-    from twin.scenario.load import titled
 
-    chosen = titled(load(scenario, overrides), overrides)
+    chosen = scenario_of(scenario, changes_of(overrides, {}))
     model = BallPlate()
     with progress("analysis", len(linear_designs(model)) + 1) as advance:
         rows = design_rows(model, advance)
@@ -57,7 +56,7 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
     margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
     thesis = (*_pole_table(rows), *margins)
     shown = (*_told(loop), _neglected_terms(neglected, chosen.title), *thesis)
-    show(numbers, as_json, shown)
+    show(numbers, shown)
 
 
 def _neglected(scenario: Scenario, model: BallPlate) -> Numbers:
@@ -185,7 +184,7 @@ def _shown(value: float | None, scale: float = 1.0) -> str:
 @click.argument("tables", nargs=-1, metavar="[TABLE]...")
 @PROCESSES
 @JSON
-def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) -> int:
+def reproduce(tables: tuple[str, ...], processes: int | None) -> int:
     """Recompute the thesis's tables and compare.
 
     TABLE is a number such as 8.4, or 8 or 9 for the whole chapter; without one, chapter 8. Tables
@@ -210,7 +209,7 @@ def reproduce(tables: tuple[str, ...], processes: int | None, *, as_json: bool) 
         _simulated(wanted, cells) if wanted else (),
         _measured(measured) if measured else (),
     )
-    show([cell.as_dict() for cell in cells] + measured, as_json, shown)
+    show([cell.as_dict() for cell in cells] + measured, shown)
     return int(any(cell.verdict is chapter8.Agreement.DIFFERS for cell in cells))
 
 
@@ -236,7 +235,6 @@ def _chapters(given: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 def _measured(rows: list[Row]) -> Iterator[Shown]:
     """The cells of chapter 9, thesis beside twin."""
-    from twin.page import digits
     from twin.thesis.chapter8 import COLUMNS
 
     keys = ("thesis", "frictionless", "predicted", "explained", "held_out")

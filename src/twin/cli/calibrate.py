@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from ballplate.running import EMULATED
-from twin.cli.options import EMPTY_RIG, JSON, PATH, SETTING, Command, Group
+from twin.cli import options
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
 from twin.page import Table
 from twin.paths import model_path
+from twin.run.files import log_file
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -40,10 +42,8 @@ def _turned(
         yield file, AkdServos(file.servos(0.002)), advance
 
 
-@click.command(
-    "lost-motion", cls=Command, example="calibrate lost-motion --set plant.servo.backlash_deg=0.44"
-)
-@EMPTY_RIG
+@options.command("lost-motion", example="calibrate lost-motion --set plant.servo.backlash_deg=0.44")
+@options.EMPTY_RIG
 @click.option(
     "--amplitude",
     type=click.FloatRange(0.2, 8),
@@ -52,16 +52,14 @@ def _turned(
 )
 @click.option("--rate", type=click.FloatRange(0.1, 5), default=1.0, help="Of the plate, deg/s [1].")
 @click.option("--cycles", type=click.IntRange(2, 20), default=3, help="Of each axis [3].")
-@SETTING
-@JSON
+@options.SETTING
+@options.JSON
 def lost_motion(
     rig: str,
     amplitude: float,
     rate: float,
     cycles: int,
     overrides: tuple[str, ...],
-    *,
-    as_json: bool,
 ) -> None:
     """Turn the plate by a slow triangle; say what is lost between motor and plate, and where.
 
@@ -91,11 +89,11 @@ def lost_motion(
         told.append(f"{each.axis}: {each.words}")
         if each.shape in KEYS:
             told.append(f"  in the twin: {KEYS[each.shape]} = {each.width:.3f}")
-    show([each.as_dict() for each in found], as_json, told)
+    show([each.as_dict() for each in found], told)
 
 
-@click.command(cls=Command, example="calibrate touch --out touch-of-rig.json")
-@EMPTY_RIG
+@options.command(example="calibrate touch --out touch-of-rig.json")
+@options.EMPTY_RIG
 @click.option(
     "--at",
     "places",
@@ -105,12 +103,12 @@ def lost_motion(
 )
 @click.option(
     "--out",
-    type=PATH,
+    type=options.PATH,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
-@JSON
-def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> None:
+@options.JSON
+def touch(rig: str, places: tuple[str, ...], out: Path) -> None:
     """Find scale, turn, mirror and offset of the touch screen from points touched in turn.
 
     Mark the points on the plate; touch each with a finger or the ball when asked, hold, let go.
@@ -125,7 +123,7 @@ def touch(rig: str, places: tuple[str, ...], out: Path, *, as_json: bool) -> Non
             found = measure(file.uncalibrated_screen(), points, ask, file.patience, advance)
     write_whole(out, found.save)
     then = f'written to {out}; name it in the rig file, under [touch]: calibration_file = "{out}"'
-    show({"file": str(out), **found.as_dict()}, as_json, (*_residuals(found), then))
+    show({"file": str(out), **found.as_dict()}, (*_residuals(found), then))
 
 
 def _point(text: str) -> tuple[float, float]:
@@ -168,7 +166,7 @@ FEET = (("x", "+x", "-x"), ("y", "-y", "+y"))
 """Axis, and the side that is low at a positive phi (about y) or theta (about x), else the other."""
 
 
-@click.group(cls=Group, example="calibrate cams --check")
+@click.group(cls=options.Group, example="calibrate cams --check")
 def calibrate() -> None:
     """Calibrate cam table, level and touch screen of a rig; measure its lost motion."""
 
@@ -177,10 +175,10 @@ calibrate.add_command(touch)
 calibrate.add_command(lost_motion)
 
 
-@calibrate.command(cls=Command, example="calibrate cams --check")
+@calibrate.command(cls=options.Command, example="calibrate cams --check")
 @click.option(
     "--out",
-    type=PATH,
+    type=options.PATH,
     help="Write the table to this file; without it, it is only tried.",
 )
 @click.option("--check", is_flag=True, help="Only check the table of the model, or of --out.")
@@ -194,16 +192,14 @@ calibrate.add_command(lost_motion)
 @click.option(
     "--lines", type=click.IntRange(4, 33), default=9, help="With --rig: points per axis [9]."
 )
-@JSON
-def cams(
-    out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool, as_json: bool
-) -> None:
+@options.JSON
+def cams(out: Path | None, rig: str | None, reach: float, lines: int, *, check: bool) -> None:
     """Measure the cam table by a sweep of the mechanism, and print the error that remains."""
     from twin.hal.cams import CamTable
     from twin.sim.calibration import static_error, sweep_cams, tap_test
 
     if rig is not None:
-        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines, as_json=as_json)
+        _on_rig(rig, out or Path("cams-of-rig.json"), reach, lines)
         return
     path = out or model_path("cams.json")
     if out is not None and not check:
@@ -225,10 +221,7 @@ def cams(
         resonances = dict(zip(("phi", "theta"), tap_test(), strict=True))
         advance(3)
     left = {name: {"max_deg": r.max_deg, "rms_deg": r.rms_deg} for name, r in found.items()}
-    ringing = {
-        axis: {"frequency_hz": r.frequency_hz, "damping": r.damping}
-        for axis, r in resonances.items()
-    }
+    ringing = {axis: asdict(each) for axis, each in resonances.items()}
     named = str(path) if check or out is not None else None
     rows = [
         (name, f"{each.max_deg:.4f}", f"{each.rms_deg:.4f}", str(each.poses))
@@ -245,19 +238,17 @@ def cams(
         if named is None
         else f"{'checked' if check else 'written to'} {path}",
     )
-    show({"table": named, "residual": left, "resonance": ringing}, as_json, shown)
+    show({"table": named, "residual": left, "resonance": ringing}, shown)
 
 
-@calibrate.command(cls=Command, example="calibrate level runs/excite")
-@click.argument("log", type=PATH)
-@JSON
-def level(log: Path, *, as_json: bool) -> int:
+@calibrate.command(cls=options.Command, example="calibrate level runs/excite")
+@click.argument("log", type=options.PATH)
+@options.JSON
+def level(log: Path) -> int:
     """Estimate from a recorded run how far the base is off level, and say how to correct it.
 
     LOG is a run of the rig, preferably of the scenario `excite`: a run folder, run.parquet or CSV.
     """
-    from twin.run.files import log_file
-
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     from twin.identify.identify import identify
     from twin.identify.log import read
@@ -267,7 +258,7 @@ def level(log: Path, *, as_json: bool) -> int:
     with progress(f"levelling from {recorded.source}", 1.0) as advance:
         levels = identify(recorded, ("level",), 1.0, advance).verdicts[: len(FEET)]
     told = (f"{each.name}: {advice(each, foot)}" for each, foot in zip(levels, FEET, strict=True))
-    show([each.as_dict() for each in levels], as_json, told)
+    show([each.as_dict() for each in levels], told)
     return int(any(each.word != IDENTIFIED for each in levels))
 
 
@@ -294,7 +285,7 @@ def advice(found: ParameterVerdict, foot: tuple[str, str, str]) -> str:
     return f"{known}: raise the {side} side by {rise:.2f} mm per metre along {along}"
 
 
-def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) -> None:
+def _on_rig(rig: str, path: Path, reach: float, lines: int) -> None:
     """Measure the cams of a rig."""
     from twin.doctor.cams import measure
     from twin.hal.cams import CamTable
@@ -315,4 +306,4 @@ def _on_rig(rig: str, path: Path, reach: float, lines: int, *, as_json: bool) ->
         f"deg, the measured one by {found.rms_deg:.3f} deg RMS",
         f'written to {path}; name it in the rig file: cams = "{path}"',
     )
-    show({"table": str(path), "points": found.points, **numbers}, as_json, told)
+    show({"table": str(path), "points": found.points, **numbers}, told)

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, Command
+from twin.cli import options
 from twin.cli.output import Shown, bold, console, show
 from twin.data_file import packaged
 from twin.errors import ScenarioError
@@ -26,13 +25,13 @@ WORDS = {"laws": "controller", "observers": "observer", "references": "reference
 """What lists all of a kind, and the table of a scenario that names one."""
 
 
-@click.command(cls=Command, example="describe plant.friction")
+@options.command(example="describe plant.friction")
 @click.argument(
-    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=tab.names
+    "name", metavar="[KEY|TABLE|KIND]", required=False, default="", shell_complete=options.names
 )
-@LAW
-@JSON
-def describe(name: str, *, as_json: bool) -> int:
+@options.LAW
+@options.JSON
+def describe(name: str) -> int:
     """Describe what a scenario may set: a key, a table, or a law, observer or reference.
 
     A word is looked for in the names, then in what they mean. `laws`, `observers` and `references`
@@ -41,18 +40,18 @@ def describe(name: str, *, as_json: bool) -> int:
     from twin.scenario.describe import about, described
 
     if name in WORDS:
-        return _kinds(WORDS[name], as_json=as_json)
+        return _kinds(WORDS[name])
     found = described(name)
     sentence = about(name)
     shown: list[Shown] = [bold(sentence)] if sentence else []
     shown += [line for key in found for line in _lines(key)] or ["It has no settings."]
     if not name:
         shown.append("Settings of a law, observer or reference: ballplate describe NAME")
-    show([key.as_dict() for key in found], as_json, shown)
+    show([key.as_dict() for key in found], shown)
     return 0
 
 
-def _kinds(table: str, *, as_json: bool) -> int:
+def _kinds(table: str) -> int:
     """List the laws, observers or references with one sentence each."""
     from twin.scenario.describe import about
     from twin.scenario.schema import choices
@@ -60,7 +59,7 @@ def _kinds(table: str, *, as_json: bool) -> int:
     sentences = {kind: about(f"{table}.{kind}") for kind in choices(table)}
     told = [f"{kind}: {sentence}" for kind, sentence in sentences.items()]
     told.append(f"Settings of each: ballplate describe NAME; {table}.kind=NAME takes it")
-    show(sentences, as_json, told)
+    show(sentences, told)
     return 0
 
 
@@ -96,7 +95,7 @@ STARTS = {kind: Start(**about) for kind, about in _TABLES["starts"].items()}
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
-@click.command(cls=Command, example="new law mine --like pid")
+@options.command(example="new law mine --like pid")
 @click.argument("kind", type=click.Choice(list(STARTS)))
 @click.argument("name")
 @click.option(

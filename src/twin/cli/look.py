@@ -12,10 +12,11 @@ import click
 from twin.cli import options as tab
 from twin.cli.options import AGAINST, SERVE, SETTING, Command
 from twin.cli.options import opened as open_all
-from twin.cli.output import Terminal, say, warn
-from twin.errors import RecordError, TwinError, ViewError
+from twin.cli.output import TERMINAL, say, warn
+from twin.errors import RecordError, TwinError, ViewError, nearest
 from twin.paths import model_path
-from twin.run.files import run_folder
+from twin.run.files import MOVING, check_no_scenario, run_folder
+from twin.run.files import export as export_signals
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -210,13 +211,12 @@ def export(
             raise RecordError(f"{file}: of an .fmu there are the options --fmi and --set only")
         from ballplate.exporting import fmu
 
-        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=Terminal())}")
+        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=TERMINAL)}")
         return 0
     if fmi or overrides:
         raise RecordError(f"{file}: --fmi and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
-    from twin.run.files import MOVING, check_no_scenario
     from twin.run.finished import open_run
 
     given = {name: value for name, value in cut.items() if value is not None}
@@ -237,7 +237,7 @@ def export(
     shown = [opened, *(other for path in beside for other in _further(path, opened))]
     (name, first), *others = labelled([Result.from_run(each) for each in shown]).items()
     first.label, first.beside = name, dict(others)
-    first.export(file, **given, reporter=Terminal())
+    first.export(file, **given, reporter=TERMINAL)
     say(f"written to {file}{'' if file.suffix else '/'}")
     return 0
 
@@ -245,7 +245,6 @@ def export(
 def _further(path: Path, first: Run) -> list[Run]:
     """The runs of a path, or a log that followed the first run's reference."""
     from ballplate.comparing import measured
-    from twin.run.files import check_no_scenario
     from twin.run.finished import open_runs
 
     check_no_scenario(path)
@@ -256,9 +255,6 @@ def _further(path: Path, first: Run) -> list[Run]:
 
 def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
     """Write columns of a run."""
-    from twin.errors import nearest
-    from twin.run.files import export as write
-
     names = list(run.rows)
     if columns is not None:
         wanted = [name.strip() for name in columns.split(",")]
@@ -266,7 +262,7 @@ def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
             if name not in names:
                 raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
         names = list(dict.fromkeys(("time", *wanted)))
-    write(file, {name: run.rows[name][::every] for name in names}, run.units)
+    export_signals(file, {name: run.rows[name][::every] for name in names}, run.units)
     rows = len(run.rows["time"][::every])
     say(f"written to {file}: {rows} rows of {len(names)} columns")
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -15,9 +15,9 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 from ballplate.changes import changes_of, scenario_of
 from ballplate.running import EMULATED, one_run
-from twin.cli.output import Terminal, warn
+from twin.cli.output import TERMINAL, warn
 from twin.errors import RecordError, ScenarioError, TwinError, ViewError
-from twin.run.files import check_no_scenario
+from twin.run.files import LAST, ROOT, check_no_scenario, run_folders
 from twin.shipped import find, folder, shipped
 
 if TYPE_CHECKING:
@@ -44,6 +44,10 @@ class Command(click.Command):
         """Write the example, then how the command is called."""
         formatter.write(f"Example: ballplate {self.example}\n\n")
         super().format_usage(ctx, formatter)
+
+
+command = functools.partial(click.command, cls=Command)
+"""Makes a function a command: ``@command(example="run circle")``, or with a name before it."""
 
 
 class Group(Command, click.Group):
@@ -80,8 +84,6 @@ def studies(_: click.Context, __: click.Parameter, incomplete: str) -> list[Comp
 
 def runs(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Folders of runs/, the newest run, and other files."""
-    from twin.run.files import LAST, ROOT, run_folders
-
     made = [path for path in ROOT.glob("*") if path.is_dir() and run_folders(path)]
     return _offered(incomplete, (LAST, *(path.as_posix() for path in sorted(made))))
 
@@ -126,9 +128,9 @@ def _offered(incomplete: str, known: Iterable[str], *, files: bool = True) -> li
     return [CompletionItem(Path(incomplete).as_posix() if incomplete else "", type="file")]
 
 
-def _note_plant(context: click.Context, __: click.Parameter, plant: str | None) -> None:
-    """Keep what ``--plant`` says, for ``--set``."""
-    context.meta["plant"] = plant
+def _note(context: click.Context, option: click.Parameter, value: object) -> None:
+    """Keep what an option says for whoever looks for it, by its name."""
+    context.meta[str(option.name)] = value
 
 
 def _settings(
@@ -165,7 +167,7 @@ PLANT = click.option(
     type=click.Choice(["mujoco", "lagrange"]),
     expose_value=False,
     is_eager=True,
-    callback=_note_plant,
+    callback=_note,
     help="Simulate the mechanism, or the exact equations.",
 )
 PROCESSES = click.option(
@@ -205,7 +207,13 @@ LAW = click.option(
     callback=_add_laws,
     help="Take in the laws, observers and references of a Python file; those in laws/ always are.",
 )
-JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and nothing else.")
+JSON = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=_note,
+    help="Print JSON and nothing else.",
+)
 
 ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
 
@@ -242,7 +250,6 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
         TwinError: If one cannot be opened, or a log has no scenario.
     """
     from ballplate.comparing import measured
-    from twin.run.files import LAST
     from twin.run.finished import open_runs
 
     paths = paths or [Path(LAST)]
@@ -264,7 +271,7 @@ def opened(paths: Sequence[Path], against: str | None, overrides: Sequence[str])
         runs, fitted = measured(logs, (against,), (), base)
         scenario = scenario_of(against, [*fitted, *base], titled=False)
         label = f"{Path(against).stem} predicted"
-        runs.append(replace(one_run(scenario, label, Terminal()), name=label))
+        runs.append(replace(one_run(scenario, label, TERMINAL), name=label))
     return runs + (open_runs(others, warn) if others else [])
 
 
@@ -283,6 +290,7 @@ SERVE = click.option(
     help=f"Watch in a browser of this machine [{WEB_PORT}].",
 )
 WATCHING = (
+    click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes."),
     click.option("--watch", is_flag=True, help="Print a live summary."),
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
@@ -301,6 +309,7 @@ class Viewing:
         connect: In the viewer at HOST:PORT.
         serve: In a browser, at this port.
         rrd: File for a recording.
+        shadow: Whether its twin runs beside it.
 
     Raises:
         ScenarioError: If these exclude each other, or the recording's folder does not exist.
@@ -311,6 +320,7 @@ class Viewing:
     connect: str | None
     serve: int | None
     rrd: Path | None
+    shadow: bool
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -322,41 +332,47 @@ class Viewing:
         self._url, self._recording = "", str(uuid4())
 
     @contextmanager
-    def of(self, scenario: Scenario, folder: Path, *, twin: bool = False) -> Iterator[Attach]:
-        """Watch the run made within; the view names it after its folder.
+    def of(self, scenario: Scenario, folder: Path) -> Iterator[Attach]:
+        """Watch the run made within; a live summary takes the place of its progress.
 
         Args:
             scenario: What is run.
-            folder: Its folder.
-            twin: Whether its twin runs beside it.
+            folder: Its folder, after which the view names it.
         """
         with ExitStack() as running:
             observers: list[LiveProcess] = []
-            if self.watch:
-                from twin.view import live_process, terminal
 
-                observers.append(live_process.LiveProcess(terminal.work, (scenario,)))
-                running.callback(observers[-1].close)
-            shown = self._open(scenario, folder.name, twin=twin)
-            if shown is not None:
-                running.callback(shown.close)
-                observers.append(shown)
-            shadow = self._twin(scenario, folder.name) if twin else None
-            if shadow is not None:
-                running.callback(shadow.close)
-                observers.append(shadow)
+            def begun(observer: LiveProcess) -> LiveProcess:
+                running.callback(observer.close)
+                observers.append(observer)
+                return observer
+
+            summary = begun(self._summary(scenario)) if self.watch else None
+            view = self._open(scenario, folder.name)
+            shown = view and begun(view)
+            shadow = begun(self._twin(scenario, folder.name)) if self.shadow else None
 
             def watch(recorder: Recorder) -> None:
                 for each in observers:
                     each.watch(recorder)
 
+            TERMINAL.quiet = self.watch
+            running.callback(setattr, TERMINAL, "quiet", False)
             yield watch
-            if self.watch:
-                observers[0].finish(SUMMARY)
+            if summary is not None:
+                summary.finish(SUMMARY)
             if shadow is not None and not shadow.finish(TWIN):
                 warn("the twin stopped before the end; the run and its record are complete")
-            if shown is not None:
-                self._end(shown)
+            if shown is not None and not shown.finish():
+                warn("the view stopped before the end; the run and its record are complete")
+            elif shown is not None and shown.dropped:
+                warn(f"the view missed {shown.dropped} rows; the record has them all")
+
+    def _summary(self, scenario: Scenario) -> LiveProcess:
+        """Start the live summary."""
+        from twin.view import live_process, terminal
+
+        return live_process.LiveProcess(terminal.work, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
@@ -364,13 +380,6 @@ class Viewing:
         from twin.shadow.report import Shown
 
         return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
-
-    def _end(self, shown: LiveProcess) -> None:
-        """Let the view catch up and report what it missed."""
-        if not shown.finish():
-            warn("the view stopped before the end; the run and its record are complete")
-        elif shown.dropped:
-            warn(f"the view missed {shown.dropped} rows; the record has them all")
 
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
@@ -390,7 +399,7 @@ class Viewing:
             except KeyboardInterrupt:
                 self._opened.close()
 
-    def _open(self, scenario: Scenario, name: str, *, twin: bool) -> LiveProcess | None:
+    def _open(self, scenario: Scenario, name: str) -> LiveProcess | None:
         """Start the view that was asked for; None if none was, or it cannot start."""
         if not (self.window or self.connect or self.serve):
             return None
@@ -409,17 +418,9 @@ class Viewing:
         if self._opened is not None and self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
         self._url = url
-        return recording.show(scenario, name, url, recording=self._recording, twin=twin)
+        return recording.show(scenario, name, url, recording=self._recording, twin=self.shadow)
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON
-    """Give a command the options above, as one argument ``viewing``."""
-
-    @functools.wraps(command)
-    def wrapped(**given: Any) -> Any:
-        viewing = Viewing(**{each.name: given.pop(each.name) for each in fields(Viewing)})
-        return command(viewing=viewing, **given)
-
-    for option in reversed(WATCHING):
-        wrapped = option(wrapped)
-    return wrapped
+    """Give a command the options above, which are the arguments of ``Viewing``."""
+    return functools.reduce(lambda whole, option: option(whole), reversed(WATCHING), command)

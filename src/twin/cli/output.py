@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from rich.console import Console
@@ -18,12 +18,6 @@ from ballplate.reporter import Advance, Reporter
 from twin.page import Table, terminal
 from twin.report.numbers import IndicatorRow, all_rows, first_rows
 from twin.report.numbers import indicators as table_of
-
-if TYPE_CHECKING:
-    from ballplate.running import Attach
-    from twin.cli.options import Viewing
-    from twin.scenario import Scenario
-
 
 LINE_EVERY = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -46,9 +40,14 @@ def dim(sentence: str) -> Text:
     return Text(sentence, style="dim")
 
 
+def json_wanted() -> bool:
+    """Whether the command that runs was given ``--json``."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get("json"))
+
+
 def show(
     found: Mapping[str, Any] | Sequence[Any],
-    as_json: bool,
     shown: Iterable[object],
     folder: str | Path | None = None,
     files: str = "",
@@ -58,13 +57,12 @@ def show(
 
     Args:
         found: What ``--json`` prints.
-        as_json: Whether it was asked for.
         shown: What people read, in this order; taken only where it is printed.
         folder: Where it was written; None for nowhere.
         files: Its files there, in words.
         replaced: What it replaced there, in words.
     """
-    if as_json:
+    if json_wanted():
         click.echo(json.dumps(found, indent=2, allow_nan=False))
         return
     for each in shown:
@@ -77,22 +75,17 @@ def show(
         say(f"written to {folder}/{replaced}: {files}")
 
 
-def show_titles(titles: Mapping[str, str], *, as_json: bool) -> None:
+def show_titles(titles: Mapping[str, str]) -> None:
     """Print what there is to run, name to title, one line each."""
     width = max(map(len, titles), default=0)
     lines = (Text.assemble((f"{name:<{width}}", "bold"), "  ", titles[name]) for name in titles)
-    show(titles, as_json, lines)
+    show(titles, lines)
 
 
 def say(*lines: str) -> None:
     """Lines as they are, not wrapped."""
     for line in lines:
         console.print(line, markup=False, soft_wrap=True)
-
-
-def warn(message: str) -> None:
-    """One line on standard error about something that is allowed but not wise."""
-    click.echo(f"ballplate: warning: {message}", err=True)
 
 
 def indicators(
@@ -137,33 +130,6 @@ def _fitting(headings: Sequence[str], rows: Sequence[IndicatorRow]) -> int:
         default=0,
     )
     return max(1, (console.width - names - 7) // (widest + 3))
-
-
-@contextmanager
-def progress(what: str, total: float, unit: str = "") -> Iterator[Advance]:
-    """Progress on standard error: a bar on a terminal, elsewhere a line now and then.
-
-    Args:
-        what: Label of the work.
-        total: What ``done`` is when all is done.
-        unit: What is counted, as ``runs``; without one the share done is shown.
-    """
-    meter = Meter(total, unit)
-    if not errors.is_terminal:
-        click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
-        yield _lines(what, meter)
-        return
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(24))
-    text = TextColumn("{task.fields[text]}", markup=False)
-    with Progress(*columns, text, console=errors, transient=True) as bar:
-        task = bar.add_task(what, total=total, text="")
-
-        def advance(done: float, note: str = "", /) -> None:
-            bar.update(task, completed=done, text=meter.text(done, note))
-
-        yield advance
 
 
 class Meter:
@@ -220,20 +186,46 @@ OPTIONS = {"on": "--rig"}
 
 
 class Terminal(Reporter):
-    """Progress, warnings and notes on standard error."""
+    """Progress, warnings and notes on standard error.
 
-    def __init__(self) -> None:
-        self._quiet = False
+    Attributes:
+        quiet: Whether something else has the place of the progress, as a live summary.
+    """
 
-    def progress(self, what: str, total: float, unit: str = "") -> AbstractContextManager[Advance]:
-        """A bar on a terminal, elsewhere a line now and then."""
-        if self._quiet:
-            return super().progress(what, total, unit)
-        return progress(what, total, unit)
+    quiet = False
+
+    @contextmanager
+    def progress(self, what: str, total: float, unit: str = "") -> Iterator[Advance]:
+        """Progress of some work: a bar on a terminal, elsewhere a line now and then.
+
+        Args:
+            what: Label of the work.
+            total: What ``done`` is when all is done.
+            unit: What is counted, as ``runs``; without one the share done is shown.
+        """
+        meter = Meter(total, unit)
+        if self.quiet:
+            yield lambda *_: None
+            return
+        if not errors.is_terminal:
+            click.echo(f"{what}: {total:.0f} {unit} ..." if unit else f"{what} ...", err=True)
+            yield _lines(what, meter)
+            return
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(24))
+        text = TextColumn("{task.fields[text]}", markup=False)
+        with Progress(*columns, text, console=errors, transient=True) as bar:
+            task = bar.add_task(what, total=total, text="")
+
+            def advance(done: float, note: str = "", /) -> None:
+                bar.update(task, completed=done, text=meter.text(done, note))
+
+            yield advance
 
     def warn(self, message: str) -> None:
-        """One line."""
-        warn(message)
+        """One line about something that is allowed but not wise."""
+        click.echo(f"ballplate: warning: {message}", err=True)
 
     def note(self, line: str, *, weighty: bool = False) -> None:
         """A line, dim unless it is weighty."""
@@ -244,21 +236,6 @@ class Terminal(Reporter):
         """The option that an argument is."""
         return OPTIONS.get(argument, f"--{argument}")
 
-    @contextmanager
-    def watching(
-        self, viewing: Viewing, scenario: Scenario, folder: Path, *, twin: bool = False
-    ) -> Iterator[Attach]:
-        """The context of a run that is watched; a live summary takes the place of its progress.
 
-        Args:
-            viewing: How.
-            scenario: What is run.
-            folder: Its folder.
-            twin: Whether its twin runs beside it.
-        """
-        with viewing.of(scenario, folder, twin=twin) as attach:
-            self._quiet = viewing.watch
-            try:
-                yield attach
-            finally:
-                self._quiet = False
+TERMINAL = Terminal()
+progress, warn = TERMINAL.progress, TERMINAL.warn

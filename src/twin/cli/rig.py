@@ -12,20 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED
-from twin.cli.options import (
-    JSON,
-    LAW,
-    PATH,
-    PLANT,
-    PROCESSES,
-    SCENARIO,
-    SETTING,
-    Command,
-    known,
-)
-from twin.cli.output import console, errors, progress, say, show, warn
-from twin.doctor.check import CheckStatus
+from ballplate.running import EMULATED, rig_of
+from twin.cli import options
+from twin.cli.output import TERMINAL, console, json_wanted, progress, say, show, warn
+from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
 from twin.jobs import cores
 from twin.page import Table
@@ -42,7 +32,7 @@ if TYPE_CHECKING:
 COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FAIL: "bold red"}
 
 
-@click.command(cls=Command, example="doctor --rig emulated")
+@options.command(example="doctor --rig emulated")
 @click.option(
     "--rig",
     metavar="FILE",
@@ -50,14 +40,17 @@ COLOURS = {CheckStatus.PASS: "green", CheckStatus.WARN: "yellow", CheckStatus.FA
     help="Rig file [`emulated`, the virtual rig].",
 )
 @click.option(
-    "--scenario", default="circle", callback=known, help="Scenario that the rig is to run [circle]."
+    "--scenario",
+    default="circle",
+    callback=options.known,
+    help="Scenario that the rig is to run [circle].",
 )
 @click.option("--move", is_flag=True, help="Enable the drives and tilt the plate by a degree.")
 @click.option("--reset", is_flag=True, help="Reset faults found in the drives.")
 @click.option("--udev", is_flag=True, help="Only print the udev rules for a touch panel on USB.")
 @click.option("--install", is_flag=True, help="Only say what this installation lacks for what.")
-@SETTING
-@JSON
+@options.SETTING
+@options.JSON
 def doctor(
     rig: str,
     scenario: str,
@@ -67,7 +60,6 @@ def doctor(
     reset: bool,
     udev: bool,
     install: bool,
-    as_json: bool,
 ) -> int:
     """Check everything that a rig needs before it is brought up, and say what to do."""
     if udev:
@@ -75,54 +67,42 @@ def doctor(
 
         click.echo(UDEV_RULES.read_text(encoding="utf-8"), nl=False)
         return 0
-    from twin.doctor.check import next_step
     from twin.doctor.examine import examine
     from twin.doctor.install import examine_installation
     from twin.scenario import load
 
     if install:
-        found = _told(examine_installation(), as_json)
-        show([each.as_dict() for each in found], as_json, ())
+        found = _told(examine_installation())
+        show([each.as_dict() for each in found], ())
         return 0
     chosen = load(scenario, overrides)
     with rig_file(rig, chosen) as (file, ask):
-        found = _told(examine(chosen, file, ask, move=move, reset=reset), as_json)
+        found = _told(examine(chosen, file, ask, move=move, reset=reset))
     counts = {status: sum(each.status is status for each in found) for status in CheckStatus}
     told = ", ".join(f"{count} {status}" for status, count in counts.items())
     shown = (told, next_step(found, rig, move=move))
-    show([each.as_dict() for each in found], as_json, shown)
+    show([each.as_dict() for each in found], shown)
     return 1 if counts[CheckStatus.FAIL] else 0
 
 
-def _told(results: Iterable[CheckResult], as_json: bool) -> list[CheckResult]:
+def _told(results: Iterable[CheckResult]) -> list[CheckResult]:
     """All results, each told when it comes unless JSON is wanted."""
     found = []
     for result in results:
         found.append(result)
-        if not as_json:
-            _print(result)
+        if not json_wanted():
+            colour = COLOURS[result.status]
+            console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
+            advice = f" -> {result.advice}" if result.advice else ""
+            say(f"{result.seen}{advice}")
     return found
-
-
-def _print(result: CheckResult) -> None:
-    colour = COLOURS[result.status]
-    console.print(f"[{colour}]{result.status}[/{colour}]  {result.what}: ", end="")
-    advice = f" -> {result.advice}" if result.advice else ""
-    say(f"{result.seen}{advice}")
 
 
 @contextmanager
 def rig_file(name: str, scenario: Scenario) -> Iterator[tuple[RigFile, Ask]]:
     """The rig file, and who puts and lifts the ball."""
-    from twin.emulator.process import emulated
-    from twin.scenario.rig import check_rig, read_rig
-
-    if name != EMULATED:
-        yield read_rig(Path(name)), _ask
-        return
-    with emulated(scenario) as virtual:
-        yield check_rig(virtual.tables, EMULATED), virtual.tell
-        errors.print(virtual.lag(), style="dim", highlight=False)
+    with rig_of(name, scenario, TERMINAL) as (file, virtual):
+        yield file, _ask if virtual is None else virtual.tell
 
 
 def _ask(word: str) -> str:
@@ -150,9 +130,9 @@ def request(word: str) -> str:
     return "lift the ball or the finger off"
 
 
-@click.command(cls=Command, example="emulate circle --write rig.toml")
-@SCENARIO(default="circle")
-@SETTING
+@options.command(example="emulate circle --write rig.toml")
+@options.SCENARIO(default="circle")
+@options.SETTING
 @click.option(
     "--protocol",
     type=click.Choice([str(protocol) for protocol in Protocol]),
@@ -162,7 +142,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=PATH,
+    type=options.PATH,
     default=Path("emulated.toml"),
     help="Where to write the rig file [emulated.toml].",
 )
@@ -214,10 +194,10 @@ def _listen(rig: VirtualRig) -> None:
             console.print(rig.obey(line.strip()))
 
 
-@click.command(cls=Command, example="safety --json")
-@PROCESSES
-@JSON
-def safety(processes: int | None, *, as_json: bool) -> int:
+@options.command(example="safety --json")
+@options.PROCESSES
+@options.JSON
+def safety(processes: int | None) -> int:
     """Inject every fault into a rig on emulated devices, and judge detection and reaction."""
     from twin.safety.cases import CASES
     from twin.safety.trial import run_all
@@ -229,7 +209,7 @@ def safety(processes: int | None, *, as_json: bool) -> int:
         _table(rows),
         f"{good} of {len(rows)} faults were detected in time, safe, and recovered",
     ]
-    show([row.as_dict() for row in rows], as_json, shown)
+    show([row.as_dict() for row in rows], shown)
     return int(good < len(rows))
 
 
@@ -245,12 +225,12 @@ def _table(rows: list[FaultRow]) -> Table:
 PORT = 8090
 
 
-@click.command(cls=Command, example="play circle")
-@SCENARIO(default="hold")
-@LAW
-@SETTING
-@PLANT
-@click.option("--out", type=PATH, help="Run folder [runs/play-SCENARIO].")
+@options.command(example="play circle")
+@options.SCENARIO(default="hold")
+@options.LAW
+@options.SETTING
+@options.PLANT
+@click.option("--out", type=options.PATH, help="Run folder [runs/play-SCENARIO].")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
@@ -288,8 +268,7 @@ def play(
 
     library()
     chosen = load(scenario, overrides)
-    folder = out or folder_of(scenario)
-    check_writable(folder)
+    folder = check_writable(out or folder_of(scenario))
     server = Server(chosen, folder, address=address, port=port, seconds=seconds)
     if server.token:
         warn(f"the page can be reached from other machines, by whoever has this address: {address}")

@@ -11,85 +11,55 @@ import click
 from ballplate.changes import scenarios
 from ballplate.running import CLEAN
 from ballplate.running import run as run_scenario
-from twin.cli import options as tab
-from twin.cli.options import (
-    ALL,
-    JSON,
-    LAW,
-    PATH,
-    PLANT,
-    PROCESSES,
-    RESET,
-    RIG,
-    SCENARIO,
-    SETTING,
-    VARY,
-    VIEWING,
-    Command,
-    Viewing,
-)
-from twin.cli.output import (
-    Shown,
-    Terminal,
-    bold,
-    dim,
-    indicators,
-    progress,
-    reasons,
-    show,
-    show_titles,
-    warn,
-)
+from twin.cli import options
+from twin.cli.output import TERMINAL, Shown, bold, dim, indicators, reasons, show, show_titles
 from twin.errors import LogError
-from twin.page import Table
-from twin.report.numbers import own_settings, ranking
-from twin.shipped import find
+from twin.page import Table, digits
+from twin.report.numbers import FIRST, LABELS, own_settings, ranking
+from twin.run.files import former, free, run_folder
 
 if TYPE_CHECKING:
     from ballplate.studies import Sweep
     from twin.shadow.examine import Examined
 
 
-@click.command("list", cls=Command, example="list")
-@JSON
-def list_scenarios(*, as_json: bool) -> None:
+@options.command("list", example="list")
+@options.JSON
+def list_scenarios() -> None:
     """List the scenarios that can be run by name."""
-    show_titles(scenarios(), as_json=as_json)
+    show_titles(scenarios())
 
 
-@click.command(cls=Command, example="run circle --beside cure")
-@SCENARIO()
-@LAW
-@SETTING
-@PLANT
-@click.option("--out", type=PATH, help="Run folder [runs/SCENARIO-CHANGES].")
+@options.command(example="run circle --beside cure")
+@options.SCENARIO()
+@options.LAW
+@options.SETTING
+@options.PLANT
+@click.option("--out", type=options.PATH, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,
     metavar="SCENARIO",
     help="Run this one as well, simulated, for table and picture; may be repeated.",
 )
-@RIG
-@RESET
-@click.option("--shadow", is_flag=True, help="Let the twin run beside it: alarms with causes.")
-@VIEWING
-@ALL
-@JSON
+@options.RIG
+@options.RESET
+@options.VIEWING
+@options.ALL
+@options.JSON
 def run(
     scenario: str,
     overrides: tuple[str, ...],
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
-    viewing: Viewing,
     *,
     reset: bool,
     everything: bool,
-    shadow: bool,
-    as_json: bool,
+    **watched: Any,
 ) -> int:
     """Run a scenario: a name shown by `ballplate list`, or a TOML file."""
-    from twin.run.files import former, free, run_folder
+    viewing = options.Viewing(**watched)
     from twin.run.finished import of_other_class
     from twin.scenario import load
 
@@ -99,7 +69,6 @@ def run(
     folder = out or (free(named) if other or rig is not None else named)
     replaced, named_out = former(folder), folder
     replaced += f" (the law of the run in {named}/ was another: it stays)" if other else ""
-    terminal = Terminal()
     done = run_scenario(
         scenario,
         overrides,
@@ -107,13 +76,13 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
-        watch=lambda chosen: terminal.watching(viewing, chosen, folder, twin=shadow),
-        reporter=terminal,
+        watch=lambda chosen: viewing.of(chosen, folder),
+        reporter=TERMINAL,
     )
     if done.folder != folder and done.folder is not None:
         folder = done.folder
         replaced = f" ({named_out}/ keeps its finished run)"
-    examined = _examined(folder) if shadow else None
+    examined = _examined(folder) if viewing.shadow else None
     model = done.baseline
     numbers = {**done.summary(), "verdict": done.verdict}
     numbers["baseline"] = None if model is None else model.summary()
@@ -136,7 +105,7 @@ def run(
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
     )
-    show(numbers, as_json, shown, folder, files, replaced)
+    show(numbers, shown, folder, files, replaced)
     viewing.keep(folder)
     return int(not done.finished)
 
@@ -146,23 +115,23 @@ def _examined(folder: Path) -> Examined | None:
     from twin.shadow.examine import examine
 
     try:
-        with progress("the twin beside the whole run", 1.0) as advance:
+        with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:
             return examine(folder, folder, progress=advance)
     except LogError as error:
-        warn(f"{error}; the run itself is in {folder}/")
+        TERMINAL.warn(f"{error}; the run itself is in {folder}/")
         return None
 
 
-@click.command(cls=Command, example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
-@click.argument("sources", nargs=-1, required=True, shell_complete=tab.sources)
-@LAW
-@SETTING
-@PLANT
-@VARY
-@click.option("--out", type=PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
-@PROCESSES
-@ALL
-@JSON
+@options.command(example='compare circle --vary \'controller.kind=["afl", "lqr"]\'')
+@click.argument("sources", nargs=-1, required=True, shell_complete=options.sources)
+@options.LAW
+@options.SETTING
+@options.PLANT
+@options.VARY
+@click.option("--out", type=options.PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
+@options.PROCESSES
+@options.ALL
+@options.JSON
 def compare(
     sources: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -171,36 +140,30 @@ def compare(
     processes: int | None,
     *,
     everything: bool,
-    as_json: bool,
 ) -> int:
     """Run several scenarios, or variants of one, side by side: one table, one picture.
 
     SOURCES are scenarios, finished runs (run folders, or `last`), and CSV logs, which are laid over
     what the twin predicts for the scenario beside them.
     """
-    from twin.run.files import sorted_out
-
-    for name in sorted_out(sources).scenarios:
-        find(name)  # a wrong name is told before anything heavy is imported
     from ballplate.comparing import compare as compare_sources
-    from twin.run.files import run_folder
-    from twin.run.logs import distances
-    from twin.scenario.variants import parsed, varied
-
-    over = parsed(vary)
 
     def folder_of(names: Sequence[str]) -> Path:
+        from twin.scenario.variants import parsed, varied
+
         stems = (Path(name).stem if name.endswith(".toml") else Path(name).name for name in names)
-        return run_folder(f"compare-{'-'.join(stems)}", (*varied(over), *overrides))
+        return run_folder(f"compare-{'-'.join(stems)}", (*varied(parsed(vary)), *overrides))
 
     found = compare_sources(
         *sources,
-        vary=over,
+        vary=vary,
         settings=overrides,
         out=out or folder_of,
         processes=processes,
-        reporter=Terminal(),
+        reporter=TERMINAL,
     )
+    from twin.run.logs import distances
+
     summaries = found.summaries()
     by_heading = {found.headings[label]: each for label, each in summaries.items()}
     finished = [label for label in found if label not in found.folders]
@@ -213,21 +176,21 @@ def compare(
         *map(bold, (*distances(measured, found.motions), ranking(by_heading))),
     )
     files = f"compare.png, compare.json{' and one folder per run' if found.folders else ''}"
-    show(summaries, as_json, shown, found.folder, files, found.replaced)
+    show(summaries, shown, found.folder, files, found.replaced)
     early = (not found[label].finished for label in found.folders)
     return int(found.interrupted or any(early))
 
 
-@click.command(cls=Command, example="sweep circle plant.friction.rolling_mm=0:0.5:6")
-@SCENARIO()
-@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=tab.settings)
-@LAW
-@SETTING
-@PLANT
-@VARY
-@click.option("--out", type=PATH, help="Folder [runs/sweep-...].")
-@PROCESSES
-@JSON
+@options.command(example="sweep circle plant.friction.rolling_mm=0:0.5:6")
+@options.SCENARIO()
+@click.argument("values", metavar="KEY=FIRST:LAST:NUMBER", shell_complete=options.settings)
+@options.LAW
+@options.SETTING
+@options.PLANT
+@options.VARY
+@click.option("--out", type=options.PATH, help="Folder [runs/sweep-...].")
+@options.PROCESSES
+@options.JSON
 def sweep(
     scenario: str,
     values: str,
@@ -235,8 +198,6 @@ def sweep(
     vary: tuple[str, ...],
     out: Path | None,
     processes: int | None,
-    *,
-    as_json: bool,
 ) -> int:
     """Run a scenario over the values of a key: a table and a curve.
 
@@ -245,7 +206,6 @@ def sweep(
     kept, in sweep.csv.
     """
     from ballplate.studies import sweep as run_sweep
-    from twin.run.files import run_folder
     from twin.scenario.variants import parsed, swept, varied
 
     (key, points), curves = swept(values), parsed(vary)
@@ -257,28 +217,19 @@ def sweep(
         settings=overrides,
         out=folder,
         processes=processes,
-        reporter=Terminal(),
+        reporter=TERMINAL,
     )
     numbers = {"title": done.title, "key": key, "values": points, "runs": done.curves}
-    show(numbers, as_json, _table(done), folder, "sweep.png, sweep.csv")
-    if not as_json:
-        _tell(done)
+    show(numbers, _table(done), folder, "sweep.png, sweep.csv")
     return int(not done.finished)
 
 
-def _tell(done: Sweep) -> None:
-    """Why runs failed, each reason once."""
-    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
-        warn(reason)
-    if any(row["outcome"] == "not run" for row in done.rows):
-        warn("interrupted: what had not ended is not in the table")
-
-
 def _table(done: Sweep) -> Iterator[Shown]:
-    """The first indicator that applies of every curve, or all of the only one."""
+    """The first indicator that applies of every curve, or all of the only one.
+
+    For whom it is printed, why runs failed is told beside it, each reason once.
+    """
     from ballplate.studies import named
-    from twin.page import digits
-    from twin.report.numbers import FIRST, LABELS
 
     keys = [key for key in FIRST if any(each.get(key) is not None for each in done.rows)]
     curves = done.curves
@@ -301,3 +252,7 @@ def _table(done: Sweep) -> Iterator[Shown]:
     if several and keys:
         label, unit = LABELS[keys[0]]
         yield dim(f"{label} in {unit}")
+    for reason in dict.fromkeys(row["reason"] for row in done.rows if row["outcome"] == "failed"):
+        TERMINAL.warn(reason)
+    if any(row["outcome"] == "not run" for row in done.rows):
+        TERMINAL.warn("interrupted: what had not ended is not in the table")

@@ -10,9 +10,8 @@ from rich.filesize import decimal
 
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCHEDULER, SETTING, Command
-from twin.cli.output import Terminal, bold, duration, progress, show, show_titles
+from twin.cli import options
+from twin.cli.output import TERMINAL, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable
@@ -29,16 +28,16 @@ BYTES = 800
 """Size of a run on disk, generously: its row in a chunk, and in rows.parquet and rows.csv."""
 
 
-@click.command(cls=Command, example="study friction --plan")
-@click.argument("study", required=False, shell_complete=tab.studies)
+@options.command(example="study friction --plan")
+@click.argument("study", required=False, shell_complete=options.studies)
 @click.option("--samples", type=click.IntRange(min=2), help="Override the study's samples.")
 @click.option("--seeds", type=click.IntRange(min=1), help="Override the study's seeds.")
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/study-NAME].")
-@LAW
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/study-NAME].")
+@options.LAW
+@options.JSON
 def study(
     study: str | None,
     samples: int | None,
@@ -48,7 +47,6 @@ def study(
     out: Path | None,
     *,
     plan: bool,
-    as_json: bool,
 ) -> int:
     """Run a study: a shipped one by name, or a TOML file; without a name, list them.
 
@@ -57,20 +55,20 @@ def study(
     """
     known = shipped_in("studies")
     if study is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("study", study, known)  # a wrong name is told before anything heavy is imported
     folder = out or Path("runs") / f"study-{Path(study).stem}"
     if plan:
         work = work_of(study, {"samples": samples, "seeds": seeds})
         check_writable(folder)
-        return _plan_study(work, folder, processes, scheduler, as_json=as_json)
+        return _plan_study(work, folder, processes, scheduler)
     done = run_study(
         study,
         out=folder,
         processes=processes,
         scheduler=scheduler,
-        reporter=Terminal(),
+        reporter=TERMINAL,
         samples=samples,
         seeds=seeds,
     )
@@ -85,13 +83,11 @@ def study(
         *endings(done.work, done.rows),
     )
     files = "report.html, figures/, rows.parquet, rows.csv"
-    show(_numbers(about, found), as_json, shown, folder, files)
+    show(_numbers(about, found), shown, folder, files)
     return 0
 
 
-def _plan_study(
-    work: Work, folder: Path, processes: int | None, scheduler: str | None, *, as_json: bool
-) -> int:
+def _plan_study(work: Work, folder: Path, processes: int | None, scheduler: str | None) -> int:
     from twin.study.experiments import Store, executors, remaining, seconds
 
     with executors(processes, scheduler) as (_, count):
@@ -108,8 +104,12 @@ def _plan_study(
         if chunks
         else f"{total} runs, all of them finished"
     )
-    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, as_json, [told])
+    show({**counts, **cost, "units": {"duration": "s", "size": "byte"}}, [told])
     return 0
+
+
+WHOLE = ("median", "low", "high", "runs", "failed")
+"""What is told of all runs of a variant."""
 
 
 def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
@@ -123,11 +123,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
         "metric": about.metrics[0],
         "variants": {
             answer.variant: {
-                "median": number(answer.whole.median),
-                "low": number(answer.whole.low),
-                "high": number(answer.whole.high),
-                "runs": answer.whole.runs,
-                "failed": answer.whole.failed,
+                **{name: number(getattr(answer.whole, name)) for name in WHOLE},
                 "chance_to_fail": answer.whole.chance,
                 "indices": {
                     index.key: {
@@ -149,17 +145,17 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
     }
 
 
-@click.command(cls=Command, example="tune afl --plan")
+@options.command(example="tune afl --plan")
 @click.argument("tune", required=False)
-@SETTING
+@options.SETTING
 @click.option("--candidates", type=click.IntRange(min=2), help="Override the tune's candidates.")
 @click.option("--certificate", type=click.IntRange(min=1), help="Override its fresh rigs.")
 @click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/tune-NAME].")
-@LAW
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/tune-NAME].")
+@options.LAW
+@options.JSON
 def tune(
     tune: str | None,
     overrides: tuple[str, ...],
@@ -170,7 +166,6 @@ def tune(
     out: Path | None,
     *,
     plan: bool,
-    as_json: bool,
 ) -> int:
     """Tune fields of a controller over a family of rigs: a shipped tune by name, or a TOML file.
 
@@ -181,7 +176,7 @@ def tune(
     """
     known = shipped_in("tunes")
     if tune is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("tune", tune, known)  # a wrong name is told before anything heavy is imported
     from twin.tune.schema import read
@@ -194,13 +189,12 @@ def tune(
     from twin.tune.tune import tuned
 
     library()
-    folder = out or Path("runs") / f"tune-{Path(tune).stem}"
-    check_writable(folder)
+    folder = check_writable(out or Path("runs") / f"tune-{Path(tune).stem}")
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
         trials = Trials(about, store, executor=executor, processes=count)
         if plan:
-            _plan_tune(about, trials, count, as_json=as_json)
+            _plan_tune(about, trials, count)
             return 0
         with progress(about.title, 1.0) as advance:
             found = tuned(trials, advance)
@@ -213,11 +207,11 @@ def tune(
     )
     then = f"try: ballplate run circle --set parameters={folder / 'tuned.toml'}"
     files = f"report.html, tune.json, tuned.toml; {then}"
-    show(found.as_dict(), as_json, shown, folder, files)
+    show(found.as_dict(), shown, folder, files)
     return int(not found.good)
 
 
-def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) -> None:
+def _plan_tune(about: Tune, trials: Trials, processes: int) -> None:
     from twin.tune.tune import planned_runs
 
     search, verdict, fresh = planned_runs(about)
@@ -230,4 +224,4 @@ def _plan_tune(about: Tune, trials: Trials, processes: int, *, as_json: bool) ->
         f"{verdict} of the verdict and {fresh} of the certificate take about "
         f"{duration(seconds)} on {processes} processors (measured here on one)"
     )
-    show({**counts, **cost}, as_json, [told])
+    show({**counts, **cost}, [told])

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
-from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
+from ballplate.changes import changes_of, scenario_of
+from twin.cli import options
+from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
+from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
 from twin.shipped import chosen, shipped_in, titles
 from twin.writing import check_writable, write_json
 
@@ -22,18 +23,18 @@ if TYPE_CHECKING:
     from twin.explain.attribution import EffectCase, Explanation
 
 
-@click.command(cls=Command, example="explain circle")
-@SCENARIO()
-@LAW
-@SETTING
+@options.command(example="explain circle")
+@options.SCENARIO()
+@options.LAW
+@options.SETTING
 @click.option(
     "--typical",
     is_flag=True,
     help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
-@click.option("--out", type=PATH, help="Folder [runs/explain-SCENARIO].")
-@PROCESSES
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [runs/explain-SCENARIO].")
+@options.PROCESSES
+@options.JSON
 def explain(
     scenario: str,
     overrides: tuple[str, ...],
@@ -41,30 +42,25 @@ def explain(
     processes: int | None,
     *,
     typical: bool,
-    as_json: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
     from twin.explain.attribution import explain as explain_scenario
     from twin.explain.attribution import plan, summary
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
-    from twin.run.files import run_folder
-    from twin.scenario import load
-    from twin.scenario.load import titled
 
-    chosen = titled(load(scenario, overrides), overrides)
+    chosen = scenario_of(scenario, changes_of(overrides, {}))
     if typical:
         chosen = with_typical(chosen)
     named = run_folder(scenario, overrides)
-    folder = out or named.with_name(f"explain-{named.name}")
-    check_writable(folder)
+    folder = check_writable(out or named.with_name(f"explain-{named.name}"))
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
     with progress(f"{runs} runs of {chosen.title}", runs) as advance:
         found = explain_scenario(chosen, advance, processes)
     numbers = summary(found)
     write_json(folder / "explain.json", numbers)
     draw(folder / "picture.png", found)
-    show(numbers, as_json, _effects(found), folder, "picture.png, explain.json")
+    show(numbers, _effects(found), folder, "picture.png, explain.json")
     return 0 if found.whole.rms is not None else 1
 
 
@@ -114,8 +110,8 @@ def _effects(found: Explanation) -> Iterator[Shown]:
 PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
-@click.command(cls=Command, example="identify runs/excite")
-@click.argument("log", type=PATH, shell_complete=tab.runs)
+@options.command(example="identify runs/excite")
+@click.argument("log", type=options.PATH, shell_complete=options.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
 @click.option(
     "--hold-out",
@@ -124,47 +120,40 @@ PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
     show_default=True,
     help="Share of the log held out from the fit.",
 )
-@click.option("--out", type=PATH, help="Folder [runs/identify-LOG].")
-@JSON
-def identify(
-    log: Path, names: str | None, hold_out: float, out: Path | None, *, as_json: bool
-) -> int:
+@click.option("--out", type=options.PATH, help="Folder [runs/identify-LOG].")
+@options.JSON
+def identify(log: Path, names: str | None, hold_out: float, out: Path | None) -> int:
     """Fit friction, dead time, drives and level to a recorded run.
 
     LOG is a run folder, a run.parquet, or a CSV file with named columns, preferably recorded with
     the scenario `excite`. Writes report.html and parameters.toml; exit code 1 if no parameter can
     be identified.
     """
-    from twin.run.files import ROOT, log_file, run_name
-
-    wanted = chosen_parameters(names)
-    log = log_file(log)  # a wrong name is told before anything heavy is imported
-    folder = out or ROOT / f"identify-{run_name(log)}"
-    from twin.identify.identify import identify as identify_log
-    from twin.identify.log import read
-    from twin.identify.report import HEADS, rows, sentences, write
+    chosen_parameters(names)  # a wrong name is told before anything heavy is imported
+    log = log_file(log)
+    from ballplate.loading import identify as identify_log
+    from twin.identify.report import HEADS, rows
     from twin.identify.verdict import IDENTIFIED
 
-    recorded = read(log)
-    check_writable(folder)
-    with progress(f"identifying from {recorded.source}", 1.0) as advance:
-        found = identify_log(recorded, wanted, 1 - hold_out, advance)
-    write(found, folder)
+    folder = check_writable(out or ROOT / f"identify-{run_name(log)}")
+    done = identify_log(log, names or (), hold_out=hold_out, reporter=TERMINAL)
+    done.save(folder)
+    found = done.found
     why = (f"{each.about.name}: {each.why}" for each in found.verdicts if each.why)
     notes = (f"note: {note}" for note in found.notes)
     table = Table("", HEADS, rows(found), words=(0, *range(3, len(HEADS))))
-    shown = (table, *why, *sentences(found), *notes)
-    show(found.as_dict(), as_json, shown, folder, "report.html, parameters.toml")
+    shown = (table, *why, *done.sentences, *notes)
+    show(found.as_dict(), shown, folder, "report.html, parameters.toml")
     return int(all(each.word != IDENTIFIED for each in found.verdicts))
 
 
-@click.command(cls=Command, example="fit friction_of_two_series")
+@options.command(example="fit friction_of_two_series")
 @click.argument("table", required=False)
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
-@PROCESSES
-@SCHEDULER
-@click.option("--out", type=PATH, help="Folder [runs/fit-NAME].")
-@JSON
+@options.PROCESSES
+@options.SCHEDULER
+@click.option("--out", type=options.PATH, help="Folder [runs/fit-NAME].")
+@options.JSON
 def fit(
     table: str | None,
     processes: int | None,
@@ -172,7 +161,6 @@ def fit(
     out: Path | None,
     *,
     no_leave_out: bool,
-    as_json: bool,
 ) -> int:
     """Fit parameters to measured indicators of many experiments, where no logs were kept.
 
@@ -183,7 +171,7 @@ def fit(
     """
     known = shipped_in("fits")
     if table is None:
-        show_titles(titles(known), as_json=as_json)
+        show_titles(titles(known))
         return 0
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
@@ -193,8 +181,7 @@ def fit(
     from twin.study.experiments import Store, executors
 
     about = read(table)
-    folder = out or Path("runs") / f"fit-{Path(table).stem}"
-    check_writable(folder)
+    folder = check_writable(out or Path("runs") / f"fit-{Path(table).stem}")
     store = Store(folder)
     with executors(processes, scheduler) as (executor, count):
         runs = Runs(about, store, executor=executor, processes=count)
@@ -205,20 +192,20 @@ def fit(
     told = sentences(found)
     shown = (Table("", heads, list(map(row, found.estimates)), words=range(len(heads))), told[0])
     more = told[len(found.estimates) + 1 :]
-    show(found.as_dict(), as_json, (*shown, *more), folder, "report.html, fit.json")
+    show(found.as_dict(), (*shown, *more), folder, "report.html, fit.json")
     return int(all(each.verdict != "seen" for each in found.estimates))
 
 
 HORIZON = click.Choice(["0.5", "1", "2"])
 
 
-@click.command(cls=Command, example="shadow runs/circle")
-@click.argument("log", type=PATH)
-@SETTING
+@options.command(example="shadow runs/circle")
+@click.argument("log", type=options.PATH)
+@options.SETTING
 @click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
 @click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
-@click.option("--out", type=PATH, help="Folder [RUN, or runs/shadow-LOG].")
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [RUN, or runs/shadow-LOG].")
+@options.JSON
 def shadow(
     log: Path,
     overrides: tuple[str, ...],
@@ -226,7 +213,6 @@ def shadow(
     out: Path | None,
     *,
     no_proposal: bool,
-    as_json: bool,
 ) -> int:
     """Let the twin run beside a recorded run: is it still right, since when not, and why.
 
@@ -235,28 +221,24 @@ def shadow(
     identified ones). Writes shadow.html, shadow.json and shadow.parquet, and parameters-N.toml if
     another twin proves better. Exit code 1 after an alarm.
     """
-    from twin.run.files import ROOT, is_record, log_file, run_name
-
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    own = is_record(log)
-    folder = out or (log.parent if own else ROOT / f"shadow-{name}")
     from twin.shadow.examine import FILES, examine
 
-    check_writable(folder)
+    folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
         examined = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )
-    show(examined.numbers, as_json, examined.sentences, folder, FILES)
+    show(examined.numbers, examined.sentences, folder, FILES)
     return int(bool(examined.found.alarms))
 
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."
 
 
-@click.command(cls=Command, example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
-@click.argument("run", type=PATH)
+@options.command(example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
+@click.argument("run", type=options.PATH)
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER)
@@ -269,8 +251,8 @@ FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; rep
     help="How long it goes on, s.",
 )
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
-@click.option("--out", type=PATH, help="Folder [runs/whatif-RUN].")
-@JSON
+@click.option("--out", type=options.PATH, help="Folder [runs/whatif-RUN].")
+@options.JSON
 def whatif(
     run: Path,
     at: float,
@@ -279,18 +261,13 @@ def whatif(
     lasting: float,
     scenario: str | None,
     out: Path | None,
-    *,
-    as_json: bool,
 ) -> int:
     """Simulate other futures from a moment of a run: what would have happened.
 
     RUN is a run folder or a CSV log. A simulated run is gone on with exactly, a real one from its
     estimated state. Without --set and --branch nothing is changed.
     """
-    from twin.run.files import ROOT, log_file, run_name
-
     run = log_file(run)  # a wrong name is told before anything heavy is imported
-    folder = out or ROOT / f"whatif-{run_name(run)}"
     from twin.jobs import SecondProcess, cores
     from twin.run.finished import load_drawing
     from twin.whatif.futures import agreement, branches_of, futures, moment_of, summary, write
@@ -301,7 +278,7 @@ def whatif(
         found = futures(moment, lasting, branches_of(settings, branches))
         if any(each.run.interrupted for each in found):
             raise KeyboardInterrupt  # a future cut short is none
-        check_writable(folder)
+        folder = check_writable(out or ROOT / f"whatif-{run_name(run)}")
         write(moment, found, folder, beside)
     for note in moment.notes:
         warn(note)
@@ -316,5 +293,5 @@ def whatif(
         f"`ballplate view {folder}` and `ballplate report {folder}`"
     )
     shown = (agreement(moment), *tables, *apart)
-    show(summary(moment, found), as_json, shown, folder, files)
+    show(summary(moment, found), shown, folder, files)
     return 0

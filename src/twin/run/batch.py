@@ -30,7 +30,6 @@ from twin.run.plants import (
     build_plant,
     change_devices,
     change_transmission,
-    differ,
     mistaken,
     rebuild_plant,
     without_error,
@@ -38,10 +37,8 @@ from twin.run.plants import (
 from twin.run.record import Recorder
 from twin.scenario import Scenario
 from twin.settings import value_of
-from twin.sim.drives import DriveModel, TransmissionError
 from twin.sim.plant.interface import SomeRigs
 from twin.sim.rig import SimulatedRig
-from twin.sim.sensors import EncoderModel, TouchModel
 
 PAIR = 2
 """Matrix products of a law's rigs, a multiple of it, are rounded in the same way, whatever the
@@ -114,7 +111,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
             time, reason = outcome.time, outcome.reason
             found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
             continue
-        motion = (Motion.seen if seen else Motion.of)(record, desired[paths[at]], at)
+        motion = Motion.of(record, desired[paths[at]], at, seen=seen)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
 
@@ -230,9 +227,8 @@ class Episodes:
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
         rebuild_plant(plant, rigs, old, self.scenarios)
-        if differ((TouchModel, EncoderModel, DriveModel, TransmissionError), old, new):
-            change_devices(rig.devices, before, self.scenarios, plant=False)
-            change_transmission(rig, self._known, before, self.scenarios)
+        change_devices(rig.devices, before, self.scenarios, plant=False)
+        change_transmission(rig, self._known, before, self.scenarios)
         begun = build_rig(new, SomeRigs(plant, rigs), mistaken(self._known, new))
         seen = _started(begun)
         rig.devices.adopt(rigs, begun.devices)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
@@ -75,6 +75,12 @@ def free(folder: Path) -> Path:
     return found
 
 
+def numbered(name: str, taken: Iterable[str]) -> str:
+    """A name, or, if others have it already, with its number among them behind it."""
+    others = sum(other.partition("~")[0] == name for other in taken)
+    return f"{name}~{others + 1}" if others else name
+
+
 def former(folder: Path) -> str:
     """What a new run in a folder replaces, in words; empty if there is none."""
     file = record_in(folder)
@@ -99,23 +105,13 @@ def last(root: Path = ROOT) -> Path:
     return max(times, key=lambda folder: (times[folder], folder))
 
 
-def forget(folder: Path) -> str:
-    """Remove the runs of the comparison that a folder holds.
-
-    Returns:
-        What a new one replaces, in words; empty if there is none.
-    """
-    count = forget_listed(folder, MANIFEST)
-    return f" (replaced a comparison of {count} runs)" if count else ""
-
-
-def forget_listed(folder: Path, manifest: str) -> int:
+def forget(folder: Path, manifest: str = MANIFEST) -> str:
     """Remove the runs that a file of their folder lists, so that none of them stays behind.
 
     Only what those runs consist of, and the list, is removed.
 
     Returns:
-        How many there were.
+        What a new comparison replaces, in words; empty if there is none.
     """
     inner = [folder / name for name in listed(folder, manifest)]
     for run in inner:
@@ -123,9 +119,10 @@ def forget_listed(folder: Path, manifest: str) -> int:
             (run / name).unlink(missing_ok=True)
         with suppress(OSError):  # somebody else's files are in it
             run.rmdir()
-    if inner:
-        (folder / manifest).unlink()
-    return len(inner)
+    if not inner:
+        return ""
+    (folder / manifest).unlink()
+    return f" (replaced a comparison of {len(inner)} runs)"
 
 
 def listed(folder: Path, manifest: str = MANIFEST) -> dict[str, str]:

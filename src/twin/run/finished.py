@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from twin.run.files import (
     is_record,
     last,
     listed,
+    numbered,
     record_in,
     record_of,
     run_folders,
@@ -53,9 +54,6 @@ from twin.scenario.changing import always_friction
 from twin.scenario.load import check, recorded
 from twin.scenario.schema import Scenario, choices
 from twin.writing import write_json, write_whole
-
-if TYPE_CHECKING:
-    from controllers.arrays import Array
 
 
 class RecordedReference(Reference):
@@ -149,9 +147,9 @@ class Run(Signals):
         """
         desired = (reference or build_reference(scenario))(record.time)[0]
         if origin(choices("reference")[scenario.reference.kind]) is not None:
-            record.add("reference", desired[:, None])  # who draws the record may lack the class
+            record.data["reference"] = desired[:, None]  # who draws the record may lack the class
         if (laid := _laid(scenario, record, reference)) is not None:
-            record.add("laid", laid[:, None])
+            record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
         found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())
@@ -453,8 +451,9 @@ def open_run(path: Path) -> list[Run]:
         scenario, absent = recorded(tables, str(file))
     except ScenarioError as error:
         raise RecordError(f"{error}; was it recorded by another version?") from error
+    said = {key: metadata.get(key) or kind() for key, kind in SHAPES.items()}
     for key, kind in SHAPES.items():
-        if not isinstance(metadata.get(key) or kind(), kind):
+        if not isinstance(said[key], kind):
             raise RecordError(f"{file}: metadata 'ballplate': {key}: is damaged")
     if "reference" in absent and "reference_x" not in values:
         raise RecordError(f"{absent['reference']}; where it led is not in the record")
@@ -464,15 +463,9 @@ def open_run(path: Path) -> list[Run]:
         scenario,
         values,
         units,
-        metadata.get("metrics", {}),
-        metadata.get("versions", {}),
-        file.parent,
-        tuple(metadata.get("events") or ()),
-        metadata.get("ledger", {}),
-        metadata.get("branch", {}),
-        metadata.get("driven", {}),
-        metadata.get("classes", {}),
-        absent,
+        folder=file.parent,
+        absent=absent,
+        **said | {"events": tuple(said["events"])},
     )
     if file.name != STREAM:
         return [run]
@@ -529,8 +522,7 @@ def open_runs(
             failed.append(error)
             continue
         name = listed(path.parent).get(path.name, run.name)
-        taken = sum(other.name.partition("~")[0] == name for other in runs)
-        runs.append(replace(run, name=f"{name}~{taken + 1}" if taken else name))
+        runs.append(replace(run, name=numbered(name, [other.name for other in runs])))
     if not runs:
         raise failed[0]
     for each in failed:

@@ -9,7 +9,7 @@ import csv
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from twin.run.files import is_record
 from twin.run.finished import Run, judged_as
 from twin.run.loop import Ending, Outcome
 from twin.run.metrics import Motion
-from twin.run.record import CHANNELS
+from twin.run.record import CHANNELS, stored
 from twin.scenario.schema import Scenario
 
 SCALES = {
@@ -38,19 +38,17 @@ SCALES = {
 """SI unit to the units that a header may give instead, and their factors."""
 
 
-def read_csv(
-    path: Path, units: Mapping[str, str], look: Callable[[list[str]], object] = lambda _: None
-) -> dict[str, Array]:
+def read_csv(path: Path, units: Mapping[str, str], needed: Sequence[str] = ()) -> dict[str, Array]:
     """The columns of known names in SI units, shape (K,) each; NaN where a cell is empty.
 
     Args:
         path: The file; its first line names the columns, as ``measured_x [mm]``.
         units: Name to SI unit; columns of other names are left out.
-        look: Is shown the names of all columns before the rows are read.
+        needed: Names that have to be there.
 
     Raises:
-        LogError: If a unit is unknown, a cell is no number, two columns have one name, or
-            columns are not separated by commas.
+        LogError: If a column is missing, a unit is unknown, a cell is no number, two columns have
+            one name, or columns are not separated by commas.
         OSError: If the file cannot be read.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
@@ -65,7 +63,7 @@ def read_csv(
         names = [name for name, _ in header]
         if twice := [name for name in units if names.count(name) > 1]:
             raise LogError(f"{path.name}: {twice[0]}: two columns have this name")
-        look([name for name, _ in header])
+        _require(names, needed, path.name)
         used = [
             (i, name, scale(name, unit, units[name], path.name))
             for i, (name, unit) in enumerate(header)
@@ -93,32 +91,26 @@ def read_columns(
     Raises:
         LogError: If it cannot be read, lacks a column, or holds another unit or no numbers.
     """
-
-    def look(names: list[str]) -> None:
-        _require(names, needed, path.name)
-
     try:
         if path.suffix == ".parquet" or is_record(path):
-            return _read_table(path, units, look)
-        return read_csv(path, units, look), {}
+            return _read_table(path, units, needed)
+        return read_csv(path, units, needed), {}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = (isinstance(error, OSError) and error.strerror) or error
         raise LogError(f"{path.name}: cannot be read: {why}") from error
 
 
 def _read_table(
-    path: Path, units: Mapping[str, str], look: Callable[[list[str]], object]
+    path: Path, units: Mapping[str, str], needed: Sequence[str]
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     import pyarrow as pa  # noqa: PLC0415  heavy: a CSV file does without
-
-    from twin.run.record import stored  # noqa: PLC0415
 
     try:
         table = stored(path)
     except pa.ArrowException as error:
         raise LogError(f"{path.name}: cannot be read: {error}") from error
     schema = table.schema
-    look(schema.names)
+    _require(schema.names, needed, path.name)
     columns: dict[str, Array] = {}
     for name in units:
         if name not in schema.names:

@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.arrays import Array
 from controllers.controller import Controller
 from controllers.interfaces import Measurement
 from twin.hal.rig import Rig
@@ -121,6 +122,45 @@ class RunMonitor:
         return end
 
 
+def passed(
+    rig: Rig,
+    recorder: Recorder,
+    measurement: Measurement,
+    estimate: Array,
+    requested: Array,
+    applied: Array,
+    further: Array,
+) -> Measurement:
+    """Record a control period whose rate is written, and wait for the next.
+
+    Args:
+        rig: The rigs.
+        recorder: Takes the period in.
+        measurement: The one that began it.
+        estimate: State that was believed in, shape (N, 8).
+        requested: Plate accelerations that were asked for, rad/s^2, shape (N, 2).
+        applied: Those that came of it, shape (N, 2).
+        further: What was estimated beyond the state, shape (N, k).
+
+    Returns:
+        The measurement that begins the next.
+    """
+    channels = {
+        "measured": measurement.y,
+        "age": measurement.age,
+        "touched": measurement.touched,
+        "estimate": estimate,
+        "requested": requested,
+        "applied": applied,
+        "supervisor": rig.supervisor.state,
+    }
+    if recorder.further:
+        channels["further"] = further
+    recorder.append(measurement.time, channels | rig.telemetry())
+    rig.wait()
+    return rig.read()
+
+
 def drive(
     rig: Rig,
     controller: Controller,
@@ -166,20 +206,8 @@ def drive(
                     keep(tick, measurement)
                 step = controller.command(measurement)
                 applied = controller.applied(rig.write(step.rate))
-                channels = {
-                    "measured": measurement.y,
-                    "age": measurement.age,
-                    "touched": measurement.touched,
-                    "estimate": step.estimate,
-                    "requested": step.acceleration,
-                    "applied": applied,
-                    "supervisor": rig.supervisor.state,
-                }
-                if recorder.further:
-                    channels["further"] = step.further
-                recorder.append(measurement.time, channels | rig.telemetry())
-                rig.wait()
-                measurement = rig.read()
+                decided = (step.estimate, step.acceleration, applied, step.further)
+                measurement = passed(rig, recorder, measurement, *decided)
                 if monitor.watch(measurement):
                     break
                 if tick % 100 == 0:

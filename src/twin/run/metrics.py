@@ -50,7 +50,13 @@ class Motion:
 
     @classmethod
     def of(
-        cls, record: Recorder, desired: Array, rig: int = 0, *, friction: bool = False
+        cls,
+        record: Recorder,
+        desired: Array,
+        rig: int = 0,
+        *,
+        friction: bool = False,
+        seen: bool = False,
     ) -> Motion:
         """Motion of one rig of a record, given its reference positions, (K, 2).
 
@@ -59,28 +65,18 @@ class Motion:
             desired: Reference positions in m, shape (K, 2).
             rig: Which rig, from 0.
             friction: Whether its ball, if the truth is recorded, rolls with friction.
+            seen: As the rig's computer sees it: ball as estimated, plate by its encoders.
         """
         # of many rigs a copy, as those of one lie far apart
-        known = "state" in record.data
+        known = "state" in record.data and not seen
         state = record["state" if known else "estimate"][:, rig].copy()
         return cls(
             time=record.time,
             ball=state[:, 0::4],
-            plate=state[:, 2::4],
+            plate=record["measured"][:, rig, 1::2].copy() if seen else state[:, 2::4],
             u=record["applied"][:, rig].copy(),
             reference=desired,
             held=held(record.time, state[:, 1::4]) if known and friction else None,
-        )
-
-    @classmethod
-    def seen(cls, record: Recorder, desired: Array, rig: int = 0) -> Motion:
-        """The same as the rig's computer sees it: ball as estimated, plate by its encoders."""
-        return cls(
-            time=record.time,
-            ball=record["estimate"][:, rig, 0::4].copy(),
-            plate=record["measured"][:, rig, 1::2].copy(),
-            u=record["applied"][:, rig].copy(),
-            reference=desired,
         )
 
     @property

@@ -25,7 +25,6 @@ from controllers.arrays import Array, Mask
 from twin.data_file import read_toml
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
-from twin.writing import write_whole
 
 MARKED = ("x", "y", "error")
 STRIP: Any = {"alpha": 0.6, "linewidth": 0}
@@ -135,23 +134,14 @@ def drawn(width: float, height: float) -> Iterator[Figure]:
         figure.draw_without_rendering()
 
 
-def draw(path: Path, runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> None:
-    """Draw runs over their reference into a PNG file.
+def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> bytes:
+    """Runs drawn over their reference, as PNG.
 
     Args:
-        path: Where to write.
         runs: Label to motion; a reference of all is drawn once, else each run's own.
         title: Heading.
         area: Operating area |x|, |y| in m.
-
-    Raises:
-        RecordError: If the file cannot be written.
     """
-    write_whole(path, png(runs, title, area))
-
-
-def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> bytes:
-    """What ``draw`` writes; arguments as for it."""
     content = BytesIO()
     with mpl.rc_context(LOOK):
         # savefig would draw everything once more before, only to lay it out
@@ -161,7 +151,7 @@ def png(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> by
 
 
 def picture(runs: Mapping[str, Motion], title: str, area: tuple[float, float]) -> Figure:
-    """The picture of runs over their reference; arguments as for ``draw``."""
+    """The picture of runs over their reference; arguments as for ``png``."""
     with mpl.rc_context(LOOK):
         figure = _arranged(runs, title, area)
         # ticks are made when drawn: now, while these settings hold

@@ -55,15 +55,6 @@ def mistaken(known: Transmission, scenarios: Sequence[Scenario]) -> Transmission
     return WrongTransmission(known, error) if error.any else known
 
 
-def change_plant(plant: Plant, scenarios: Sequence[Scenario]) -> None:
-    """Let a running plant go on as the scenarios say.
-
-    Raises:
-        ModelError: If a number is out of range.
-    """
-    PLANTS[scenarios[0].plant.kind].change(plant, scenarios)
-
-
 def rebuild_plant(
     plant: Plant,
     rigs: NDArray[np.integer],
@@ -291,7 +282,7 @@ def change_devices(
         ModelError: If a number is out of range.
     """
     if plant and differ((Friction, SurfaceModel, Parts), old, new):
-        change_plant(devices.plant, new)
+        PLANTS[new[0].plant.kind].change(devices.plant, new)
     devices.change(
         touch=replace(filled(TouchModel, new), **touch or {})
         if differ((TouchModel,), old, new)

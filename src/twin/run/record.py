@@ -70,7 +70,8 @@ class Recorder:
         every: Control periods from one recorded instant to the next. Between two, the applied
             acceleration that is kept is the largest by amount; the rest is that of the instant.
         length: Periods recorded so far.
-        data: Channel name to values, shape (ticks, N) or (ticks, N, columns).
+        data: Channel name to values, shape (ticks, N) or (ticks, N, columns); what is known at the
+            end only, shape (length, N, columns).
         observers: Are shown time and channels of each period as they are recorded; must not
             stall.
     """
@@ -169,10 +170,6 @@ class Recorder:
             ):
                 yield column, unit, values.T.ravel()
 
-    def add(self, name: str, values: Array) -> None:
-        """A channel that is known at the end only, shape (length, N, columns)."""
-        self.data[name] = values
-
     def begin_with(self, columns: Mapping[str, Array]) -> None:
         """Take in the rows of one rig's record from which to go on.
 
@@ -240,9 +237,14 @@ def write_run(
     Raises:
         RecordError: If the folder cannot be written.
     """
-    import pyarrow.parquet as pq  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
 
-    found = table(recorder, metadata, beside)
+    columns = [("time", "s", recorder.time), *recorder.columns()]
+    fields = arrow_fields({name: unit for name, unit, _ in columns})
+    said = json.dumps(metadata, sort_keys=True)
+    schema = pa.schema(fields, metadata={"ballplate": said, **(beside or {})})
+    found = pa.Table.from_arrays([_arrow(values) for *_, values in columns], schema=schema)
     write_whole(folder / "run.parquet", lambda path: pq.write_table(found, path))
     (folder / STREAM).unlink(missing_ok=True)
 
@@ -274,26 +276,6 @@ def stream(
             os.fsync(sink.fileno())
 
         yield append
-
-
-def table(
-    recorder: Recorder, metadata: Mapping[str, Any], beside: Mapping[str, bytes] | None = None
-) -> pa.Table:
-    """All channels of one rig as an Arrow table.
-
-    Args:
-        recorder: What was recorded.
-        metadata: Of the run; JSON.
-        beside: Further metadata by name.
-    """
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-
-    columns = [("time", "s", recorder.time), *recorder.columns()]
-    fields = arrow_fields({name: unit for name, unit, _ in columns})
-    arrays = [_arrow(values) for *_, values in columns]
-    encoded: dict[str, str | bytes] = {"ballplate": json.dumps(metadata, sort_keys=True)}
-    encoded |= beside or {}
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))
 
 
 def _arrow(values: NDArray[Any]) -> pa.Array:

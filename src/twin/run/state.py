@@ -234,16 +234,8 @@ class Snapshot:
             for time, number, name, text in self.rig["journal"]
         ]
         if controller is not None:
-            self.restore_controller(controller)
+            restore(controller, self.controller)
         return self.measured
-
-    def restore_controller(self, controller: Controller) -> None:
-        """Put a controller made from the scenario of the snapshot into its state.
-
-        Raises:
-            SnapshotError: If it is another.
-        """
-        restore(controller, self.controller)
 
     @property
     def measured(self) -> Measurement:

@@ -1,7 +1,5 @@
 """The clean model of a scenario: what the designer of its controller saw.
 
-What a run is called: its scenario's title and what was changed of it.
-
 From a name and overrides to a checked scenario, or one clear line about what is wrong.
 """
 
@@ -12,7 +10,7 @@ import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -23,9 +21,6 @@ from twin.scenario import changing
 from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
 from twin.shipped import find
 from twin.validation import Model, keys_of, one_line, read_tables
-
-if TYPE_CHECKING:
-    from twin.scenario.schema import Scenario
 
 
 def clean(scenario: Scenario) -> Scenario:
@@ -56,19 +51,6 @@ def clean(scenario: Scenario) -> Scenario:
     }
     tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
     return scenario.model_copy(update={**tables, "predictor": None, "change": ()})
-
-
-def titled(scenario: Scenario, overrides: Sequence[str]) -> Scenario:
-    """The scenario with what was changed in its title, so that the title says what ran.
-
-    Args:
-        scenario: With the overrides in force.
-        overrides: ``KEY=VALUE`` each, as given; one of the title itself says nothing more.
-    """
-    changed = [text for text in overrides if text.partition("=")[0].strip() != "title"]
-    if not changed:
-        return scenario
-    return scenario.model_copy(update={"title": f"{scenario.title} ({', '.join(changed)})"})
 
 
 Tables = dict[str, Any]

@@ -15,7 +15,7 @@ from twin.jobs import SecondProcess
 from twin.page import Block, Picture, Text, Verdict, digits, html
 from twin.report.numbers import IndicatorRow, all_rows, indicators
 from twin.run.assemble import assemble
-from twin.run.files import WHATIF, forget_listed, free, record_of, short_key, slug
+from twin.run.files import WHATIF, forget, free, record_of, short_key, slug
 from twin.run.finished import Run, drawn, open_run, record_run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
@@ -313,7 +313,7 @@ def write(moment: Moment, found: Sequence[Future], folder: Path, beside: SecondP
     area = moment.scenario.rig.limits.area
     title = f"What if: {moment.name} from {moment.at:g} s on"
     picture = beside.begin(drawn, shown(moment, found), title, area)
-    forget_listed(folder, WHATIF)
+    forget(folder, WHATIF)
     folders = []
     for each in found:
         folders.append(free(folder / each.name))

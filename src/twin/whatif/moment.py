@@ -26,7 +26,7 @@ from twin.run.finished import Run, versions
 from twin.run.loop import drive
 from twin.run.metrics import Motion
 from twin.run.record import CHANNELS, Recorder, write_run
-from twin.run.state import Snapshot, snapshots_of
+from twin.run.state import Snapshot, restore, snapshots_of
 from twin.scenario.schema import Scenario
 from twin.sim.rig import SimulatedRig
 
@@ -177,7 +177,7 @@ def _controller(scenario: Scenario, snapshot: Snapshot) -> Controller:
     """The controller of a scenario in the state of a snapshot."""
     controller = build_controller(scenario)
     controller.start(snapshot.measured)
-    snapshot.restore_controller(controller)
+    restore(controller, snapshot.controller)
     return controller
 
 
