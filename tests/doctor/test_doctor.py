@@ -22,13 +22,12 @@ from twin.doctor.computer import computer
 from twin.doctor.examine import _drives
 from twin.doctor.limits import limits
 from twin.doctor.touch import swapped
-from twin.emulator.drive import DriveSettings, EmulatedDrive
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
 from twin.emulator.serve import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
-from twin.run.assemble import build_limits
 from twin.run.finished import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
@@ -117,10 +116,7 @@ def test_an_absent_drive_is_named_with_what_to_do():
 @pytest.mark.parametrize("late", [0.02, 0.08])
 def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(scenario, late, tmp_path):
     chosen = load("excite", [f"sensors.touch.dead_time={late}", "plant.kind=lagrange"])
-    plant = EmulatedPlant(chosen)
-    limits = build_limits(chosen.rig.limits)
-    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
-    record_run(run(chosen, rig=rig), tmp_path)
+    record_run(run(chosen, rig=LockstepRig(chosen)), tmp_path)
     found = bp.identify(tmp_path).settings["sensors"]["touch"]["dead_time"]
     assert abs(found - late) < 0.005
 
@@ -247,7 +243,7 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
 @pytest.mark.parametrize("nodes", [(1, 2), (2, 1)])
 def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario, nodes):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
-    made = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    made = [EmulatedDrive(node) for node in (1, 2)]
     phi, theta = AkdConfig().axes
     config = AkdConfig(axes=(replace(phi, node=nodes[0]), replace(theta, node=nodes[1])))
     with LockstepDrives(config, made) as rig:

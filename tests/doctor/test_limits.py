@@ -5,16 +5,14 @@ import pytest
 from twin.doctor import drives
 from twin.doctor.check import CheckStatus
 from twin.doctor.limits import limits
-from twin.emulator.drive import DriveSettings, EmulatedDrive
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives
 
 
 @pytest.mark.parametrize("parameter_count", [1.0, 1e-5])
 def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more(parameter_count):
     """The drive's found values lie: set in counts of 0.001 rpm, though it counts otherwise."""
-    made = [
-        EmulatedDrive(DriveSettings(node=node, parameter_count=parameter_count)) for node in (1, 2)
-    ]
+    made = [EmulatedDrive(node, parameter_count=parameter_count) for node in (1, 2)]
     with LockstepDrives(drives=made) as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         found = {each.what: each for each in limits(rig.servos)}

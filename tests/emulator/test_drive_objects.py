@@ -33,7 +33,7 @@ def asked(drive, servos):
     receive = drive.receive
 
     def listen(frame):
-        if frame.cob_id == 0x600 + drive.settings.node and len(frame.data) == 8:
+        if frame.cob_id == 0x600 + drive.node and len(frame.data) == 8:
             command = frame.data[0]
             key = (int.from_bytes(frame.data[1:3], "little"), frame.data[3])
             size = None if command == READ else 4 - (command >> 2 & 3)

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner
+from serving import serving
 
 from twin.cli.look import export, report
 from twin.cli.rig import toml
@@ -43,7 +44,7 @@ def patient(tables):
 @pytest.fixture
 def virtual(scenario, tmp_path):
     # the mechanism: what the host knows of its rig are real cams
-    with VirtualRig(scenario("plant.kind=mujoco")) as rig, rig.server:
+    with VirtualRig(scenario("plant.kind=mujoco")) as rig, serving(rig.server):
         (tmp_path / "rig.toml").write_text(toml(patient(rig.tables())))
         yield rig
 
@@ -68,7 +69,7 @@ class BusTimes:
         def move(dt):
             moved(dt)
             for drive in bus.drives:
-                node = drive.settings.node
+                node = drive.node
                 if drive.fault_numbers:
                     self.fault.setdefault(node, bus.time)
                 if node in self.fault and drive.rate == 0:

@@ -86,7 +86,7 @@ def test_a_port_has_the_same_path_after_plugging_in_again_and_none_in_between():
     with emulate(list) as screen:
         screen.unplug()
         assert not screen.path.exists()
-        screen.replug()
+        screen.plug()
         assert screen.path.exists()
     assert not screen.path.parent.exists()
 

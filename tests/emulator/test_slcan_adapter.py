@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from serving import serving
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bus import open_bus
@@ -14,11 +15,11 @@ from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive, Power
 
 
 def drives():
-    return [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    return [EmulatedDrive(node) for node in (1, 2)]
 
 
 @pytest.fixture
@@ -39,7 +40,8 @@ def brief_farewell(monkeypatch):
 
 
 def config(port, **changes):
-    settings = {"interface": "slcan", "channel": port.channel, "options": {"sleep_after_open": 0.0}}
+    quick = {"sleep_after_open": 0.0}
+    settings = {"interface": "slcan", "channel": str(port.path), "options": quick}
     return BusConfig(**{**settings, **changes})
 
 
@@ -135,7 +137,7 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
 
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         turn(servos, 1.0)
         servos.stop()
         with server.lock:
@@ -145,7 +147,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
 
 @pytest.mark.real_time
 def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         turn(servos, 5.0)
         seen = []
         for _ in range(5):
@@ -158,7 +160,7 @@ def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(
 
 def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bus, port):
     told = []
-    handle = os.open(port.channel, os.O_RDWR | os.O_NOCTTY)
+    handle = os.open(str(port.path), os.O_RDWR | os.O_NOCTTY)
     try:
         for number in (1, 4):
             os.write(handle, b"t0800\r" * number)
@@ -182,7 +184,7 @@ def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bu
     ids=["bus off", "error passive", "unplugged", "garbled", "stalled"],
 )
 def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         servos.start()
         servos.enable()
         run(servos, 0.1)
@@ -196,7 +198,7 @@ def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
 @pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
-    with BusServer(bus, port), servos_on(port) as servos:
+    with serving(BusServer(bus, port)), servos_on(port) as servos:
         with pytest.raises(DriveError) as caught:
             servos.start()
         assert caught.value.fault.condition == c.BIT_RATE
@@ -232,6 +234,6 @@ def test_nothing_is_left_open_when_no_drive_answers(port):
         opened.append(open_bus(bus))
         return opened[0]
 
-    with pytest.raises(DriveError), BusServer(EmulatedBus([]), port):
+    with pytest.raises(DriveError), serving(BusServer(EmulatedBus([]), port)):
         AkdServos(AkdConfig(bus=config(port)), opener=opener).start()
     assert not opened[0].serialPortOrig.is_open

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -23,11 +23,11 @@ from twin.devices.realtime import RealTimeClock
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import Scheduling
 from twin.emulator.can_bus import DirectBus, EmulatedBus
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.screen import ScreenFault, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import EmulatedPlant
-from twin.hal.interface import Fault, Limits, Touch, Transmission
+from twin.hal.interface import Fault, Touch
 from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
@@ -173,7 +173,7 @@ class LockstepDrives:
     ) -> None:
         self.config = replace(config or AkdConfig(), bus=BusConfig(interface="emulated"))
         nodes = [axis.node for axis in self.config.axes]
-        self.drives = drives or [EmulatedDrive(DriveSettings(node=node)) for node in nodes]
+        self.drives = drives or [EmulatedDrive(node) for node in nodes]
         self.bus = EmulatedBus(self.drives)
         self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
         self.servos = AkdServos(
@@ -199,7 +199,7 @@ class LockstepDrives:
 
     def add_drive(self, node: int) -> None:
         """Put another drive with a node on the bus."""
-        self.bus.drives.append(EmulatedDrive(DriveSettings(node=node)))
+        self.bus.drives.append(EmulatedDrive(node))
 
     def __enter__(self) -> Self:
         return self
@@ -291,35 +291,27 @@ class LockstepRig(HardwareRig):
     """The hardware's rig on two emulated drives and an emulated screen around a simulated plant.
 
     Args:
-        plant: The plant with its drives' and sensors' imperfections.
-        transmission: Plate angles to motor angles.
-        limits: What may be commanded.
+        scenario: Its plant with its drives' and sensors' imperfections, the limits of what may be
+            commanded, and the seed of everything random in the faults injected.
         config: The host's settings of the drives.
         touch: The host's settings of the screen; the port in them is not used.
         protocol: What the screen speaks.
-        seed: Of everything random in the faults injected.
         relaxed: Safety nets that are wider than by default, in words.
     """
 
     def __init__(
         self,
-        plant: EmulatedPlant,
+        scenario: Scenario,
         *,
-        transmission: Transmission,
-        limits: Limits,
         config: AkdConfig | None = None,
         touch: LumioConfig | None = None,
         protocol: Protocol = Protocol.MICROTOUCH,
-        seed: int = 0,
         relaxed: Sequence[str] = (),
     ) -> None:
         self.lockstep = LockstepDrives(config)
-        self.plant = plant
-        adapter = self.lockstep.adapter
-        self.line = ScreenLine(
-            plant.ball, protocol=protocol, seed=seed, dead_time=lambda: plant.dead_time
-        )
-        now = adapter.now
+        self.plant = plant = EmulatedPlant(scenario)
+        now = self.lockstep.adapter.now
+        self.line = plant.screen_line(plant.ball, protocol)
         chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
         self.port = LockstepScreenPort(self.line, now)
         screen = LockstepScreen(chosen, now, port=self.port)
@@ -328,8 +320,8 @@ class LockstepRig(HardwareRig):
             servos=self.lockstep.servos,
             screen=screen,
             clock=clock,
-            transmission=transmission,
-            limits=limits,
+            transmission=plant.transmission,
+            limits=build_limits(scenario.rig.limits),
             patience=PATIENCE,
             relaxed=relaxed,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
@@ -345,13 +337,6 @@ class LockstepRig(HardwareRig):
         """Extra time in s that every other command takes to be computed from now on."""
         self.hang = 0.0
         """Time in s for which the host does nothing at all, once."""
-
-    @classmethod
-    def of(cls, scenario: Scenario, **more: Any) -> Self:
-        """The rig of a scenario; more: what differs from the defaults."""
-        plant, limits = EmulatedPlant(scenario), build_limits(scenario.rig.limits)
-        transmission, seed = plant.transmission, scenario.seed
-        return cls(plant, transmission=transmission, limits=limits, seed=seed, **more)
 
     def now(self) -> float:
         """Bus time in s."""

@@ -85,7 +85,7 @@ class Trial:
         self.case = case
         self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
         screen = LumioConfig(port="emulated", protocol=str(case.protocol), gate=case.gate)
-        self.rig = LockstepRig.of(
+        self.rig = LockstepRig(
             self.scenario,
             config=case.host,
             touch=screen,
@@ -277,7 +277,7 @@ class Trial:
 def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
     """Whether torque and speed that a drive allows are at most those the host is set to."""
     held = {key: abs(drive.store.get(key)) for key in (*_CURRENTS, *_SPEEDS, _PER_AMPERE)}
-    unit = drive.settings.parameter_count
+    unit = drive.parameter_count
     torques = [held[key] * unit * held[_PER_AMPERE] * 1e-3 for key in _CURRENTS]
     speeds = [held[key] * unit * math.pi / 30 for key in _SPEEDS]
     return (

@@ -5,7 +5,7 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.network import Network
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, LockstepRig
 from twin.errors import RigError
 
@@ -211,7 +211,7 @@ def test_an_answer_counts_though_the_computer_was_away_while_it_came(rig):
 
 
 def test_two_drives_with_one_id_are_noticed(rig):
-    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2)))
+    rig.bus.drives.append(EmulatedDrive(2))
     assert "2 devices" in refused(rig, c.DUPLICATE_ID)
 
 
@@ -307,7 +307,7 @@ def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(ri
 
 
 def test_a_rig_that_is_switched_on_with_a_fault_says_which_in_one_line(scenario):
-    rig = LockstepRig.of(scenario("plant.kind=lagrange"))
+    rig = LockstepRig(scenario("plant.kind=lagrange"))
     rig.lockstep.drives[0].fail(129)
     with pytest.raises(RigError) as caught, rig:
         pass

@@ -12,7 +12,7 @@ from twin.data_file import packaged
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepDrives, still
 from twin.safety.causes import OF_DRIVES
 
@@ -87,12 +87,12 @@ def test_a_command_that_is_no_number_stops_at_once(rig):
 
 
 def test_nothing_is_reported_while_the_position_wraps():
-    drives = [EmulatedDrive(DriveSettings(node=n, start_counts=2**31 - 5000)) for n in (1, 2)]
+    drives = [EmulatedDrive(n, start_counts=2**31 - 5000) for n in (1, 2)]
     with LockstepDrives(drives=drives) as rig:
         rig.enabled()
         begin = rig.servos.motor()
         assert not rig.run(0.5, lambda _: (1.0, 1.0))
-        assert drives[0].motor.position < 0
+        assert drives[0].motor.encoder.counts < 0
         moved = rig.servos.motor() - begin
         np.testing.assert_allclose(moved, drives[0].motor._angle, atol=0.01)
 

@@ -11,7 +11,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import kept
 from twin.devices.akd.units import DriveQuantity
-from twin.emulator.drive import DriveSettings, EmulatedDrive
+from twin.emulator.drive import EmulatedDrive
 from twin.emulator.lockstep import LockstepDrives
 
 SPEED, RAMP = 6000, 30_000
@@ -22,7 +22,7 @@ def drives(unit=0, per_unit=1000):
     """Two drives with this unit for velocity and acceleration, set as a motor wants it."""
     made = []
     for node in (1, 2):
-        drive = EmulatedDrive(DriveSettings(node=node, parameter_count=1 / per_unit))
+        drive = EmulatedDrive(node, parameter_count=1 / per_unit)
         found = {0x365F: unit, 0x3659: unit, 0x3622: round(SPEED * per_unit)}
         found[0x3623] = -found[0x3622]
         found |= dict.fromkeys((0x3501, 0x3522, 0x6083, 0x6084), round(RAMP * per_unit))

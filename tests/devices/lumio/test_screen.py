@@ -97,7 +97,7 @@ def test_a_screen_unplugged_is_told_and_after_plugging_in_works_when_started_ane
         emulated.unplug()
         assert watch.told("touch screen gone")
         assert not screen.connected
-        emulated.replug()
+        emulated.plug()
         time.sleep(0.1)
         assert not screen.connected
         screen.stop()
