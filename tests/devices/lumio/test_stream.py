@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.conditions import CONDITIONS
 from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
+from twin.devices.lumio.stream import TouchState, TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.sim.plant.exact import SCREEN
 
@@ -27,7 +27,6 @@ class FedScreen:
         self.protocol = protocol
         self.limits = PlausibilityLimits()
         self.stream = TouchStream(protocol.value, capacity, CALIBRATION, self.limits)
-        self.presence = Presence(self.limits, self.stream.report_fault)
         self.time = 0.0
         self.seen = []
         self.tilt = 0.0
@@ -44,8 +43,8 @@ class FedScreen:
         self.look()
 
     def look(self):
-        self.presence.update(self.stream.sample, self.time)
-        self.presence.note_tilt(self.stream.sample, self.time, self.tilt)
+        self.stream.tracker.watch(self.time)
+        self.stream.tracker.note_tilt(self.time, self.tilt)
         self.seen += [(self.time, fault.condition.name) for fault in self.stream.faults()]
 
     def wait(self, seconds):
@@ -70,7 +69,7 @@ class FedScreen:
 
     @property
     def state(self):
-        return touch_state(self.limits, self.stream.sample, self.time)
+        return self.stream.tracker.state(self.time)
 
 
 def within(name):

@@ -34,74 +34,6 @@ class TouchState(StrEnum):
     LOST = "lost"
 
 
-def touch_state(limits: PlausibilityLimits, sample: Sample | None, time: float) -> TouchState:
-    """What is known of the ball at a time.
-
-    Args:
-        limits: What is plausible.
-        sample: The newest position.
-        time: Now, on the clock of the sample, s.
-    """
-    if sample is None:
-        return TouchState.LOST
-    age = time - sample.time
-    if age > limits.lost:
-        return TouchState.LOST
-    if sample.lifted:
-        return TouchState.LIFTED
-    return TouchState.STALE if age > limits.stale else TouchState.TOUCHING
-
-
-class Presence:
-    """Notices, from one update to the next, that a ball was lost or does not obey the tilt.
-
-    Args:
-        limits: What is plausible.
-        report_fault: Called with each condition detected.
-    """
-
-    def __init__(self, limits: PlausibilityLimits, report_fault: ReportFault) -> None:
-        self._limits = limits
-        self._report_fault = report_fault
-        self.forget()
-
-    def forget(self) -> None:
-        """Start again, as before the first touch."""
-        self._state = TouchState.LOST
-        self._tilted: float | None = None
-        self._frozen = False
-
-    def update(self, sample: Sample | None, time: float) -> None:
-        """Compare with the last update."""
-        before, self._state = self._state, touch_state(self._limits, sample, time)
-        if sample is None or self._state == before:
-            return
-        end = "after a lift-off" if sample.lifted else "without a lift-off"
-        detail = f"no touch for {1000 * (time - sample.time):.0f} ms {end}"
-        if self._state == TouchState.STALE:
-            self._report_fault(c.STALE, detail)
-        elif self._state == TouchState.LOST:
-            self._report_fault(c.BALL_LOST, detail)
-
-    def note_tilt(self, sample: Sample | None, time: float, tilt: float) -> None:
-        """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
-
-        What keeps reporting one and the same position there is a frozen touch.
-        """
-        if tilt <= self._limits.tilt or self._state != TouchState.TOUCHING or sample is None:
-            self._tilted = None
-            return
-        self._tilted = time if self._tilted is None else self._tilted
-        rest = time - max(self._tilted, sample.since)
-        if rest <= self._limits.rest:
-            self._frozen = False
-        elif not self._frozen:
-            self._frozen = True
-            self._report_fault(
-                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
-            )
-
-
 ReportFault = Callable[[Condition, str], None]
 """Takes a condition detected and what was seen, in words and numbers."""
 
@@ -123,7 +55,7 @@ class Sample(NamedTuple):
 
 
 class Tracker:
-    """Follows one ball through the reports.
+    """Follows one ball through the reports, and notices when it is lost or disobeys the tilt.
 
     Args:
         limits: What is plausible.
@@ -153,6 +85,55 @@ class Tracker:
         self._path: list[tuple[float, tuple[float, float]]] = []
         self._same = 0
         self._swapped = False
+        self._state = TouchState.LOST
+        self._tilted: float | None = None
+        self._frozen = False
+
+    def state(self, time: float) -> TouchState:
+        """What is known of the ball at a time."""
+        return self._known(self.sample, time)
+
+    def _known(self, sample: Sample | None, time: float) -> TouchState:
+        if sample is None:
+            return TouchState.LOST
+        age = time - sample.time
+        if age > self._limits.lost:
+            return TouchState.LOST
+        if sample.lifted:
+            return TouchState.LIFTED
+        return TouchState.STALE if age > self._limits.stale else TouchState.TOUCHING
+
+    def watch(self, time: float) -> None:
+        """Notice what has become of the ball since the last call."""
+        sample = self.sample
+        before, self._state = self._state, self._known(sample, time)
+        if sample is None or self._state == before:
+            return
+        end = "after a lift-off" if sample.lifted else "without a lift-off"
+        detail = f"no touch for {1000 * (time - sample.time):.0f} ms {end}"
+        if self._state == TouchState.STALE:
+            self._report_fault(c.STALE, detail)
+        elif self._state == TouchState.LOST:
+            self._report_fault(c.BALL_LOST, detail)
+
+    def note_tilt(self, time: float, tilt: float) -> None:
+        """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
+
+        What keeps reporting one and the same position there is a frozen touch.
+        """
+        sample = self.sample
+        if tilt <= self._limits.tilt or self._state != TouchState.TOUCHING or sample is None:
+            self._tilted = None
+            return
+        self._tilted = time if self._tilted is None else self._tilted
+        rest = time - max(self._tilted, sample.since)
+        if rest <= self._limits.rest:
+            self._frozen = False
+        elif not self._frozen:
+            self._frozen = True
+            self._report_fault(
+                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
+            )
 
     def take(self, time: float, report: Report) -> None:
         """Take in a report that arrived at a time."""
@@ -334,7 +315,8 @@ class TouchStream:
         self._calibration = calibration
         self._capacity = capacity
         self._limits = limits
-        self._tracker = Tracker(limits, calibration or Calibration.nominal(), self.report_fault)
+        self.tracker = Tracker(limits, calibration or Calibration.nominal(), self.report_fault)
+        """Where the ball is."""
         self._faults: deque[Fault] = deque(maxlen=1000)
         self._seen = DecoderStats()
         self._reported: dict[Condition, float] = {}
@@ -346,7 +328,7 @@ class TouchStream:
     @property
     def sample(self) -> Sample | None:
         """The ball's newest position."""
-        return self._tracker.sample
+        return self.tracker.sample
 
     @property
     def rate(self) -> float:
@@ -377,11 +359,11 @@ class TouchStream:
         self._seen = replace(decoder.stats)
         self.extent = decoder.extent
         if self._calibration is None and self.extent is not None:
-            self._tracker.calibration = Calibration.nominal(size=self.extent)
+            self.tracker.calibration = Calibration.nominal(size=self.extent)
 
     def forget(self) -> None:
         """Forget the ball and half a packet, as after the port was reopened."""
-        self._tracker.forget()
+        self.tracker.forget()
         self._deaf = None
         self.looks_like = ""
         self._detector = Detector()
@@ -401,7 +383,7 @@ class TouchStream:
             for report in self._decode(time, data[-self.MOST :]):
                 self.reports += 1
                 self._times.append(time)
-                self._tracker.take(time, report)
+                self.tracker.take(time, report)
         self._compare(time)
 
     def _decode(self, time: float, data: bytes) -> list[Report]:

@@ -8,14 +8,12 @@ from __future__ import annotations
 import errno
 import os
 import select
-import sys
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.devices.lumio.hid import (
-    LONGEST,
     DescriptorError,
     HidDecoder,
     ReportDescriptor,
@@ -113,7 +111,7 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
         port = f"/dev/{device.name}"
         known = identify(port, root)
         if known is not None and known.vendor == VENDOR:
-            found.append(Interface(port, known, _descriptor(port, root)))
+            found.append(Interface(port, known, _readable(port, root)))
     return found
 
 
@@ -122,19 +120,18 @@ def touch_screens(root: Path = HIDRAW_CLASS) -> list[Interface]:
     return [each for each in panels(root) if each.layout is not None]
 
 
-def _descriptor(port: str, root: Path) -> ReportDescriptor | None:
-    try:
-        return parse((_device(port, root) / "report_descriptor").read_bytes())
-    except (OSError, DescriptorError):
-        return None
+def _readable(port: str, root: Path) -> ReportDescriptor | None:
+    with suppress(OSError, DescriptorError):
+        return _descriptor(port, root)
+    return None
+
+
+def _descriptor(port: str, root: Path) -> ReportDescriptor:
+    return parse((_device(port, root) / "report_descriptor").read_bytes())
 
 
 def _device(port: str, root: Path) -> Path:
     return root / Path(port).resolve().name / "device"
-
-
-HIDIOCGRDESCSIZE, HIDIOCGRDESC = 0x8004_4801, 0x9004_4802
-"""Requests to a raw HID device for its report descriptor (linux/hidraw.h)."""
 
 
 class ScreenError(TwinError, OSError):
@@ -263,11 +260,10 @@ class HidrawDevice(Transport):
         Raises:
             ScreenError: The device is not a touch screen.
         """
-        data = self._descriptor()
-        if data is None:
-            return None
         try:
-            descriptor = parse(data)
+            descriptor = _descriptor(self.port, HIDRAW_CLASS)
+        except OSError:
+            return None
         except DescriptorError as error:
             reason = f"its report descriptor cannot be read: {error}"
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
@@ -278,19 +274,6 @@ class HidrawDevice(Transport):
             what = described(descriptor)
             raise ScreenError(f"touch screen {self.port}: no touch screen but {what}{hint}")
         return HidDecoder(layout)
-
-    def _descriptor(self) -> bytes | None:
-        """The report descriptor, or None from what is no raw HID device."""
-        import fcntl  # noqa: PLC0415  POSIX only
-
-        size, whole = bytearray(4), bytearray(4 + LONGEST)
-        try:
-            fcntl.ioctl(self._handle, HIDIOCGRDESCSIZE, size)
-            whole[:4] = size
-            fcntl.ioctl(self._handle, HIDIOCGRDESC, whole)
-        except OSError:
-            return None
-        return bytes(whole[4 : 4 + int.from_bytes(size, sys.byteorder)])
 
     def _open(self) -> int:
         return claim(self.port, os.O_RDONLY)
