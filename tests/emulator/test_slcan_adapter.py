@@ -175,8 +175,8 @@ def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bu
 @pytest.mark.parametrize(
     ("cause", "condition"),
     [
-        (lambda port, bus: bus.faults.take_off_bus(), c.BUS_OFF),
-        (lambda port, bus: bus.faults.make_passive(), c.ERROR_PASSIVE),
+        (lambda port, bus: setattr(bus.faults, "bus_off", True), c.BUS_OFF),
+        (lambda port, bus: setattr(bus.faults, "error_passive", True), c.ERROR_PASSIVE),
         (lambda port, bus: port.unplug(), c.ADAPTER_GONE),
         (lambda port, bus: setattr(port, "garble", 0.02), c.GARBLED),
         (lambda port, bus: setattr(port, "stalled", True), c.PDO_STALE),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Flag, auto
 from typing import NamedTuple, TypedDict, Unpack
 
-Bytes = Callable[[bytes, random.Random], bytes]
+Bytes = Callable[[bytes], bytes]
 Ids = int | Iterable[int] | None
 
 
@@ -42,10 +42,6 @@ class When(TypedDict, total=False):
     lasting: float
     share: float
     towards: Towards
-
-
-def _same(data: bytes, _: random.Random) -> bytes:
-    return data
 
 
 @dataclass(frozen=True)
@@ -95,30 +91,14 @@ class BusFaults:
         """Bus time in s; the bus sets it."""
         self._random = random.Random(seed)
         self._rules: list[Rule] = []
-        self._off_until = self._passive_until = -math.inf
-
-    @property
-    def bus_off(self) -> bool:
-        """Whether the host's adapter is off the bus."""
-        return self.time < self._off_until
-
-    @property
-    def error_passive(self) -> bool:
-        """Whether the host's adapter is error passive."""
-        return self.time < self._passive_until
-
-    def take_off_bus(self, lasting: float = math.inf) -> None:
-        """Let the adapter go bus-off: nothing passes either way."""
-        self._off_until = self.time + lasting
-
-    def make_passive(self, lasting: float = math.inf) -> None:
-        """Let the adapter be error passive: frames still pass."""
-        self._passive_until = self.time + lasting
+        self.bus_off = self.error_passive = False
+        """Whether the host's adapter is off the bus, so that nothing passes either way; whether it
+        is error passive: frames still pass."""
 
     def clear(self) -> None:
         """End all damage."""
         self._rules.clear()
-        self._off_until = self._passive_until = -math.inf
+        self.bus_off = self.error_passive = False
 
     def drop(self, cob_id: Ids = None, **when: Unpack[When]) -> None:
         """Lose frames."""
@@ -134,12 +114,12 @@ class BusFaults:
 
     def truncate(self, cob_id: Ids = None, *, to: int, **when: Unpack[When]) -> None:
         """Cut frames to some bytes."""
-        self._add(cob_id, lambda data, _: data[:to], **when)
+        self._add(cob_id, lambda data: data[:to], **when)
 
     def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
-        self._add(cob_id, lambda old, _: old[:at] + data + old[end:], **when)
+        self._add(cob_id, lambda old: old[:at] + data + old[end:], **when)
 
     def silence(self, node: int, **when: Unpack[When]) -> None:
         """Lose everything a node says."""
@@ -158,7 +138,7 @@ class BusFaults:
                 if change is None:
                     return []
                 copies = [
-                    (late + delay, each._replace(data=change(each.data, self._random)))
+                    (late + delay, each._replace(data=change(each.data)))
                     for late, each in copies
                     for delay in rule.delays
                 ]
@@ -167,7 +147,7 @@ class BusFaults:
     def _add(
         self,
         cob_id: Ids,
-        change: Bytes | None = _same,
+        change: Bytes | None = bytes,
         delays: tuple[float, ...] = (0.0,),
         **when: Unpack[When],
     ) -> None:

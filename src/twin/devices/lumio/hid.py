@@ -148,9 +148,8 @@ class _Parser:
         elif name == "exponent":
             # meant as a byte with a sign, mostly written as half of one
             value = _signed(data, 4) if 0 <= signed < 16 else signed
-        elif name == "report":
-            if not 0 < data <= 0xFF:
-                raise DescriptorError(f"report number {data}; 1 to 255 are possible")
+        elif name == "report" and not 0 < data <= 0xFF:
+            raise DescriptorError(f"report number {data}; 1 to 255 are possible")
         return replace(now, **{name: value})
 
     def local(self, tag: int, data: int) -> None:

@@ -359,7 +359,7 @@ class TouchStream:
         self._seen = replace(decoder.stats)
         self.extent = decoder.extent
         if self._calibration is None and self.extent is not None:
-            self.tracker.calibration = Calibration.nominal(size=self.extent)
+            self.tracker.calibration = Calibration.nominal(self.extent)
 
     def forget(self) -> None:
         """Forget the ball and half a packet, as after the port was reopened."""
