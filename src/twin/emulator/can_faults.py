@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Flag, auto
-from typing import NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple
 
 Bytes = Callable[[bytes], bytes]
 Ids = int | Iterable[int] | None
@@ -33,15 +33,6 @@ class Towards(Flag):
     HOST = auto()
     DRIVES = auto()
     BOTH = HOST | DRIVES
-
-
-class When(TypedDict, total=False):
-    """Which of the frames are hit, see ``BusFaults``."""
-
-    after: float
-    lasting: float
-    share: float
-    towards: Towards
 
 
 @dataclass(frozen=True)
@@ -100,28 +91,28 @@ class BusFaults:
         self._rules.clear()
         self.bus_off = self.error_passive = False
 
-    def drop(self, cob_id: Ids = None, **when: Unpack[When]) -> None:
+    def drop(self, cob_id: Ids = None, **when: Any) -> None:
         """Lose frames."""
         self._add(cob_id, None, **when)
 
-    def delay(self, cob_id: Ids = None, *, by: float, **when: Unpack[When]) -> None:
+    def delay(self, cob_id: Ids = None, *, by: float, **when: Any) -> None:
         """Deliver frames later by a time in s."""
         self._add(cob_id, delays=(by,), **when)
 
-    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Unpack[When]) -> None:
+    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Any) -> None:
         """Deliver frames twice, a time in s apart."""
         self._add(cob_id, delays=(0.0, apart), **when)
 
-    def truncate(self, cob_id: Ids = None, *, to: int, **when: Unpack[When]) -> None:
+    def truncate(self, cob_id: Ids = None, *, to: int, **when: Any) -> None:
         """Cut frames to some bytes."""
         self._add(cob_id, lambda data: data[:to], **when)
 
-    def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
+    def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Any) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
         self._add(cob_id, lambda old: old[:at] + data + old[end:], **when)
 
-    def silence(self, node: int, **when: Unpack[When]) -> None:
+    def silence(self, node: int, **when: Any) -> None:
         """Lose everything a node says."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
         when.setdefault("towards", Towards.HOST)
@@ -149,7 +140,7 @@ class BusFaults:
         cob_id: Ids,
         change: Bytes | None = bytes,
         delays: tuple[float, ...] = (0.0,),
-        **when: Unpack[When],
+        **when: Any,
     ) -> None:
         ids = [cob_id] if isinstance(cob_id, int) else cob_id
         chosen = None if ids is None else frozenset(ids)

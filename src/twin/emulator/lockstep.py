@@ -32,7 +32,7 @@ from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
 
-_ANGLES, _RATES, _BALL, _VELOCITY = [2, 6], [3, 7], [0, 4], [1, 5]
+_ANGLES, _RATES, _BALL = [2, 6], [3, 7], [0, 4]
 
 
 class PowerChange(NamedTuple):
@@ -98,7 +98,7 @@ class MotionTrace:
         rows = [(time, state) for time, state in self._rows if begin <= time <= end]
         state = np.array([state for _, state in rows]).reshape(len(rows), 8)
         time = np.array([time for time, _ in rows])
-        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL, _VELOCITY)))
+        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL)))
 
     def _step(self, dt: float) -> None:
         self._moved(dt)
@@ -125,14 +125,12 @@ class TrueMotion(NamedTuple):
         plate: Plate angles (phi, theta) in rad, shape (n, 2).
         rate: Plate rates in rad/s, shape (n, 2).
         ball: Position (x, y) of the ball in m in plate axes, shape (n, 2).
-        velocity: Its velocity in m/s, shape (n, 2).
     """
 
     time: Array
     plate: Array
     rate: Array
     ball: Array
-    velocity: Array
 
     @property
     def tilt(self) -> Array:

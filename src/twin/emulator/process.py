@@ -12,7 +12,6 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
 from twin.emulator.can_slcan import check_pseudo_terminals
-from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError
 from twin.jobs import program_left_out, undisturbed
@@ -91,13 +90,11 @@ def come_forward() -> None:
         os.nice(-10)
 
 
-def _work(
-    pipe: Connection, scenario: Scenario, protocol: Protocol, cells: MutableSequence[float]
-) -> None:
+def _work(pipe: Connection, scenario: Scenario, cells: MutableSequence[float]) -> None:
     """The body of the process: serve until the pipe is closed, obeying what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
     come_forward()
-    with VirtualRig(scenario, protocol) as rig:
+    with VirtualRig(scenario) as rig:
         try:
             pipe.send(rig.tables())
         except OSError:
@@ -172,7 +169,7 @@ class Emulator:
 
 
 @contextmanager
-def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> Iterator[Emulator]:
+def emulated(scenario: Scenario) -> Iterator[Emulator]:
     """A virtual rig in a separate process, for as long as the context lasts.
 
     Raises:
@@ -182,7 +179,7 @@ def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> It
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     cells = context.RawArray("d", 6)
-    process = context.Process(target=_work, args=(theirs, scenario, protocol, cells), daemon=True)
+    process = context.Process(target=_work, args=(theirs, scenario, cells), daemon=True)
     with undisturbed(), program_left_out():
         process.start()
     theirs.close()

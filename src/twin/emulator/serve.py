@@ -241,8 +241,8 @@ class VirtualRig:
                 self.plant.present = False
                 return self.plant.edge()
         known: dict[str, tuple[str, Callable[[], None]]] = {
-            "sto": ("STO open: both drives without torque", self._open_sto),
-            "release": ("STO closed; reset the faults to go on", self._close_sto),
+            "sto": ("STO open: both drives without torque", partial(self._close_sto, False)),
+            "release": ("STO closed; reset the faults to go on", partial(self._close_sto, True)),
             "lift": ("ball lifted", partial(self._put, False)),
             "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
@@ -272,13 +272,9 @@ class VirtualRig:
         starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED else ""
         return f"emulated rig behind the clock: p99 {p99:.2f} ms, at most {longest:.1f} ms{starved}"
 
-    def _open_sto(self) -> None:
+    def _close_sto(self, closed: bool) -> None:
         for drive in self.drives:
-            drive.open_sto()
-
-    def _close_sto(self) -> None:
-        for drive in self.drives:
-            drive.close_sto()
+            drive.power.sto_closed = closed
 
     def _put(self, present: bool, finger: tuple[float, float] | None = None) -> None:
         back = present and not self.plant.present

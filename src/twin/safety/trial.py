@@ -118,6 +118,10 @@ class Trial:
         line = str(run.refusal) if run.refusal else run.outcome.reason
         off = limits.torque_off(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
+        observed = {
+            "state": tuple(map(_words, seen.state)),
+            "standstill": seen.standstill if stop else None,
+        }
         more = {"standstill_limit": stop, "torque_off_limit": off}
         return FaultRow(
             name=case.name,
@@ -132,22 +136,15 @@ class Trial:
             recovered=not recover or self._recovers(),
             reason=self._reason(run),
             reason_expected=case.reason,
-            stopped_by=tuple(map(str, seen.stopped_by)),
             stopped_by_expected=tuple(map(str, case.stoppers)),
-            state=tuple(map(_words, seen.states)),
             state_expected=tuple(map(_words, case.reached)),
-            standstill=seen.standstill if stop else None,
             standstill_limit=stop.value if stop else None,
-            torque_off=seen.torque_off,
             torque_off_limit=off.value if off else None,
-            tilt=seen.tilt,
             tilt_limit=tilt.value,
-            ball=seen.ball,
             ball_limit=ball,
-            ball_later=seen.ball_later,
-            torque=seen.live,
             held=self._held,
             why=why | {key: limit.why for key, limit in more.items() if limit},
+            **vars(seen) | observed,
         )
 
     def _run(self, duration: float, *, act: bool) -> TrialRun:

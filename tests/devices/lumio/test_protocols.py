@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.protocols import STREAMS, Detector, EloDecoder, MicroTouchDecoder
 from twin.devices.lumio.stream import TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
@@ -150,7 +150,7 @@ def test_listening_tells_the_protocol_even_from_the_middle_of_a_packet(
     set_to, spoken, places, lost
 ):
     data = b"".join(ENCODERS[spoken]([Spot(x, y)])[0] for x, y in places)[lost:]
-    stream = TouchStream(set_to, 1e9, None, PlausibilityLimits())
+    stream = TouchStream(LumioConfig(port="", protocol=str(set_to), baud=10**10))
     for at in range(0, len(data), 7):
         stream.take(0.001 * at, data[at : at + 7])
     assert stream.looks_like == ("" if set_to in {"auto", spoken} else spoken)

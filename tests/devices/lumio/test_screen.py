@@ -135,9 +135,9 @@ def test_split_and_merged_packets_are_understood(fault, protocol):
         LumioScreen(config(emulated, protocol=protocol.value)) as screen,
     ):
         assert sees(screen)
-        before = screen.stream.reports
+        before = screen.stream.stats.reports
         emulated.inject(fault, 5.0)
-        assert until(lambda: screen.stream.reports > before + 20)
+        assert until(lambda: screen.stream.stats.reports > before + 20)
         # On a busy machine a half may come so late that it is given up: never taken for another.
         assert "position jumped" not in Watch(screen).look()
 

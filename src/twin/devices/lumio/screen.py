@@ -47,7 +47,7 @@ class LumioScreen:
         """Whether the port is open."""
         self._now = now
         self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
-        self.stream = TouchStream(config.protocol, config.capacity, config.calibration, config.gate)
+        self.stream = TouchStream(config)
         """What is made of the bytes, and counted."""
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
 from twin.devices.lumio.hid import decoder_of
 from twin.devices.lumio.protocols import Contact, Decoder, DecoderStats, Detector, Report
 from twin.hal.interface import Condition, Fault
@@ -279,10 +279,7 @@ class TouchStream:
     """Turns what a port delivers into ball positions and faults; knows no port and no clock.
 
     Args:
-        protocol: Name of the protocol, or ``auto``.
-        capacity: Bytes per second from which the line counts as flooded.
-        calibration: Screen units to plate axes; None for a screen mounted square and centred.
-        limits: What is plausible.
+        config: Protocol, calibration, what is plausible, and what the line carries.
     """
 
     WINDOW = 0.25
@@ -294,28 +291,19 @@ class TouchStream:
     MOST = 256
     """Bytes of one reading that are decoded; older ones are dropped, to bound the time it takes."""
 
-    def __init__(
-        self,
-        protocol: str,
-        capacity: float,
-        calibration: Calibration | None,
-        limits: PlausibilityLimits,
-    ) -> None:
-        self.decoder: Decoder | None = None if protocol == "auto" else decoder_of(protocol)
+    def __init__(self, config: LumioConfig) -> None:
+        named = None if config.protocol == "auto" else decoder_of(config.protocol)
+        self.decoder: Decoder | None = named
         self.dropped = 0
         """Bytes dropped undecoded."""
-        self.reports = 0
-        """Reports taken in."""
         self.extent: tuple[float, float] | None = None
         """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
         self.looks_like = ""
         """The protocol that the bytes look like, if that is not the one set; else empty."""
-        self._protocol = protocol
+        self._config = config
         self._detector: Detector | None = Detector()
-        self._calibration = calibration
-        self._capacity = capacity
-        self._limits = limits
-        self.tracker = Tracker(limits, calibration or Calibration.nominal(), self.report_fault)
+        calibration = config.calibration or Calibration.nominal()
+        self.tracker = Tracker(config.gate, calibration, self.report_fault)
         """Where the ball is."""
         self._faults: deque[Fault] = deque(maxlen=1000)
         self._seen = DecoderStats()
@@ -334,7 +322,7 @@ class TouchStream:
     def rate(self) -> float:
         """Reports per second over the last ones, pauses without a touch left out."""
         times = list(self._times)
-        gaps = [b - a for a, b in pairwise(times) if b - a <= self._limits.lost]
+        gaps = [b - a for a, b in pairwise(times) if b - a <= self._config.gate.lost]
         return len(gaps) / sum(gaps) if sum(gaps) > 0 else 0.0
 
     @property
@@ -358,7 +346,7 @@ class TouchStream:
         self.decoder, self._detector = decoder, None
         self._seen = replace(decoder.stats)
         self.extent = decoder.extent
-        if self._calibration is None and self.extent is not None:
+        if self._config.calibration is None and self.extent is not None:
             self.tracker.calibration = Calibration.nominal(self.extent)
 
     def forget(self) -> None:
@@ -381,7 +369,6 @@ class TouchStream:
             self._measure(time, len(data))
             self.dropped += max(0, len(data) - self.MOST)
             for report in self._decode(time, data[-self.MOST :]):
-                self.reports += 1
                 self._times.append(time)
                 self.tracker.take(time, report)
         self._compare(time)
@@ -396,7 +383,7 @@ class TouchStream:
             if self.decoder is None:
                 self.decoder, reports = decoder, heard
                 self._seen = replace(decoder.stats)
-            wrong = self._protocol not in {"auto", decoder.name}
+            wrong = self._config.protocol not in {"auto", decoder.name}
             self.looks_like = decoder.name if wrong else ""
             self._detector = Detector() if wrong else None
         self._recognise(time)
@@ -405,11 +392,12 @@ class TouchStream:
     def _recognise(self, time: float) -> None:
         """Report bytes that are of another protocol than the one set, or of none that is known."""
         self._deaf = time if self._deaf is None else self._deaf
+        protocol = self._config.protocol
         if self.looks_like:
-            heard = f"the bytes are of {self.looks_like}, not of {self._protocol}"
+            heard = f"the bytes are of {self.looks_like}, not of {protocol}"
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
         elif not self.stats.reports and time - self._deaf > self.DEAF:
-            wanted = "no known protocol" if self._protocol == "auto" else f"no {self._protocol}"
+            wanted = "no known protocol" if protocol == "auto" else f"no {protocol}"
             heard = f"{self.stats.bytes} bytes are of {wanted}"
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
 
@@ -419,7 +407,7 @@ class TouchStream:
         if time - begin >= self.WINDOW:
             begin, total = time, 0
         self._window = begin, total + count
-        if total + count > self._capacity * self.WINDOW:
+        if total + count > self._config.capacity * self.WINDOW:
             self._report_rate_limited(
                 time, c.FLOOD, f"{total + count} bytes within {self.WINDOW:g} s"
             )
