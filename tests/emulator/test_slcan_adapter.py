@@ -1,4 +1,5 @@
 import os
+import random
 import re
 import time
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort
+from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort, nothing
 from twin.emulator.drive import EmulatedDrive, Power
 
 
@@ -27,9 +28,31 @@ def bus():
     return EmulatedBus(drives())
 
 
+class FailingPort(SlcanPort):
+    """A port whose line and firmware can fail."""
+
+    garble = 0.0
+    """Share of the bytes towards the computer that are damaged."""
+    stalled = False
+    """Neither reads nor writes."""
+    dice = random.Random(0)
+
+    def wait(self, seconds):
+        time.sleep(seconds) if self.stalled else super().wait(seconds)
+
+    def pump(self, passing=nothing):
+        self._bus.to_host() if self.stalled else super().pump(passing)
+
+    def write(self, data):
+        damaged = (
+            self.dice.randrange(256) if self.dice.random() < self.garble else byte for byte in data
+        )
+        return super().write(bytes(damaged))
+
+
 @pytest.fixture
 def port(bus):
-    with SlcanPort(bus) as made:
+    with FailingPort(bus) as made:
         yield made
 
 

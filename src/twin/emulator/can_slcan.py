@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import select
 import sys
 import tempfile
@@ -206,20 +205,14 @@ class SlcanPort(PseudoTerminal):
 
     Args:
         bus: What it is on.
-        seed: Of the bytes garbled.
 
     Raises:
         RigError: This system has no pseudo-terminals.
     """
 
-    def __init__(self, bus: EmulatedBus, seed: int = 0) -> None:
+    def __init__(self, bus: EmulatedBus) -> None:
         super().__init__("slcan")
-        self.garble = 0.0
-        """Share of the bytes towards the computer that are damaged."""
-        self.stalled = False
-        """Neither reads nor writes, as an adapter whose firmware hangs."""
         self._bus = bus
-        self._random = random.Random(seed)
         self.plug()
 
     def plug(self) -> None:
@@ -230,7 +223,7 @@ class SlcanPort(PseudoTerminal):
     def wait(self, seconds: float) -> None:
         """Wait until the computer sends something, at most for a time in s."""
         with suppress(OSError, ValueError):
-            ports = [] if self.handle < 0 or self.stalled else [self.handle]
+            ports = [] if self.handle < 0 else [self.handle]
             select.select(ports, [], [], seconds)
 
     def pump(self, passing: Passing = nothing) -> None:
@@ -239,7 +232,7 @@ class SlcanPort(PseudoTerminal):
         Args:
             passing: Is told after each SYNC of those that have waited which share of them that was.
         """
-        if self.handle < 0 or self.stalled:
+        if self.handle < 0:
             self._bus.to_host()
             return
         with suppress(OSError):
@@ -248,19 +241,11 @@ class SlcanPort(PseudoTerminal):
                 data += os.read(self.handle, 4096)
             *waited, newest = data.split(_SYNC)
             for number, part in enumerate(waited, start=1):
-                self._write(self.adapter.feed(part + _SYNC))
-                self._write(self.adapter.heard())
+                self.write(self.adapter.feed(part + _SYNC))
+                self.write(self.adapter.heard())
                 passing(number / len(waited))
-            self._write(self.adapter.feed(newest))
-            self._write(self.adapter.heard())
-
-    def _write(self, data: bytes) -> None:
-        if self.garble:
-            data = bytes(
-                self._random.randrange(256) if self._random.random() < self.garble else byte
-                for byte in data
-            )
-        self.write(data)
+            self.write(self.adapter.feed(newest))
+            self.write(self.adapter.heard())
 
 
 def _written(frame: Frame) -> bytes:

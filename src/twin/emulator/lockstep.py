@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.screen import ScreenFault, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import EmulatedPlant
-from twin.hal.interface import Fault, Touch
+from twin.hal.interface import Touch
 from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
@@ -146,17 +146,9 @@ class TrueMotion(NamedTuple):
 PATIENCE = 1.0
 """Time in s that a rig in lockstep waits for the ball."""
 
-Rates = Callable[[float], tuple[float, float]]
-"""Motor rates of phi and theta in rad/s by bus time in s."""
-
-
-def still(_: float) -> tuple[float, float]:
-    """No motion."""
-    return 0.0, 0.0
-
 
 class LockstepDrives:
-    """Two emulated drives, the host's servos on them, and one loop; a context manager.
+    """Two emulated drives, the host's servos on them, in bus time.
 
     Args:
         config: The host's settings; the bus in them is not used.
@@ -179,8 +171,6 @@ class LockstepDrives:
         )
         self.missing: Exception | None = None
         """With what opening the adapter fails; None where it is there."""
-        self.seen: list[Fault] = []
-        """All faults so far."""
 
     def _open(self, _: BusConfig) -> DirectBus:
         """What the host opens as its bus.
@@ -198,38 +188,6 @@ class LockstepDrives:
     def add_drive(self, node: int) -> None:
         """Put another drive with a node on the bus."""
         self.bus.drives.append(EmulatedDrive(node))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.servos.stop()
-        self.adapter.shutdown()
-
-    def enabled(self) -> Self:
-        """Start and enable, and run until both drives follow.
-
-        Raises:
-            DriveError: If a drive cannot be brought up.
-        """
-        self.servos.start()
-        self.servos.enable()
-        for _ in range(50):
-            if self.servos.enabled:
-                break
-            self.run(self.config.period)
-        return self
-
-    def run(self, seconds: float, rates: Rates = still) -> list[Fault]:
-        """Run the loop; rates: motor rates in rad/s by bus time. The faults that came up."""
-        before = len(self.seen)
-        for _ in range(round(seconds / self.config.period)):
-            self.servos.receive()
-            self.servos.command(np.array([rates(self.bus.time)]))
-            self.servos.send()
-            self.seen.extend(self.servos.faults())
-            self.adapter.sleep(self.config.period)
-        return self.seen[before:]
 
 
 class LockstepScreenPort(Transport):

@@ -258,11 +258,7 @@ class EmulatedScreen(PseudoTerminal):
     def __init__(self, line: ScreenLine) -> None:
         super().__init__("lumio")
         self.protocol = line.protocol
-        self.sent = 0
-        """Bytes sent."""
-        self.dropped = 0
-        """Bytes lost because nobody read or nothing was plugged in."""
-        self._line = line
+        self.line = line
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulated screen", daemon=True)
 
@@ -278,15 +274,9 @@ class EmulatedScreen(PseudoTerminal):
             self._thread.join()
         super().close()
 
-    def inject(self, fault: ScreenFault, lasting: float) -> None:
-        """Put a fault in force from now on, for a time in s."""
-        self._line.damage.inject(fault, time.monotonic() + lasting)
-
     def _run(self) -> None:
         """Send what is due, when it is due."""
         while not self._stop.is_set():
-            for part in self._line.step(time.monotonic()):
-                written = self.write(part)
-                self.sent += written
-                self.dropped += len(part) - written
-            self._stop.wait(max(0.0, self._line.due - time.monotonic()))
+            for part in self.line.step(time.monotonic()):
+                self.write(part)
+            self._stop.wait(max(0.0, self.line.due - time.monotonic()))

@@ -119,6 +119,7 @@ class Trial:
         off = limits.torque_off(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
         observed = {
+            "stopped_by": tuple(map(str, seen.stopped_by)),
             "state": tuple(map(_words, seen.state)),
             "standstill": seen.standstill if stop else None,
         }

@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
+from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.devices.akd.network import Network
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.emulator.lockstep import LockstepDrives, LockstepRig
+from twin.emulator.lockstep import LockstepRig
 from twin.errors import RigError
 
 
 @pytest.fixture
 def rig():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         yield rig
 
 
@@ -168,7 +169,7 @@ def test_signs_and_gear_of_the_configuration_hold_for_command_and_measurement():
         AxisConfig(name="phi", node=1, motor_sign=-1, gear=2.0),
         AxisConfig(name="theta", node=2, plate_sign=-1),
     )
-    with LockstepDrives(AkdConfig(axes=axes)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes)) as rig:
         rig.enabled()
         rig.run(0.3, lambda _: (1.0, 1.0))
         assert rig.drives[0].rate == pytest.approx(-2.0, rel=1e-3)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stepped import SteppedDrives, still
 
 import twin
 import twin.devices.lumio.conditions
@@ -13,7 +14,6 @@ from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.emulator.lockstep import LockstepDrives, still
 from twin.safety.causes import OF_DRIVES
 
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")
@@ -36,7 +36,7 @@ def turn(_):
 
 @pytest.fixture
 def rig():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         rig.enabled()
         rig.run(0.04, swing)
         assert rig.servos.enabled
@@ -88,7 +88,7 @@ def test_a_command_that_is_no_number_stops_at_once(rig):
 
 def test_nothing_is_reported_while_the_position_wraps():
     drives = [EmulatedDrive(n, start_counts=2**31 - 5000) for n in (1, 2)]
-    with LockstepDrives(drives=drives) as rig:
+    with SteppedDrives(drives=drives) as rig:
         rig.enabled()
         begin = rig.servos.motor()
         assert not rig.run(0.5, lambda _: (1.0, 1.0))
@@ -154,7 +154,7 @@ def test_a_drive_that_keeps_its_torque_watches_the_host_beyond_the_shutdown(
     cause, silence, stop, rates
 ):
     config = AkdConfig(silence=silence, watch=MonitorConfig(stop=stop))
-    with LockstepDrives(config) as rig:
+    with SteppedDrives(config) as rig:
         rig.enabled()
         rig.run(0.1, rates)
         drive = rig.drives[0]

@@ -123,7 +123,7 @@ def test_a_fault_injected_on_the_line_is_told_by_name(fault, protocol, told):
     ):
         assert sees(screen)
         watch = Watch(screen)
-        emulated.inject(fault, 0.5)
+        emulated.line.damage.inject(fault, time.monotonic() + 0.5)
         assert watch.told(told)
 
 
@@ -136,7 +136,7 @@ def test_split_and_merged_packets_are_understood(fault, protocol):
     ):
         assert sees(screen)
         before = screen.stream.stats.reports
-        emulated.inject(fault, 5.0)
+        emulated.line.damage.inject(fault, time.monotonic() + 5.0)
         assert until(lambda: screen.stream.stats.reports > before + 20)
         # On a busy machine a half may come so late that it is given up: never taken for another.
         assert "position jumped" not in Watch(screen).look()

@@ -9,9 +9,9 @@ import errno
 import os
 import select
 from abc import ABC, abstractmethod
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from twin.devices.lumio.hid import (
     DescriptorError,
@@ -24,10 +24,6 @@ from twin.devices.lumio.hid import (
 from twin.devices.lumio.protocols import Decoder
 from twin.devices.ports import claim, in_words
 from twin.errors import TwinError
-
-if TYPE_CHECKING:
-    import serial
-
 
 VENDOR = 0x202E
 PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
@@ -154,6 +150,7 @@ class Transport(ABC):
         self.port = port
         self.baud = baud
         self._handle = -1
+        self._opened = ExitStack()
 
     def open(self) -> None:
         """Open the port and drop what has waited in it.
@@ -200,13 +197,15 @@ class Transport(ABC):
         """
         return None
 
-    @abstractmethod
     def close(self) -> None:
         """Close the port; never raises."""
+        self._handle = -1
+        with suppress(Exception):  # of whatever kind: the port may have gone
+            self._opened.close()
 
     @abstractmethod
     def _open(self) -> int:
-        """Open the port exclusively and return its file descriptor."""
+        """Open the port exclusively until ``_opened`` is closed; return its file descriptor."""
 
     def _ready(self, timeout: float) -> bool:
         return bool(select.select([self._handle], [], [], timeout)[0])
@@ -223,30 +222,18 @@ class SerialPort(Transport):
 
     PERMISSION = "add the user to the group that owns it (dialout)"
 
-    def __init__(self, port: str, baud: int) -> None:
-        super().__init__(port, baud)
-        self._line: serial.Serial | None = None
-
     def _open(self) -> int:
-        import termios  # noqa: F401, PLC0415  closing needs it
+        import termios  # noqa: F401, PLC0415  a POSIX system is needed
 
         import serial  # noqa: PLC0415  on POSIX it imports fcntl and termios
 
         try:
-            self._line = serial.Serial(self.port, self.baud, timeout=0, exclusive=True)
+            line = serial.Serial(self.port, self.baud, timeout=0, exclusive=True)
         except serial.SerialException as error:
             # Without a number: the device does not know the settings of a serial line.
             raise OSError(error.errno or errno.ENOTTY, str(error)) from error
-        return int(self._line.fileno())
-
-    def close(self) -> None:
-        """Close the line."""
-        if self._line is not None:
-            import termios  # noqa: PLC0415  POSIX only
-
-            with suppress(OSError, termios.error):
-                self._line.close()
-            self._line = None
+        self._opened.callback(line.close)
+        return int(line.fileno())
 
 
 class HidrawDevice(Transport):
@@ -276,14 +263,9 @@ class HidrawDevice(Transport):
         return HidDecoder(layout)
 
     def _open(self) -> int:
-        return claim(self.port, os.O_RDONLY)
-
-    def close(self) -> None:
-        """Close the device."""
-        if self._handle >= 0:
-            with suppress(OSError):
-                os.close(self._handle)
-            self._handle = -1
+        handle = claim(self.port, os.O_RDONLY)
+        self._opened.callback(os.close, handle)
+        return handle
 
 
 TRANSPORTS: dict[str, type[Transport]] = {
