@@ -224,7 +224,7 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
     plant = EmulatedPlant(chosen)
     plant.attach(rig.drives)
     if crossed:
-        phi, theta = (drive.sense for drive in rig.drives)
+        phi, theta = (drive.motor.sense for drive in rig.drives)
         seen = {}
 
         def first(shaft, angle):
@@ -280,7 +280,7 @@ def test_whoever_is_asked_may_take_their_time_or_not_be_there(scenario, ask, sta
         before = set(threading.enumerate())
         (found,) = swapped(rig.servos, plant.transmission, ask)
         assert set(threading.enumerate()) == before  # nobody is left who would swallow a line
-        assert not any(drive.fault_numbers for drive in rig.drives)
+        assert not any(drive.power.faults for drive in rig.drives)
     assert found.status is status
 
 
@@ -338,5 +338,5 @@ def test_a_fault_is_reset_on_request_without_leave_to_move():
         fault = by_name(found)["drive phi (node 1) fault"]
         assert fault.seen.startswith("F129 CAN monitoring")
         assert "--reset" in fault.advice
-        assert rig.drives[0].fault_numbers == ()
+        assert rig.drives[0].power.faults == []
         assert not any(drive.enabled for drive in rig.drives)

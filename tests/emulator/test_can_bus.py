@@ -75,7 +75,7 @@ def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
             servos.stop()
         with server.lock:
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
-            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+            assert [drive.power.faults for drive in bus.drives] == [[], []]
 
 
 def frames(faults, count=100, cob_id=0x181):

@@ -217,7 +217,7 @@ def test_a_watched_master_that_falls_silent_is_f129_and_a_braked_stop(drive):
     run(drive, 0.059)
     assert drive.state is Power.OPERATION_ENABLED
     sent = run(drive, 0.01)
-    assert drive.fault_numbers == (129,)
+    assert drive.power.faults == [129]
     assert Frame(0x080 + NODE, b"\x30\x81\x01F129\0") in sent
     assert drive.rate == 0
 
@@ -270,11 +270,11 @@ def test_sto_opened_in_motion_lets_the_motor_run_out(drive):
     run(drive, 0.05)
     drive.open_sto()
     run(drive, 0.1)
-    assert drive.fault_numbers == (602,)
+    assert drive.power.faults == [602]
     assert drive.rate == pytest.approx(2.0 * math.exp(-0.1 / 0.2), rel=0.02)
     control(drive, 0x00, 0x80)
     assert drive.state is Power.FAULT
-    drive.close_sto()
+    drive.power.sto_closed = True
     control(drive, 0x00, 0x80)
     assert drive.state is Power.SWITCH_ON_DISABLED
 
@@ -282,7 +282,7 @@ def test_sto_opened_in_motion_lets_the_motor_run_out(drive):
 def test_enabling_with_sto_open_is_f602(drive):
     drive.open_sto()
     control(drive, 0x06, 0x07)
-    assert drive.fault_numbers == (602,)
+    assert drive.power.faults == [602]
 
 
 def test_losing_the_dc_link_in_motion_is_an_undervoltage(drive):
@@ -290,7 +290,7 @@ def test_losing_the_dc_link_in_motion_is_an_undervoltage(drive):
     drive.power.dc_link = False
     (sent,) = run(drive, 0.001)
     assert sent.data[:3] == b"\x20\x32\x01"
-    assert drive.fault_numbers == (502,)
+    assert drive.power.faults == [502]
 
 
 def test_the_mode_cannot_change_in_motion(drive):
@@ -301,12 +301,12 @@ def test_the_mode_cannot_change_in_motion(drive):
 
 def test_a_position_wraps_as_32_bit_counters_do():
     drive = EmulatedDrive(NODE, start_counts=2**31 - 10)
-    drive.sense(math.radians(1.0), 0.0)
+    drive.motor.sense(math.radians(1.0), 0.0)
     assert drive.motor.encoder.counts == -(2**31) + math.floor(2**20 / 360) - 10
 
 
 def test_a_plant_that_tells_where_it_is_replaces_the_drive_s_own_integration(drive):
-    drive.sense(0.5, -0.1)
+    drive.motor.sense(0.5, -0.1)
     enable(drive, 3.0)
     run(drive, 0.1)
     assert drive.motor.encoder.counts == math.floor(0.5 / (2 * math.pi) * 2**20)

@@ -70,7 +70,7 @@ class BusTimes:
             moved(dt)
             for drive in bus.drives:
                 node = drive.node
-                if drive.fault_numbers:
+                if drive.power.faults:
                     self.fault.setdefault(node, bus.time)
                 if node in self.fault and drive.rate == 0:
                     self.rest.setdefault(node, bus.time)
@@ -124,7 +124,7 @@ def test_a_killed_host_leaves_drives_that_stop_by_themselves_in_the_time_they_we
         process.kill()
         process.wait()
     assert wait_until(lambda: len(times.rest) == 2, 30)
-    assert [drive.fault_numbers for drive in virtual.drives] == [(MASTER_SILENT,)] * 2
+    assert [drive.power.faults for drive in virtual.drives] == [[MASTER_SILENT]] * 2
     assert not any(drive.enabled for drive in virtual.drives)
     for node in (1, 2):
         assert times.fault[node] - times.heartbeat == pytest.approx(DRIVES["silence"], abs=TICKS)

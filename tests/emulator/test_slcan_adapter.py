@@ -164,7 +164,7 @@ def test_the_servos_run_over_a_real_pty(bus, port):
         turn(servos, 1.0)
         servos.stop()
         with server.lock:
-            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+            assert [drive.power.faults for drive in bus.drives] == [[], []]
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
 
 

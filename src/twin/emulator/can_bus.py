@@ -38,7 +38,7 @@ class EmulatedBus:
         """Seconds that have been stepped."""
         self.moved: Callable[[float], None] = lambda _: None
         """Called after each step with its s, to move a plant: read ``drive.rate``, call
-        ``drive.sense``."""
+        ``drive.motor.sense``."""
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
         self.beside: list[tuple[Frame, float]] = []

@@ -328,11 +328,6 @@ class EmulatedDrive:
         return self.power.state
 
     @property
-    def fault_numbers(self) -> tuple[int, ...]:
-        """Present faults, oldest first."""
-        return tuple(self.power.faults)
-
-    @property
     def mode(self) -> int:
         """Mode of operation it is in."""
         return self.store.get(0x6060) if self.mode_override is None else self.mode_override
@@ -344,10 +339,6 @@ class EmulatedDrive:
         bits = ((4, self.power.dc_link), (7, self.warning), (9, self.remote), (11, limit))
         return self.power.state | sum(on << bit for bit, on in bits)
 
-    def sense(self, motor: float, plate: float) -> None:
-        """Set where a plant has shaft and plate, rad."""
-        self.motor.sense(motor, plate)
-
     def reboot(self) -> None:
         """Lose the power of the electronics for a moment."""
         rate = self.motor.rate
@@ -358,10 +349,6 @@ class EmulatedDrive:
         """Open the safe torque off input, as an emergency stop button does."""
         self.power.sto_closed = False
 
-    def close_sto(self) -> None:
-        """Close it again; a fault that came of it stays until it is reset."""
-        self.power.sto_closed = True
-
     def fail(self, number: int, *, lasting: bool = False) -> None:
         """Have a fault; lasting: its cause stays until ``restore``."""
         if lasting:
@@ -370,9 +357,8 @@ class EmulatedDrive:
 
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
-        self.close_sto()
         self.power.causes.clear()
-        self.power.dc_link = self.remote = True
+        self.power.sto_closed = self.power.dc_link = self.remote = True
         self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
         self.motor.encoder.frozen = self.motor.plate.frozen = self.warning = False
         self.mode_override = self.limit_active = None

@@ -110,7 +110,7 @@ class MotionTrace:
             before, after = self._states[axis], drive.state
             if after is not before:
                 self._states[axis] = after
-                fault = drive.fault_numbers[-1] if drive.fault_numbers else 0
+                fault = drive.power.faults[-1] if drive.power.faults else 0
                 lost = self._live[axis] and not drive.power.live
                 self._live[axis] = drive.power.live
                 change = PowerChange(self._rig.now(), axis, before, after, lost, fault, injected)

@@ -165,7 +165,7 @@ class EmulatedPlant:
         self._touch, plate = self.devices.read(), self.devices.plate()[0]
         motor = self.devices.motor()[0].tolist()
         for drive, shaft, angle in zip(self._drives, motor, plate.tolist(), strict=True):
-            drive.sense(shaft, angle)
+            drive.motor.sense(shaft, angle)
         self._dipped = np.maximum(self._dipped, np.abs(plate))
 
 

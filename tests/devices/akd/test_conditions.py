@@ -134,7 +134,7 @@ def test_the_drives_stop_by_themselves_when_the_host_dies(rig):
     while any(abs(drive.rate) > 0 for drive in rig.drives):
         rig.adapter.sleep(0.001)
         assert rig.bus.time - died < 0.1
-    assert [drive.fault_numbers for drive in rig.drives] == [(129,), (129,)]
+    assert [drive.power.faults for drive in rig.drives] == [[129], [129]]
 
 
 def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
@@ -142,7 +142,7 @@ def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
     rig.servos.stop()
     for drive in rig.drives:
         assert drive.state is Power.SWITCH_ON_DISABLED
-        assert not drive.fault_numbers
+        assert not drive.power.faults
         assert abs(drive.rate) < 0.01
     rig.servos.stop()
 

@@ -268,6 +268,11 @@ class ReportDescriptor:
     bits: dict[int, int]
     applications: tuple[int, ...]
 
+    @property
+    def what(self) -> str:
+        """What an interface that has it is, in words."""
+        return ", ".join(map(application, self.applications)) or "without any use"
+
 
 TOUCH_SCREEN = 0x000D_0004
 _FINGER = 0x000D_0022

@@ -18,7 +18,6 @@ from twin.devices.lumio.hid import (
     HidDecoder,
     ReportDescriptor,
     TouchLayout,
-    application,
     parse,
 )
 from twin.devices.lumio.protocols import Decoder
@@ -69,14 +68,7 @@ class Interface(NamedTuple):
     @property
     def what(self) -> str:
         """What it is, in words."""
-        return described(self.descriptor)
-
-
-def described(descriptor: ReportDescriptor | None) -> str:
-    """What an interface is, in words, by its report descriptor."""
-    if descriptor is None:
-        return "without a readable report descriptor"
-    return ", ".join(map(application, descriptor.applications)) or "without any use"
+        return self.descriptor.what if self.descriptor else "without a readable report descriptor"
 
 
 def identify(port: str, root: Path = HIDRAW_CLASS) -> UsbIdentity | None:
@@ -258,8 +250,8 @@ class HidrawDevice(Transport):
         if layout is None:
             others = ", ".join(each.port for each in touch_screens())
             hint = f"; the touch screen is {others}" if others else ""
-            what = described(descriptor)
-            raise ScreenError(f"touch screen {self.port}: no touch screen but {what}{hint}")
+            what = f"no touch screen but {descriptor.what}{hint}"
+            raise ScreenError(f"touch screen {self.port}: {what}")
         return HidDecoder(layout)
 
     def _open(self) -> int:
