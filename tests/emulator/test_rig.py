@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from multiprocessing import active_children
 
 import pytest
 from click.testing import CliRunner
@@ -193,9 +194,11 @@ def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):
 
 
 def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):
+    before = set(active_children())
     with emulated(scenario("plant.kind=lagrange")) as rig:
         assert rig.tell("lift") == "ball lifted"
         assert rig.tell("dance").startswith("known: sto")
-        pid = rig.pid
+        (process,) = set(active_children()) - before
+        pid = process.pid
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)

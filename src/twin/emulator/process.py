@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from twin.emulator.can_slcan import check_pseudo_terminals
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError
-from twin.jobs import program_left_out, undisturbed
+from twin.jobs import let_go, program_left_out, undisturbed
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
@@ -122,21 +122,13 @@ class Emulator:
     """A virtual rig in another process.
 
     Args:
-        process: The process.
         pipe: The way to it.
         tables: The rig file that a host needs.
         pauses: Tells when the computer paused.
     """
 
-    def __init__(
-        self,
-        process: multiprocessing.context.SpawnProcess,
-        pipe: Connection,
-        tables: Tables,
-        pauses: PauseWatch,
-    ) -> None:
-        self.tables, self.pauses = tables, pauses
-        self._process, self._pipe = process, pipe
+    def __init__(self, pipe: Connection, tables: Tables, pauses: PauseWatch) -> None:
+        self._pipe, self.tables, self.pauses = pipe, tables, pauses
 
     def tell(self, word: str) -> str:
         """Do something to the rig, as ``VirtualRig.obey`` says; what was done.
@@ -162,11 +154,6 @@ class Emulator:
         with suppress(OSError):  # a rig that has ended shows in its devices
             self._pipe.send(BEGIN)
 
-    @property
-    def pid(self) -> int:
-        """Its process."""
-        return self._process.pid or os.getpid()
-
 
 @contextmanager
 def emulated(scenario: Scenario) -> Iterator[Emulator]:
@@ -185,13 +172,11 @@ def emulated(scenario: Scenario) -> Iterator[Emulator]:
     theirs.close()
     try:
         with _apart(process.pid or 0):
-            yield Emulator(process, ours, _rig_file(ours), PauseWatch(cells, 0))
+            yield Emulator(ours, _rig_file(ours), PauseWatch(cells, 0))
     finally:
         ours.close()
         process.join(2.0)
-        if process.is_alive():
-            process.kill()
-            process.join()
+        let_go(process)
 
 
 def _rig_file(pipe: Connection) -> Tables:
