@@ -24,7 +24,7 @@ from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import Scheduling
 from twin.emulator.can_bus import DirectBus, EmulatedBus
 from twin.emulator.drive import EmulatedDrive, Power
-from twin.emulator.screen import ScreenFault, ScreenLine
+from twin.emulator.screen import ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import EmulatedPlant
 from twin.hal.interface import Touch
@@ -316,7 +316,3 @@ class LockstepRig(HardwareRig):
             idle, self.hang = self.stall + self.hang, 0.0
             self.sleep(idle)
         super().wait()
-
-    def inject(self, fault: ScreenFault, lasting: float) -> None:
-        """Put a fault of the screen in force from now on, for a time in s."""
-        self.line.damage.inject(fault, self.now() + lasting)

@@ -52,7 +52,7 @@ def refused_reset(rig: LockstepRig) -> None:
 
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
     """What the screen sends has a fault, by its name, for some seconds."""
-    rig.inject(ScreenFault[fault], lasting)
+    rig.line.damage.inject(ScreenFault[fault], rig.now() + lasting)
 
 
 def stall(rig: LockstepRig, periods: int) -> None:

@@ -375,14 +375,9 @@ class HidDecoder(Decoder):
 
     def __init__(self, layout: TouchLayout) -> None:
         super().__init__()
-        self.layout = layout
+        self.layout, self.extent = layout, layout.extent
         self._left = 0
         self._down: set[int] = set()
-
-    @property
-    def extent(self) -> tuple[float, float] | None:
-        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
-        return self.layout.extent
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports in these bytes, oldest first."""

@@ -73,11 +73,8 @@ class Decoder(ABC):
 
     def __init__(self) -> None:
         self.stats = DecoderStats()
-
-    @property
-    def extent(self) -> tuple[float, float] | None:
-        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
-        return None
+        self.extent: tuple[float, float] | None = None
+        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
 
     @abstractmethod
     def feed(self, data: bytes) -> list[Report]:

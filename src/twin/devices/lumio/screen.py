@@ -158,12 +158,9 @@ class LumioScreen:
         try:
             data = self._port.read(self.WAIT)
         except ScreenError as error:
-            self._gone(error)
+            self.connected = False
+            self._port.close()
+            self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])
             return 0
         self.stream.take(self._now(), data)
         return len(data)
-
-    def _gone(self, error: ScreenError) -> None:
-        self.connected = False
-        self._port.close()
-        self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])
