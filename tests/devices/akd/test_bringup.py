@@ -5,7 +5,7 @@ from stepped import SteppedDrives
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.network import Network
+from twin.devices.akd.network import Network, absent
 from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.lockstep import LockstepRig
 from twin.errors import RigError
@@ -324,3 +324,9 @@ def test_a_motor_still_running_out_is_waited_for(rig):
     rig.drives[0].motor.rate = 3.0
     rig.servos.start()
     assert abs(rig.drives[0].rate) < 0.01
+
+
+def test_a_silent_drive_is_told_with_the_nodes_that_were_heard_not_with_those_spoken_to():
+    network = Network(None, 1.0, lambda: 0.0)
+    network.identifiers |= {0x080, 0x602, 0x701, 0x703}
+    assert "(heard nodes 3)" in absent(network, AxisConfig(name="phi", node=1))
