@@ -18,9 +18,8 @@ import numpy as np
 
 from controllers.arrays import Array
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.serve import EmulatedPlant
 from twin.hal.cams import CamTable
-from twin.run.assemble import assemble, build_controller, build_limits
+from twin.run.assemble import assemble, build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario import load
@@ -49,13 +48,11 @@ def path(step: float, run: str, seconds: float = SECONDS) -> tuple[Array, Array]
     scenario = load(about["scenario"], [*about["set"], *given])
     ticks = round(seconds / PERIOD)
     if about.get("wired"):
-        plant = EmulatedPlant(scenario)
-        limits = build_limits(scenario.rig.limits)
-        rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
+        rig = LockstepRig(scenario)
         controller = build_controller(scenario)
         record, balls = Recorder(ticks, 1, PERIOD, keep=("estimate",)), []
         # such a rig does not know the truth, its plant does
-        record.observers.append(lambda *_: balls.append(plant.devices.state[0, 0::4]))
+        record.observers.append(lambda *_: balls.append(rig.plant.devices.state[0, 0::4]))
         drive(rig, controller, seconds, record)
         ball = np.array(balls)
     else:

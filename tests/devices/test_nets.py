@@ -106,7 +106,7 @@ def test_the_load_of_the_bus_is_that_of_its_frames(bitrate, period, load):
 
 def test_every_run_is_warned_of_a_relaxed_net(scenario):
     words = rig(drives={"silence": 0.5}).relaxed(0.002)
-    made = LockstepRig.of(scenario("plant.kind=lagrange"), relaxed=words)
+    made = LockstepRig(scenario("plant.kind=lagrange"), relaxed=words)
     for _ in range(2):
         with made:
             made.read()

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from stepped import SteppedDrives
 
 import ballplate as bp
 from twin.cli.rig import doctor
@@ -22,13 +23,12 @@ from twin.doctor.computer import computer
 from twin.doctor.examine import _drives
 from twin.doctor.limits import limits
 from twin.doctor.touch import swapped
-from twin.emulator.drive import DriveSettings, EmulatedDrive
-from twin.emulator.lockstep import LockstepDrives, LockstepRig
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.lockstep import LockstepRig
 from twin.emulator.serve import EmulatedPlant
 from twin.errors import TwinError
 from twin.hal.cams import CamTable, FixedRatio
 from twin.paths import model_path
-from twin.run.assemble import build_limits
 from twin.run.finished import record_run, run
 from twin.scenario import load
 from twin.scenario.rig import check_rig
@@ -41,7 +41,7 @@ def by_name(results):
 
 
 def examined(config=None, act=lambda rig: None):
-    with LockstepDrives(config) as rig:
+    with SteppedDrives(config) as rig:
         act(rig)
         found = list(drives.bus(rig.servos.config, rig.servos))
         if rig.servos.axes:
@@ -89,7 +89,7 @@ def test_a_drive_that_goes_on_without_heartbeat_fails():
         for drive in rig.drives:
             drive.store.set(0x1016, 1, 0)
 
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         deaf(rig)
         found = by_name(drives.torque(rig.servos))
@@ -117,10 +117,7 @@ def test_an_absent_drive_is_named_with_what_to_do():
 @pytest.mark.parametrize("late", [0.02, 0.08])
 def test_the_dead_time_of_a_rig_on_the_wire_is_identified_to_5_ms(scenario, late, tmp_path):
     chosen = load("excite", [f"sensors.touch.dead_time={late}", "plant.kind=lagrange"])
-    plant = EmulatedPlant(chosen)
-    limits = build_limits(chosen.rig.limits)
-    rig = LockstepRig(plant, transmission=plant.transmission, limits=limits)
-    record_run(run(chosen, rig=rig), tmp_path)
+    record_run(run(chosen, rig=LockstepRig(chosen)), tmp_path)
     found = bp.identify(tmp_path).settings["sensors"]["touch"]["dead_time"]
     assert abs(found - late) < 0.005
 
@@ -185,7 +182,7 @@ def test_the_cams_of_a_rig_are_measured_to_two_counts_of_its_encoders():
     plant = EmulatedPlant(load("circle", quiet))
     true = CamTable.from_file(model_path("cams.json"))
     wrong = CamTable(true.grid, 1.04 * true.angles + 0.01 * true.angles[..., ::-1] ** 2)
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
         found = measure(rig.servos, wrong, reach=np.radians(5), lines=5)
@@ -227,7 +224,7 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
     plant = EmulatedPlant(chosen)
     plant.attach(rig.drives)
     if crossed:
-        phi, theta = (drive.sense for drive in rig.drives)
+        phi, theta = (drive.motor.sense for drive in rig.drives)
         seen = {}
 
         def first(shaft, angle):
@@ -247,10 +244,10 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
 @pytest.mark.parametrize("nodes", [(1, 2), (2, 1)])
 def test_drives_that_are_exchanged_are_found_by_looking_without_a_ball(scenario, nodes):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
-    made = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    made = [EmulatedDrive(node) for node in (1, 2)]
     phi, theta = AkdConfig().axes
     config = AkdConfig(axes=(replace(phi, node=nodes[0]), replace(theta, node=nodes[1])))
-    with LockstepDrives(config, made) as rig:
+    with SteppedDrives(config, made) as rig:
         plant = rig_on_a_plant(chosen, rig)
         plant.present = False
         rig.servos.start()
@@ -277,19 +274,19 @@ def slow(_):
     ids=["nobody", "slow"],
 )
 def test_whoever_is_asked_may_take_their_time_or_not_be_there(scenario, ask, status):
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         plant = rig_on_a_plant(scenario("plant.kind=lagrange"), rig)
         rig.servos.start()
         before = set(threading.enumerate())
         (found,) = swapped(rig.servos, plant.transmission, ask)
         assert set(threading.enumerate()) == before  # nobody is left who would swallow a line
-        assert not any(drive.fault_numbers for drive in rig.drives)
+        assert not any(drive.power.faults for drive in rig.drives)
     assert found.status is status
 
 
 def test_a_drive_whose_rate_comes_once_is_not_judged_by_it():
     watch = MonitorConfig(stale=200, unsteady=51)
-    with LockstepDrives(AkdConfig(watch=watch)) as rig:
+    with SteppedDrives(AkdConfig(watch=watch)) as rig:
         rig.bus.faults.drop(0x281)
         found = by_name(limits(rig.servos))
     assert found["phi limits"].status is CheckStatus.WARN
@@ -297,7 +294,7 @@ def test_a_drive_whose_rate_comes_once_is_not_judged_by_it():
 
 
 def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         start = rig.servos.start
 
         def once():
@@ -315,7 +312,7 @@ def test_a_refusal_after_the_limits_were_tried_is_a_line(monkeypatch):
 
 def test_plate_encoders_plugged_crosswise_are_named(scenario):
     chosen = scenario("plant.kind=lagrange", "disturbance.variance=[0,0]")
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         plant = rig_on_a_plant(chosen, rig, crossed=True)
         list(drives.bus(rig.servos.config, rig.servos))
         found = by_name(drives.motion(rig.servos, plant.transmission))
@@ -335,11 +332,11 @@ def test_the_doctor_ends_with_ready_or_the_next_step():
 
 
 def test_a_fault_is_reset_on_request_without_leave_to_move():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         rig.drives[0].fail(129)
         found = list(_drives(rig.servos, RIG, lambda _: "", move=False, reset=True))
         fault = by_name(found)["drive phi (node 1) fault"]
         assert fault.seen.startswith("F129 CAN monitoring")
         assert "--reset" in fault.advice
-        assert rig.drives[0].fault_numbers == ()
+        assert rig.drives[0].power.faults == []
         assert not any(drive.enabled for drive in rig.drives)

@@ -1,21 +1,19 @@
 """The doctor tries the drives' limits of speed and acceleration on emulated drives."""
 
 import pytest
+from stepped import SteppedDrives
 
 from twin.doctor import drives
 from twin.doctor.check import CheckStatus
 from twin.doctor.limits import limits
-from twin.emulator.drive import DriveSettings, EmulatedDrive
-from twin.emulator.lockstep import LockstepDrives
+from twin.emulator.drive import EmulatedDrive
 
 
 @pytest.mark.parametrize("parameter_count", [1.0, 1e-5])
 def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more(parameter_count):
     """The drive's found values lie: set in counts of 0.001 rpm, though it counts otherwise."""
-    made = [
-        EmulatedDrive(DriveSettings(node=node, parameter_count=parameter_count)) for node in (1, 2)
-    ]
-    with LockstepDrives(drives=made) as rig:
+    made = [EmulatedDrive(node, parameter_count=parameter_count) for node in (1, 2)]
+    with SteppedDrives(drives=made) as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         found = {each.what: each for each in limits(rig.servos)}
     assert found["phi limits"].status is CheckStatus.FAIL
@@ -23,7 +21,7 @@ def test_a_limit_that_counts_otherwise_than_believed_is_found_by_asking_for_more
 
 
 def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         for drive in rig.drives:
             drive.store.live(0x6083, 0, lambda: 500_000_000)
             drive.store.live(0x6084, 0, lambda: 500_000_000)
@@ -34,7 +32,7 @@ def test_a_ramp_that_counts_otherwise_than_believed_is_found(monkeypatch):
 
 
 def test_after_the_limits_were_tried_the_usual_ones_hold_again():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         found = list(limits(rig.servos))
         assert {each.status for each in found} == {CheckStatus.PASS}
@@ -44,7 +42,7 @@ def test_after_the_limits_were_tried_the_usual_ones_hold_again():
 
 
 def test_limits_are_not_judged_from_answers_with_gaps():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         sleep, slept = rig.servos.sleep, [0]
 
@@ -59,7 +57,7 @@ def test_limits_are_not_judged_from_answers_with_gaps():
 
 
 def test_a_fault_while_the_limits_are_tried_is_called_by_its_name():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         list(drives.bus(rig.servos.config, rig.servos))
         moved = rig.bus.moved
 

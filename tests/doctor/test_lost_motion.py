@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from stepped import SteppedDrives
 
 from twin.doctor.lost_motion import measure
-from twin.emulator.lockstep import LockstepDrives
 from twin.emulator.serve import EmulatedPlant
 from twin.errors import RigError
 from twin.hal.cams import CamTable
@@ -13,7 +13,7 @@ from twin.scenario import load
 
 def measured(*overrides, amplitude=0.4, rate=3.0, act=lambda rig: None):
     plant = EmulatedPlant(load("circle", overrides))
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         plant.attach(rig.drives)
         rig.bus.moved = plant.advance
         act(rig)

@@ -67,7 +67,7 @@ def test_a_screen_that_sends_nothing_is_told_apart_from_one_that_is_not_understo
 
 def test_a_rig_switched_on_with_a_wrong_protocol_says_which_one_is_spoken(scenario):
     wrong = LumioConfig(port="emulated", protocol="elo")
-    rig = LockstepRig.of(scenario(), touch=wrong)
+    rig = LockstepRig(scenario(), touch=wrong)
     with pytest.raises(RigError, match="the bytes are of microtouch, not of elo"):
         rig.__enter__()
 

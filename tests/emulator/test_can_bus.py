@@ -6,19 +6,20 @@ import time
 
 import can
 import pytest
+from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus, ErrorFrames, message
 from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.can_slcan import BusServer
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.drive import EmulatedDrive, Power
 from twin.emulator.process import PauseWatch
 
 
 @pytest.fixture
 def bus():
-    return EmulatedBus([EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)])
+    return EmulatedBus([EmulatedDrive(node) for node in (1, 2)])
 
 
 class VirtualPort:
@@ -53,7 +54,7 @@ class VirtualPort:
 
 @pytest.mark.real_time
 def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
-    with VirtualPort(bus, "bring-up") as port, BusServer(bus, port) as server:
+    with VirtualPort(bus, "bring-up") as port, serving(BusServer(bus, port)) as server:
         # Patient, because the machine that runs the tests may be busy.
         channel = BusConfig(interface="virtual", channel="bring-up")
         config = AkdConfig(
@@ -74,7 +75,7 @@ def test_the_servos_run_on_any_interface_of_python_can_in_real_time(bus):
             servos.stop()
         with server.lock:
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
-            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+            assert [drive.power.faults for drive in bus.drives] == [[], []]
 
 
 def frames(faults, count=100, cob_id=0x181):
@@ -116,7 +117,7 @@ def test_a_delayed_frame_comes_later_and_once(bus):
 
 @pytest.mark.real_time
 def test_an_emulator_that_starves_says_how_far_it_was_behind(bus):
-    with VirtualPort(bus, "starved") as port, BusServer(bus, port) as server:
+    with VirtualPort(bus, "starved") as port, serving(BusServer(bus, port)) as server:
         with server.lock:
             time.sleep(0.08)
         deadline = time.monotonic() + 10.0

@@ -15,7 +15,7 @@ AT = 0.4
 
 def measured(change):
     scenario = load("circle", ["duration=0.8", f"change={change}"])
-    rig = LockstepRig.of(scenario)
+    rig = LockstepRig(scenario)
     follow_changes(rig, scenario, rig.plant.transmission, rig.plant.begin)
     record = Recorder(400, 1, rig.period)
     drive(rig, build_controller(scenario), scenario.duration, record)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.emulator.can_faults import Frame
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power, PowerStage
+from twin.emulator.drive import EmulatedDrive, Power, PowerStage
 
 NODE = 5
 HOST = 127
@@ -14,7 +14,7 @@ HOST = 127
 
 @pytest.fixture
 def drive():
-    made = EmulatedDrive(DriveSettings(node=NODE))
+    made = EmulatedDrive(NODE)
     assert made.step(0.001) == [Frame(0x700 + NODE, b"\0")]
     return made
 
@@ -90,7 +90,7 @@ def test_a_wrong_write_is_aborted_with_its_code(drive, index, sub, value, size, 
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8), st.booleans())))
 @settings(max_examples=60)
 def test_any_frame_at_all_is_borne(sent):
-    drive = EmulatedDrive(DriveSettings(node=NODE))
+    drive = EmulatedDrive(NODE)
     drive.receive(Frame(0, bytes((1, NODE))))
     for cob_id, data, remote in sent:
         for answer in drive.receive(Frame(cob_id, data, remote)):
@@ -197,7 +197,7 @@ def test_the_velocity_ramps_as_set_and_holds(drive):
     assert drive.rate == pytest.approx(1.0, rel=1e-6)
     run(drive, 0.02)
     assert drive.rate == pytest.approx(2.0, rel=1e-4)
-    counts, angle = drive.motor.position, 2.0 * 2.0 / 100 / 2 + 2.0 * 0.01
+    counts, angle = drive.motor.encoder.counts, 2.0 * 2.0 / 100 / 2 + 2.0 * 0.01
     assert counts == pytest.approx(angle / (2 * math.pi) * 2**20, abs=3)
 
 
@@ -217,7 +217,7 @@ def test_a_watched_master_that_falls_silent_is_f129_and_a_braked_stop(drive):
     run(drive, 0.059)
     assert drive.state is Power.OPERATION_ENABLED
     sent = run(drive, 0.01)
-    assert drive.fault_numbers == (129,)
+    assert drive.power.faults == [129]
     assert Frame(0x080 + NODE, b"\x30\x81\x01F129\0") in sent
     assert drive.rate == 0
 
@@ -270,11 +270,11 @@ def test_sto_opened_in_motion_lets_the_motor_run_out(drive):
     run(drive, 0.05)
     drive.open_sto()
     run(drive, 0.1)
-    assert drive.fault_numbers == (602,)
+    assert drive.power.faults == [602]
     assert drive.rate == pytest.approx(2.0 * math.exp(-0.1 / 0.2), rel=0.02)
     control(drive, 0x00, 0x80)
     assert drive.state is Power.FAULT
-    drive.close_sto()
+    drive.power.sto_closed = True
     control(drive, 0x00, 0x80)
     assert drive.state is Power.SWITCH_ON_DISABLED
 
@@ -282,7 +282,7 @@ def test_sto_opened_in_motion_lets_the_motor_run_out(drive):
 def test_enabling_with_sto_open_is_f602(drive):
     drive.open_sto()
     control(drive, 0x06, 0x07)
-    assert drive.fault_numbers == (602,)
+    assert drive.power.faults == [602]
 
 
 def test_losing_the_dc_link_in_motion_is_an_undervoltage(drive):
@@ -290,7 +290,7 @@ def test_losing_the_dc_link_in_motion_is_an_undervoltage(drive):
     drive.power.dc_link = False
     (sent,) = run(drive, 0.001)
     assert sent.data[:3] == b"\x20\x32\x01"
-    assert drive.fault_numbers == (502,)
+    assert drive.power.faults == [502]
 
 
 def test_the_mode_cannot_change_in_motion(drive):
@@ -300,17 +300,17 @@ def test_the_mode_cannot_change_in_motion(drive):
 
 
 def test_a_position_wraps_as_32_bit_counters_do():
-    drive = EmulatedDrive(DriveSettings(node=NODE, start_counts=2**31 - 10))
-    drive.sense(math.radians(1.0), 0.0)
-    assert drive.motor.position == -(2**31) + math.floor(2**20 / 360) - 10
+    drive = EmulatedDrive(NODE, start_counts=2**31 - 10)
+    drive.motor.sense(math.radians(1.0), 0.0)
+    assert drive.motor.encoder.counts == -(2**31) + math.floor(2**20 / 360) - 10
 
 
 def test_a_plant_that_tells_where_it_is_replaces_the_drive_s_own_integration(drive):
-    drive.sense(0.5, -0.1)
+    drive.motor.sense(0.5, -0.1)
     enable(drive, 3.0)
     run(drive, 0.1)
-    assert drive.motor.position == math.floor(0.5 / (2 * math.pi) * 2**20)
-    assert drive.motor.plate == math.floor(-0.1 / (2 * math.pi) * 245760)
+    assert drive.motor.encoder.counts == math.floor(0.5 / (2 * math.pi) * 2**20)
+    assert drive.motor.plate.counts == math.floor(-0.1 / (2 * math.pi) * 245760)
 
 
 def test_a_reboot_forgets_every_setting_and_says_so(drive):

@@ -8,11 +8,11 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+from stepped import SteppedDrives
 
 from twin.devices.akd import dictionary
 from twin.devices.akd.conditions import DriveError
 from twin.emulator import drive_objects
-from twin.emulator.lockstep import LockstepDrives
 
 NODE = 1
 HOST = dictionary.objects()
@@ -33,7 +33,7 @@ def asked(drive, servos):
     receive = drive.receive
 
     def listen(frame):
-        if frame.cob_id == 0x600 + drive.settings.node and len(frame.data) == 8:
+        if frame.cob_id == 0x600 + drive.node and len(frame.data) == 8:
             command = frame.data[0]
             key = (int.from_bytes(frame.data[1:3], "little"), frame.data[3])
             size = None if command == READ else 4 - (command >> 2 & 3)
@@ -48,7 +48,7 @@ def asked(drive, servos):
 @cache
 def brought_up():
     """What a host asks for while it brings a drive up, enables it and watches it for a second."""
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         return asked(rig.drives[0], lambda: rig.enabled().run(1.0))
 
 
@@ -76,7 +76,7 @@ def test_every_write_has_the_size_that_both_dictionaries_say():
 
 
 def test_pdos_carry_only_what_a_drive_lets_them_carry():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         rig.enabled()
         store = rig.drives[0].store
         for index, access in ((0x1600, {"rww"}), (0x1A00, {"ro", "rww"}), (0x1A01, {"ro", "rww"})):
@@ -111,7 +111,7 @@ OTHER = {"U8": "U16", "U16": "U8", "U32": "U16", "I8": "I16", "I16": "I32", "I32
 
 def start_refused(*others):
     """How a start is refused, in one line; others: exceptions that will do as well."""
-    with pytest.raises((DriveError, *others)) as caught, LockstepDrives() as rig:
+    with pytest.raises((DriveError, *others)) as caught, SteppedDrives() as rig:
         rig.servos.start()
     return str(caught.value)
 

@@ -79,7 +79,7 @@ def test_the_command_that_needs_a_port_ends_with_that_line(monkeypatch, tmp_path
 def test_a_rig_whose_process_has_ended_says_so_in_a_line():
     ours, theirs = multiprocessing.Pipe()
     theirs.close()
-    rig = Emulator(None, ours, {}, PauseWatch([0.0] * 6, 0))
+    rig = Emulator(ours, {}, PauseWatch([0.0] * 6, 0))
     rig.begin()
     assert rig.lag() == "emulated rig: its process has ended; was it killed?"
     with pytest.raises(RigError, match="has ended"):

@@ -16,7 +16,7 @@ from twin.scenario import load
 
 
 def tracked(chosen):
-    rig, controller = LockstepRig.of(chosen), build_controller(chosen)
+    rig, controller = LockstepRig(chosen), build_controller(chosen)
     record = Recorder(round(chosen.duration / rig.period), 1, rig.period)
     (outcome,) = drive(rig, controller, chosen.duration, record)
     return rig, record, outcome
@@ -52,7 +52,7 @@ def test_interrupted_while_it_takes_hold_a_rig_is_switched_off(scenario, monkeyp
     def interrupt(_):
         raise KeyboardInterrupt
 
-    rig = LockstepRig.of(scenario("plant.kind=lagrange"))
+    rig = LockstepRig(scenario("plant.kind=lagrange"))
     monkeypatch.setattr(rig, "_anchor", MethodType(interrupt, rig))
     with pytest.raises(KeyboardInterrupt), rig:
         pass
@@ -78,7 +78,7 @@ def test_over_a_minute_the_wire_costs_less_than_a_point_of_tracking_error():
 
 def true_error_percent(chosen, missing=0.0):
     """e_tt of the true ball over the wire, a share of the periods overslept by up to 6 ms."""
-    rig, controller = LockstepRig.of(chosen), build_controller(chosen)
+    rig, controller = LockstepRig(chosen), build_controller(chosen)
     rng, ball = np.random.default_rng(0), []
 
     def keep(tick, measurement):
@@ -113,9 +113,7 @@ def test_a_computer_that_misses_periods_costs_the_cure_hardly_anything():
 
 
 def test_the_noise_of_a_screen_is_drawn_anew_for_every_frame(scenario):
-    plant = LockstepRig.of(
-        scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")
-    ).plant
+    plant = LockstepRig(scenario("plant.kind=lagrange", "sensors.touch.variance=[1e-6,1e-6]")).plant
     found = []
     for _ in range(400):
         plant.advance(FRAME)

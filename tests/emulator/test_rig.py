@@ -12,9 +12,11 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from multiprocessing import active_children
 
 import pytest
 from click.testing import CliRunner
+from serving import serving
 
 from twin.cli.look import export, report
 from twin.cli.rig import toml
@@ -43,7 +45,7 @@ def patient(tables):
 @pytest.fixture
 def virtual(scenario, tmp_path):
     # the mechanism: what the host knows of its rig are real cams
-    with VirtualRig(scenario("plant.kind=mujoco")) as rig, rig.server:
+    with VirtualRig(scenario("plant.kind=mujoco")) as rig, serving(rig.server):
         (tmp_path / "rig.toml").write_text(toml(patient(rig.tables())))
         yield rig
 
@@ -68,8 +70,8 @@ class BusTimes:
         def move(dt):
             moved(dt)
             for drive in bus.drives:
-                node = drive.settings.node
-                if drive.fault_numbers:
+                node = drive.node
+                if drive.power.faults:
                     self.fault.setdefault(node, bus.time)
                 if node in self.fault and drive.rate == 0:
                     self.rest.setdefault(node, bus.time)
@@ -123,7 +125,7 @@ def test_a_killed_host_leaves_drives_that_stop_by_themselves_in_the_time_they_we
         process.kill()
         process.wait()
     assert wait_until(lambda: len(times.rest) == 2, 30)
-    assert [drive.fault_numbers for drive in virtual.drives] == [(MASTER_SILENT,)] * 2
+    assert [drive.power.faults for drive in virtual.drives] == [[MASTER_SILENT]] * 2
     assert not any(drive.enabled for drive in virtual.drives)
     for node in (1, 2):
         assert times.fault[node] - times.heartbeat == pytest.approx(DRIVES["silence"], abs=TICKS)
@@ -192,9 +194,11 @@ def test_the_sto_button_ends_a_run_as_a_fault_with_one_line(virtual, tmp_path):
 
 
 def test_the_process_of_an_emulated_rig_obeys_and_ends(scenario):
+    before = set(active_children())
     with emulated(scenario("plant.kind=lagrange")) as rig:
         assert rig.tell("lift") == "ball lifted"
         assert rig.tell("dance").startswith("known: sto")
-        pid = rig.pid
+        (process,) = set(active_children()) - before
+        pid = process.pid
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)

@@ -1,4 +1,5 @@
 import os
+import random
 import re
 import time
 from contextlib import contextmanager
@@ -6,6 +7,7 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from serving import serving
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bus import open_bus
@@ -13,12 +15,12 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
+from twin.emulator.can_slcan import BusServer, SlcanAdapter, SlcanPort, nothing
+from twin.emulator.drive import EmulatedDrive, Power
 
 
 def drives():
-    return [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+    return [EmulatedDrive(node) for node in (1, 2)]
 
 
 @pytest.fixture
@@ -26,9 +28,31 @@ def bus():
     return EmulatedBus(drives())
 
 
+class FailingPort(SlcanPort):
+    """A port whose line and firmware can fail."""
+
+    garble = 0.0
+    """Share of the bytes towards the computer that are damaged."""
+    stalled = False
+    """Neither reads nor writes."""
+    dice = random.Random(0)
+
+    def wait(self, seconds):
+        time.sleep(seconds) if self.stalled else super().wait(seconds)
+
+    def pump(self, passing=nothing):
+        self._bus.to_host() if self.stalled else super().pump(passing)
+
+    def write(self, data):
+        damaged = (
+            self.dice.randrange(256) if self.dice.random() < self.garble else byte for byte in data
+        )
+        return super().write(bytes(damaged))
+
+
 @pytest.fixture
 def port(bus):
-    with SlcanPort(bus) as made:
+    with FailingPort(bus) as made:
         yield made
 
 
@@ -39,7 +63,8 @@ def brief_farewell(monkeypatch):
 
 
 def config(port, **changes):
-    settings = {"interface": "slcan", "channel": port.channel, "options": {"sleep_after_open": 0.0}}
+    quick = {"sleep_after_open": 0.0}
+    settings = {"interface": "slcan", "channel": str(port.path), "options": quick}
     return BusConfig(**{**settings, **changes})
 
 
@@ -135,17 +160,17 @@ def test_the_adapter_takes_any_bytes_and_answers_every_line(data):
 
 @pytest.mark.real_time
 def test_the_servos_run_over_a_real_pty(bus, port):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         turn(servos, 1.0)
         servos.stop()
         with server.lock:
-            assert [drive.fault_numbers for drive in bus.drives] == [(), ()]
+            assert [drive.power.faults for drive in bus.drives] == [[], []]
             assert [drive.state for drive in bus.drives] == [Power.SWITCH_ON_DISABLED] * 2
 
 
 @pytest.mark.real_time
 def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(bus, port):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         turn(servos, 5.0)
         seen = []
         for _ in range(5):
@@ -158,7 +183,7 @@ def test_syncs_that_waited_for_an_emulator_that_paused_each_have_their_own_time(
 
 def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bus, port):
     told = []
-    handle = os.open(port.channel, os.O_RDWR | os.O_NOCTTY)
+    handle = os.open(str(port.path), os.O_RDWR | os.O_NOCTTY)
     try:
         for number in (1, 4):
             os.write(handle, b"t0800\r" * number)
@@ -173,8 +198,8 @@ def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bu
 @pytest.mark.parametrize(
     ("cause", "condition"),
     [
-        (lambda port, bus: bus.faults.take_off_bus(), c.BUS_OFF),
-        (lambda port, bus: bus.faults.make_passive(), c.ERROR_PASSIVE),
+        (lambda port, bus: setattr(bus.faults, "bus_off", True), c.BUS_OFF),
+        (lambda port, bus: setattr(bus.faults, "error_passive", True), c.ERROR_PASSIVE),
         (lambda port, bus: port.unplug(), c.ADAPTER_GONE),
         (lambda port, bus: setattr(port, "garble", 0.02), c.GARBLED),
         (lambda port, bus: setattr(port, "stalled", True), c.PDO_STALE),
@@ -182,7 +207,7 @@ def test_of_syncs_that_have_waited_it_is_told_which_share_of_the_time_each_is(bu
     ids=["bus off", "error passive", "unplugged", "garbled", "stalled"],
 )
 def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
-    with BusServer(bus, port) as server, servos_on(port) as servos:
+    with serving(BusServer(bus, port)) as server, servos_on(port) as servos:
         servos.start()
         servos.enable()
         run(servos, 0.1)
@@ -196,7 +221,7 @@ def test_trouble_with_the_adapter_is_noticed(bus, port, cause, condition):
 @pytest.mark.real_time
 def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
     bus.bitrate = 500_000
-    with BusServer(bus, port), servos_on(port) as servos:
+    with serving(BusServer(bus, port)), servos_on(port) as servos:
         with pytest.raises(DriveError) as caught:
             servos.start()
         assert caught.value.fault.condition == c.BIT_RATE
@@ -232,6 +257,6 @@ def test_nothing_is_left_open_when_no_drive_answers(port):
         opened.append(open_bus(bus))
         return opened[0]
 
-    with pytest.raises(DriveError), BusServer(EmulatedBus([]), port):
+    with pytest.raises(DriveError), serving(BusServer(EmulatedBus([]), port)):
         AkdServos(AkdConfig(bus=config(port)), opener=opener).start()
     assert not opened[0].serialPortOrig.is_open

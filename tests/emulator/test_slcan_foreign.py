@@ -13,6 +13,7 @@ import pytest
 from can.interfaces.slcan import slcanBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from serving import serving
 
 from twin.devices.akd.bus import PromptSlcanBus
 from twin.emulator.can_bus import EmulatedBus
@@ -65,7 +66,7 @@ def as_frame(message):
 @settings(max_examples=40)
 def test_what_python_can_writes_the_adapter_reads(frames):
     bus = Recorder()
-    with SlcanPort(bus) as port, stock(port.channel) as host:
+    with SlcanPort(bus) as port, stock(str(port.path)) as host:
         for frame in frames:
             host.send(
                 can.Message(
@@ -83,7 +84,7 @@ def test_what_python_can_writes_the_adapter_reads(frames):
 @settings(max_examples=40)
 def test_what_the_adapter_writes_python_can_reads(frames):
     bus = Recorder()
-    with SlcanPort(bus) as port, stock(port.channel) as host:
+    with SlcanPort(bus) as port, stock(str(port.path)) as host:
         pump_until(port, lambda: port.adapter.open)
         bus.queue = list(frames)
         port.pump()
@@ -98,7 +99,7 @@ def test_what_the_adapter_writes_python_can_reads(frames):
 
 def test_python_can_opens_asks_and_closes_the_adapter():
     bus = Recorder()
-    with SlcanPort(bus) as port, BusServer(bus, port), stock(port.channel) as host:
+    with SlcanPort(bus) as port, serving(BusServer(bus, port)), stock(str(port.path)) as host:
         assert host.get_version(10.0) == (10, 13)
         assert host.get_serial_number(10.0) == "EMUL"
         assert port.adapter.open

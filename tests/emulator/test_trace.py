@@ -11,7 +11,7 @@ RPDO1 = 0x201
 
 @pytest.fixture
 def rig(scenario):
-    return LockstepRig.of(scenario())
+    return LockstepRig(scenario())
 
 
 def turn(rig, seconds, rate=0.3):

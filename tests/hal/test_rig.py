@@ -25,7 +25,7 @@ def build(kind, scenario):
     """Two simulated rigs, or one of the hardware's kind on emulated devices."""
     if kind != "emulated":
         return assemble([scenario(f"plant.kind={kind}", *QUIET)] * 2).rig
-    return LockstepRig.of(scenario("plant.kind=mujoco", *QUIET))
+    return LockstepRig(scenario("plant.kind=mujoco", *QUIET))
 
 
 @pytest.fixture(params=[*SIMULATED, "emulated"])

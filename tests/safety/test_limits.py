@@ -5,7 +5,7 @@ import pytest
 
 from controllers.ballplate import BallPlate
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.emulator.drive import DriveSettings, Motor
+from twin.emulator.drive import Motor
 from twin.hal.interface import Clamp, Limits
 from twin.safety import limits
 from twin.safety.case import LEVEL, STILL, FaultCase, Stopper
@@ -59,7 +59,7 @@ def test_where_nobody_has_to_stop_there_is_no_standstill_to_wait_for():
 
 
 def test_a_motor_without_torque_stands_within_its_limit_but_not_within_a_tenth_less():
-    motor, time = Motor(DriveSettings(node=1)), 0.0
+    motor, time = Motor(), 0.0
     motor.rate = rate = AT.rate + 2 * 7 * PERIOD
     while abs(motor.rate) > STILL:
         motor.coast(PERIOD / 4)

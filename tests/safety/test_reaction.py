@@ -23,7 +23,7 @@ class Seen:
 
     def between(self, begin, end):
         at = (begin <= TIME) & (end >= TIME)
-        parts = (TIME, self._plate, self._rate, self._ball, self._ball)
+        parts = (TIME, self._plate, self._rate, self._ball)
         return TrueMotion(*(part[at] for part in parts))
 
     def state(self, axis, time):
@@ -68,7 +68,7 @@ def test_a_plate_that_is_level_while_its_drives_have_torque_was_levelled():
     stops = both(1.5, ENABLED, QUICK) + both(1.5, QUICK, OFF, lost=True)
     found = judged(Seen(plate, np.zeros_like(TIME), stops), level=True)
     assert found.stopped_by == (Stopper.LEVELLING, Stopper.LEVELLING)
-    assert found.states == (ENABLED, ENABLED)
+    assert found.state == (ENABLED, ENABLED)
     assert found.standstill == pytest.approx(0.3, abs=0.001)
     assert found.torque_off == pytest.approx(0.5, abs=0.001)
 
@@ -78,7 +78,7 @@ def test_a_plate_level_only_after_its_torque_went_was_not_levelled():
     stops = both(1.2, ENABLED, QUICK) + both(1.2, QUICK, OFF, lost=True)
     found = judged(Seen(plate, np.zeros_like(TIME), stops))
     assert found.stopped_by == (Stopper.QUICK_STOP, Stopper.QUICK_STOP)
-    assert found.states == (OFF, OFF)
+    assert found.state == (OFF, OFF)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_the_torque_is_gone_when_the_last_drive_has_lost_it():
 def test_nobody_levels_a_run_that_goes_on():
     seen = Seen(np.zeros_like(TIME), np.zeros_like(TIME), live=True)
     assert judged(seen, ended=False).stopped_by == (Stopper.NOBODY, Stopper.NOBODY)
-    assert judged(seen, ended=False).live
+    assert judged(seen, ended=False).torque
 
 
 def test_the_ball_is_followed_as_far_as_is_asked_and_to_the_end():

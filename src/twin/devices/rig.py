@@ -220,8 +220,4 @@ class HardwareRig(Rig):
             for device in (self.servos, self.screen):
                 for fault in device.faults():
                     if fault.condition.severity is not Severity.WARNING:
-                        raise StartRefusedError(fault, _words(fault))
-
-
-def _words(fault: Fault) -> str:
-    return f"{fault}; {fault.condition.recovery}"
+                        raise StartRefusedError(fault, f"{fault}; {fault.condition.recovery}")

@@ -26,25 +26,19 @@ class EmulatedBus:
 
     Args:
         drives: Who is on it; two with one node are allowed, as on a real bus.
-        bitrate: What the drives are set to, bit/s; another adapter hears nothing.
-        faults: The damage; none by default.
     """
 
-    def __init__(
-        self,
-        drives: Sequence[EmulatedDrive],
-        *,
-        bitrate: int = 1_000_000,
-        faults: BusFaults | None = None,
-    ) -> None:
+    def __init__(self, drives: Sequence[EmulatedDrive]) -> None:
         self.drives = list(drives)
-        self.bitrate = bitrate
-        self.faults = faults or BusFaults()
+        self.bitrate = 1_000_000
+        """What the drives are set to, bit/s; another adapter hears nothing."""
+        self.faults = BusFaults()
+        """The damage."""
         self.time = 0.0
         """Seconds that have been stepped."""
         self.moved: Callable[[float], None] = lambda _: None
         """Called after each step with its s, to move a plant: read ``drive.rate``, call
-        ``drive.sense``."""
+        ``drive.motor.sense``."""
         self.heard: Callable[[], None] = lambda: None
         """Called after each frame that the drives have taken in."""
         self.beside: list[tuple[Frame, float]] = []
@@ -116,7 +110,6 @@ class DirectBus(can.BusABC):
 
     def __init__(self, bus: EmulatedBus, step: float = 0.0005) -> None:
         super().__init__(channel="emulated")
-        self.channel_info = "emulated"
         self.plugged = True
         """False: the adapter is gone."""
         self.unreadable_lines = 0
@@ -132,8 +125,11 @@ class DirectBus(can.BusABC):
 
     def sleep(self, seconds: float) -> None:
         """Let the bus's time pass."""
+        self._wait(seconds, lambda: False)
+
+    def _wait(self, seconds: float, done: Callable[[], object]) -> None:
         end = self._bus.time + seconds
-        while (left := end - self._bus.time) > 0:
+        while not done() and (left := end - self._bus.time) > 0:
             # A step too small to count would let whoever waits for a deadline wait for ever.
             self._bus.step(max(_INSTANT, min(self._step, left)))
 
@@ -158,16 +154,14 @@ class DirectBus(can.BusABC):
             CanOperationError: The adapter is gone.
         """
         self._check()
-        end = self._bus.time + (timeout or 0.0)
-        self._collect()
-        while not self._inbox and (left := end - self._bus.time) > 0:
-            self._bus.step(max(_INSTANT, min(self._step, left)))
-            self._collect()
+        self._wait(timeout or 0.0, self._collected)
         return self._inbox.popleft() if self._inbox else None
 
-    def _collect(self) -> None:
+    def _collected(self) -> bool:
+        """Whether anything is there, now that it has been looked for."""
         self._inbox.extend(self._errors.new())
         self._inbox.extend(message(each.cob_id, each.data) for each in self._bus.to_host())
+        return bool(self._inbox)
 
     def _check(self) -> None:
         if not self.plugged:

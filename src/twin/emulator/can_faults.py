@@ -7,9 +7,9 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Flag, auto
-from typing import NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple
 
-Bytes = Callable[[bytes, random.Random], bytes]
+Bytes = Callable[[bytes], bytes]
 Ids = int | Iterable[int] | None
 
 
@@ -33,19 +33,6 @@ class Towards(Flag):
     HOST = auto()
     DRIVES = auto()
     BOTH = HOST | DRIVES
-
-
-class When(TypedDict, total=False):
-    """Which of the frames are hit, see ``BusFaults``."""
-
-    after: float
-    lasting: float
-    share: float
-    towards: Towards
-
-
-def _same(data: bytes, _: random.Random) -> bytes:
-    return data
 
 
 @dataclass(frozen=True)
@@ -95,53 +82,37 @@ class BusFaults:
         """Bus time in s; the bus sets it."""
         self._random = random.Random(seed)
         self._rules: list[Rule] = []
-        self._off_until = self._passive_until = -math.inf
-
-    @property
-    def bus_off(self) -> bool:
-        """Whether the host's adapter is off the bus."""
-        return self.time < self._off_until
-
-    @property
-    def error_passive(self) -> bool:
-        """Whether the host's adapter is error passive."""
-        return self.time < self._passive_until
-
-    def take_off_bus(self, lasting: float = math.inf) -> None:
-        """Let the adapter go bus-off: nothing passes either way."""
-        self._off_until = self.time + lasting
-
-    def make_passive(self, lasting: float = math.inf) -> None:
-        """Let the adapter be error passive: frames still pass."""
-        self._passive_until = self.time + lasting
+        self.bus_off = self.error_passive = False
+        """Whether the host's adapter is off the bus, so that nothing passes either way; whether it
+        is error passive: frames still pass."""
 
     def clear(self) -> None:
         """End all damage."""
         self._rules.clear()
-        self._off_until = self._passive_until = -math.inf
+        self.bus_off = self.error_passive = False
 
-    def drop(self, cob_id: Ids = None, **when: Unpack[When]) -> None:
+    def drop(self, cob_id: Ids = None, **when: Any) -> None:
         """Lose frames."""
         self._add(cob_id, None, **when)
 
-    def delay(self, cob_id: Ids = None, *, by: float, **when: Unpack[When]) -> None:
+    def delay(self, cob_id: Ids = None, *, by: float, **when: Any) -> None:
         """Deliver frames later by a time in s."""
         self._add(cob_id, delays=(by,), **when)
 
-    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Unpack[When]) -> None:
+    def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Any) -> None:
         """Deliver frames twice, a time in s apart."""
         self._add(cob_id, delays=(0.0, apart), **when)
 
-    def truncate(self, cob_id: Ids = None, *, to: int, **when: Unpack[When]) -> None:
+    def truncate(self, cob_id: Ids = None, *, to: int, **when: Any) -> None:
         """Cut frames to some bytes."""
-        self._add(cob_id, lambda data, _: data[:to], **when)
+        self._add(cob_id, lambda data: data[:to], **when)
 
-    def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
+    def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Any) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
-        self._add(cob_id, lambda old, _: old[:at] + data + old[end:], **when)
+        self._add(cob_id, lambda old: old[:at] + data + old[end:], **when)
 
-    def silence(self, node: int, **when: Unpack[When]) -> None:
+    def silence(self, node: int, **when: Any) -> None:
         """Lose everything a node says."""
         services = (0x080, 0x180, 0x280, 0x380, 0x480, 0x580, 0x700)
         when.setdefault("towards", Towards.HOST)
@@ -158,7 +129,7 @@ class BusFaults:
                 if change is None:
                     return []
                 copies = [
-                    (late + delay, each._replace(data=change(each.data, self._random)))
+                    (late + delay, each._replace(data=change(each.data)))
                     for late, each in copies
                     for delay in rule.delays
                 ]
@@ -167,9 +138,9 @@ class BusFaults:
     def _add(
         self,
         cob_id: Ids,
-        change: Bytes | None = _same,
+        change: Bytes | None = bytes,
         delays: tuple[float, ...] = (0.0,),
-        **when: Unpack[When],
+        **when: Any,
     ) -> None:
         ids = [cob_id] if isinstance(cob_id, int) else cob_id
         chosen = None if ids is None else frozenset(ids)

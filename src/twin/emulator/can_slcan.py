@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import select
 import sys
 import tempfile
@@ -21,7 +20,7 @@ from twin.errors import RigError
 
 
 class PseudoTerminal:
-    """A port that another program can open, and the end from which it is served.
+    """A port that another program can open, and the end from which it is served; context manager.
 
     Args:
         name: What the port is called, in a temporary folder.
@@ -37,6 +36,8 @@ class PseudoTerminal:
         """The port to open; stays the same when unplugged and plugged in again."""
         self.handle = self._port = -1
         """File descriptor to read from and write to, which never blocks; -1 while unplugged."""
+        self._lock = threading.Lock()
+        """Is held by whoever writes or takes the port away."""
 
     def plug(self) -> None:
         """Bring the port up, freshly."""
@@ -51,17 +52,30 @@ class PseudoTerminal:
 
     def unplug(self) -> None:
         """Take the port away, as when the cable is pulled."""
-        self.path.unlink(missing_ok=True)
-        handles, self.handle, self._port = (self.handle, self._port), -1, -1
-        for handle in handles:
-            if handle >= 0:
-                with suppress(OSError):
-                    os.close(handle)
+        with self._lock:
+            self.path.unlink(missing_ok=True)
+            handles, self.handle, self._port = (self.handle, self._port), -1, -1
+            for handle in handles:
+                if handle >= 0:
+                    with suppress(OSError):
+                        os.close(handle)
+
+    def write(self, data: bytes) -> int:
+        """Write what there is room for; how many bytes that was, none while unplugged."""
+        with self._lock, suppress(OSError):
+            return os.write(self.handle, data) if self.handle >= 0 else 0
+        return 0
 
     def close(self) -> None:
         """Take the port away for good."""
         self.unplug()
         self._folder.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def check_pseudo_terminals() -> None:
@@ -186,60 +200,30 @@ class SlcanAdapter:
         return b"F%02X\r" % flags if self.open else _ERROR
 
 
-class SlcanPort:
-    """The adapter on a pseudo-terminal; nothing it does waits. A context manager.
+class SlcanPort(PseudoTerminal):
+    """The adapter on a pseudo-terminal; nothing it does waits.
 
     Args:
         bus: What it is on.
-        seed: Of the bytes garbled.
 
     Raises:
         RigError: This system has no pseudo-terminals.
     """
 
-    def __init__(self, bus: EmulatedBus, seed: int = 0) -> None:
-        self.garble = 0.0
-        """Share of the bytes towards the computer that are damaged."""
-        self.stalled = False
-        """Neither reads nor writes, as an adapter whose firmware hangs."""
+    def __init__(self, bus: EmulatedBus) -> None:
+        super().__init__("slcan")
         self._bus = bus
-        self._random = random.Random(seed)
-        self._terminal = PseudoTerminal("slcan")
-        self.replug()
+        self.plug()
 
-    @property
-    def channel(self) -> str:
-        """What python-can is given; stays the same when unplugged and plugged in again."""
-        return str(self._terminal.path)
-
-    @property
-    def handle(self) -> int:
-        """File descriptor of the adapter's end; -1 while unplugged."""
-        return self._terminal.handle
-
-    def unplug(self) -> None:
-        """Take the port away, as when the cable is pulled."""
-        self._terminal.unplug()
-
-    def replug(self) -> None:
-        """Bring the port back under the same path, with a fresh adapter."""
+    def plug(self) -> None:
+        """Bring the port up with a fresh adapter."""
         self.adapter = SlcanAdapter(self._bus)
-        self._terminal.plug()
-
-    def close(self) -> None:
-        """Take the port away for good."""
-        self._terminal.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        super().plug()
 
     def wait(self, seconds: float) -> None:
         """Wait until the computer sends something, at most for a time in s."""
         with suppress(OSError, ValueError):
-            ports = [] if self.handle < 0 or self.stalled else [self.handle]
+            ports = [] if self.handle < 0 else [self.handle]
             select.select(ports, [], [], seconds)
 
     def pump(self, passing: Passing = nothing) -> None:
@@ -248,7 +232,7 @@ class SlcanPort:
         Args:
             passing: Is told after each SYNC of those that have waited which share of them that was.
         """
-        if self.handle < 0 or self.stalled:
+        if self.handle < 0:
             self._bus.to_host()
             return
         with suppress(OSError):
@@ -257,20 +241,11 @@ class SlcanPort:
                 data += os.read(self.handle, 4096)
             *waited, newest = data.split(_SYNC)
             for number, part in enumerate(waited, start=1):
-                self._write(self.adapter.feed(part + _SYNC))
-                self._write(self.adapter.heard())
+                self.write(self.adapter.feed(part + _SYNC))
+                self.write(self.adapter.heard())
                 passing(number / len(waited))
-            self._write(self.adapter.feed(newest))
-            self._write(self.adapter.heard())
-
-    def _write(self, data: bytes) -> None:
-        if self.garble:
-            data = bytes(
-                self._random.randrange(256) if self._random.random() < self.garble else byte
-                for byte in data
-            )
-        if data:
-            os.write(self.handle, data)
+            self.write(self.adapter.feed(newest))
+            self.write(self.adapter.heard())
 
 
 def _written(frame: Frame) -> bytes:
@@ -290,7 +265,7 @@ def _read(line: bytes) -> Frame | None:
 
 
 class BusServer:
-    """Pumps a port and steps its bus in real time; a context manager that does so in a thread.
+    """Pumps a port and steps its bus in real time.
 
     Time that the computer took away is stepped later in whole steps, at most ``BACKLOG`` of it;
     for what ``paused`` says of it the bus's time stands still.
@@ -314,10 +289,9 @@ class BusServer:
         self.paused: Paused = never
         self._step = step
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
 
     def run(self) -> None:
-        """Serve until ``stop`` is called; in the calling thread."""
+        """Serve until ``stop`` is called."""
         stepped = before = time.monotonic()
         while not self._stop.is_set():
             self.port.wait(max(0.0, stepped + self._step - time.monotonic()))
@@ -339,15 +313,5 @@ class BusServer:
                 passing(1.0)
 
     def stop(self) -> None:
-        """End ``run``, wherever it runs."""
+        """End ``run``, from another thread."""
         self._stop.set()
-
-    def __enter__(self) -> Self:
-        self._thread = threading.Thread(target=self.run, name="emulated CAN", daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-        if self._thread is not None:
-            self._thread.join()

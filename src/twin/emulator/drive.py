@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 
@@ -31,76 +30,58 @@ STOP_RAMP = 1000.0
 """Deceleration of quick stop and fault reaction in rad/s^2; assumed."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveSettings:
-    """One drive with its motor and its second encoder.
-
-    Attributes:
-        node: CANopen node, 1 to 127.
-        motor_counts: Counts per motor revolution, a power of 2.
-        start_counts: Motor position at power-up; near 2^31 it soon wraps.
-        parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
-    """
-
-    node: int
-    motor_counts: int = 1 << 20
-    start_counts: int = 0
-    parameter_count: float = 0.001
-
-
+MOTOR_COUNTS = 1 << 20
+"""Counts per motor revolution."""
 TURN = 2 * math.pi
 
 
-def int32(counts: int) -> int:
-    """Counts as a 32-bit counter shows them, wrapped."""
-    return (counts + (1 << 31)) % (1 << 32) - (1 << 31)
+class Encoder:
+    """A counter on a shaft, of signed 32 bits.
+
+    Args:
+        turn: Counts per revolution.
+        start: What it shows at an angle of zero; near 2^31 it soon wraps.
+    """
+
+    def __init__(self, turn: int, start: int = 0) -> None:
+        self.frozen = False
+        self._turn, self._offset, self._shown = turn, start, 0
+
+    @property
+    def counts(self) -> int:
+        """What it shows, wrapped."""
+        return (self._shown + self._offset + (1 << 31)) % (1 << 32) - (1 << 31)
+
+    def jump(self, counts: int) -> None:
+        """Let it jump."""
+        self._offset += counts
+
+    def look(self, angle: float) -> None:
+        """Take in the shaft's angle in rad."""
+        if not self.frozen:
+            self._shown = math.floor(angle / TURN * self._turn)
 
 
 class Motor:
     """Shaft and encoders of a drive.
 
     Args:
-        settings: Encoders and how it runs out.
+        start_counts: Motor position at power-up.
     """
 
-    def __init__(self, settings: DriveSettings) -> None:
+    def __init__(self, start_counts: int = 0) -> None:
         self.rate = 0.0
         """Shaft rate in rad/s."""
         self.limited = False
         """Whether the velocity limit cut the target."""
-        self.frozen = False
-        self.frozen_plate = False
-        self._settings = settings
-        self._angle = self._plate = 0.0
+        self.encoder, self.plate = Encoder(MOTOR_COUNTS, start_counts), Encoder(COUNTS)
+        self._angle = 0.0
         self._sensed = False
-        self._offset = settings.start_counts
-        self._plate_offset = 0
-        self._shown = self._plate_shown = 0
-        self._look()
-
-    @property
-    def position(self) -> int:
-        """Motor counter."""
-        return int32(self._shown + self._offset)
-
-    @property
-    def plate(self) -> int:
-        """Second counter."""
-        return int32(self._plate_shown + self._plate_offset)
-
-    def jump(self, counts: int) -> None:
-        """Let the motor counter jump."""
-        self._offset += counts
-
-    def jump_plate(self, counts: int) -> None:
-        """Let the second counter jump."""
-        self._plate_offset += counts
 
     def sense(self, motor: float, plate: float) -> None:
         """Where shaft and plate are, rad; from now on nothing is integrated here."""
         self._sensed = True
-        self._angle, self._plate = motor, plate
-        self._look()
+        self._look(motor, plate)
 
     def follow(
         self, target: float, ramps: tuple[float, float], limits: MotionLimits, dt: float
@@ -121,16 +102,12 @@ class Motor:
     def _go(self, rate: float, dt: float) -> None:
         if not self._sensed:
             self._angle += (self.rate + rate) / 2 * dt
-            self._plate = PLATE_PER_MOTOR * self._angle
+            self._look(self._angle, PLATE_PER_MOTOR * self._angle)
         self.rate = rate
-        self._look()
 
-    def _look(self) -> None:
-        settings = self._settings
-        if not self.frozen:
-            self._shown = math.floor(self._angle / TURN * settings.motor_counts)
-        if not self.frozen_plate:
-            self._plate_shown = math.floor(self._plate / TURN * COUNTS)
+    def _look(self, motor: float, plate: float) -> None:
+        self.encoder.look(motor)
+        self.plate.look(plate)
 
 
 MotionLimits = tuple[float, float]
@@ -285,11 +262,15 @@ class EmulatedDrive:
     What can be done to it is an attribute or a method of its own.
 
     Args:
-        settings: What is special about it.
+        node: CANopen node, 1 to 127.
+        start_counts: Motor position at power-up; near 2^31 it soon wraps.
+        parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
     """
 
-    def __init__(self, settings: DriveSettings) -> None:
-        self.settings = settings
+    def __init__(self, node: int, *, start_counts: int = 0, parameter_count: float = 0.001) -> None:
+        self.node = node
+        self.parameter_count = parameter_count
+        self._start_counts = start_counts
         self.silent = False
         """Says nothing at all, but keeps running."""
         self.mute: set[int] = set()
@@ -310,27 +291,26 @@ class EmulatedDrive:
 
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
-        settings = self.settings
-        self.store = ObjectStore(settings.node)
+        self.store = ObjectStore(self.node)
         self.power = PowerStage()
-        self.motor = Motor(settings)
+        self.motor = Motor(self._start_counts)
         self.pdos = Pdos(self.store, self._written)
         self.heartbeats = Heartbeats(self.store)
         self.nmt = PRE_OPERATIONAL
         self._out: list[Frame] = [self._own(0x700, b"\0")]
         self._target = 0.0
         store = self.store
-        store.set(0x608F, 1, settings.motor_counts)
+        store.set(0x608F, 1, MOTOR_COUNTS)
         store.live(0x1001, 0, lambda: int(bool(self.power.faults)))
         for place in range(10):
             store.live(0x2001, place + 1, partial(self.power.fault, place))
         store.live(0x6041, 0, lambda: self.status)
         store.live(0x6061, 0, lambda: self.mode)
-        store.live(0x6064, 0, lambda: self.motor.position)
+        store.live(0x6064, 0, lambda: self.motor.encoder.counts)
         store.live(0x606C, 0, lambda: round(self.motor.rate / VELOCITY_UNIT))
         for index, sub in ((0x2050, 0), (0x60E4, 2)):
-            store.live(index, sub, lambda: self.motor.plate)
-        store.live(0x60E4, 1, lambda: self.motor.position)
+            store.live(index, sub, lambda: self.motor.plate.counts)
+        store.live(0x60E4, 1, lambda: self.motor.encoder.counts)
 
     @property
     def rate(self) -> float:
@@ -348,11 +328,6 @@ class EmulatedDrive:
         return self.power.state
 
     @property
-    def fault_numbers(self) -> tuple[int, ...]:
-        """Present faults, oldest first."""
-        return tuple(self.power.faults)
-
-    @property
     def mode(self) -> int:
         """Mode of operation it is in."""
         return self.store.get(0x6060) if self.mode_override is None else self.mode_override
@@ -364,10 +339,6 @@ class EmulatedDrive:
         bits = ((4, self.power.dc_link), (7, self.warning), (9, self.remote), (11, limit))
         return self.power.state | sum(on << bit for bit, on in bits)
 
-    def sense(self, motor: float, plate: float) -> None:
-        """Set where a plant has shaft and plate, rad."""
-        self.motor.sense(motor, plate)
-
     def reboot(self) -> None:
         """Lose the power of the electronics for a moment."""
         rate = self.motor.rate
@@ -378,10 +349,6 @@ class EmulatedDrive:
         """Open the safe torque off input, as an emergency stop button does."""
         self.power.sto_closed = False
 
-    def close_sto(self) -> None:
-        """Close it again; a fault that came of it stays until it is reset."""
-        self.power.sto_closed = True
-
     def fail(self, number: int, *, lasting: bool = False) -> None:
         """Have a fault; lasting: its cause stays until ``restore``."""
         if lasting:
@@ -390,11 +357,10 @@ class EmulatedDrive:
 
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
-        self.close_sto()
         self.power.causes.clear()
-        self.power.dc_link = self.remote = True
+        self.power.sto_closed = self.power.dc_link = self.remote = True
         self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
-        self.motor.frozen = self.motor.frozen_plate = self.warning = False
+        self.motor.encoder.frozen = self.motor.plate.frozen = self.warning = False
         self.mode_override = self.limit_active = None
         self.store.set(0x1018, 1, _VENDOR)
         self.mute.clear()
@@ -408,8 +374,7 @@ class EmulatedDrive:
 
     def receive(self, frame: Frame) -> list[Frame]:
         """Take in any frame on the bus; what it answers at once."""
-        node = self.settings.node
-        service, data = frame.cob_id, frame.data
+        node, service, data = self.node, frame.cob_id, frame.data
         if frame.remote:
             return []
         if service == 0x000 and len(data) == 2 and data[1] in {0, node}:
@@ -448,7 +413,7 @@ class EmulatedDrive:
         return self._sent()
 
     def _own(self, service: int, data: bytes) -> Frame:
-        return Frame(service + self.settings.node, data)
+        return Frame(service + self.node, data)
 
     def _sent(self) -> list[Frame]:
         out, self._out = self._out, []
@@ -481,9 +446,9 @@ class EmulatedDrive:
             self.emergency(emergency_code(number), 0x01, f"F{number}".encode())
 
     def _move(self, dt: float) -> None:
-        settings, store, motor = self.settings, self.store, self.motor
-        unit = settings.parameter_count * _ROTARY[store.get(0x365F)]
-        ramp_unit = settings.parameter_count * _ROTARY[store.get(0x3659)]
+        store, motor = self.store, self.motor
+        unit = self.parameter_count * _ROTARY[store.get(0x365F)]
+        ramp_unit = self.parameter_count * _ROTARY[store.get(0x3659)]
         if self.power.state is Power.OPERATION_ENABLED:
             moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
             target = self._target if moving else 0.0

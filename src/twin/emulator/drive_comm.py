@@ -49,7 +49,7 @@ def sdo_answer(
             head = _HEAD.pack(0x43 | (4 - len(data)) << 2, index, sub)
             return head + data.ljust(4, b"\0")
         if command & 0xE3 == 0x23 or command == 0x22:
-            size = 4 - (command >> 2 & 3) if command != 0x22 else store.size(index, sub)
+            size = 4 - (command >> 2 & 3) if command != 0x22 else store.find(index, sub).size
             store.write(index, sub, request[4 : 4 + size], at_rest=at_rest)
             written(index, sub)
             return _HEAD.pack(0x60, index, sub) + bytes(4)
@@ -148,7 +148,7 @@ class Pdos:
         entries = list(self._entries(0x1600 + number))
         for index, sub, size in entries:
             value = int.from_bytes(
-                data[at : at + size], "little", signed=self._store.signed(index, sub)
+                data[at : at + size], "little", signed=self._store.find(index, sub).signed
             )
             self._store.set(index, sub, value)
             at += size

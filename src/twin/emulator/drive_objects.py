@@ -123,17 +123,16 @@ class ObjectStore:
         """Set an object from inside, whatever its access."""
         self._values[index, sub] = value
 
-    def size(self, index: int, sub: int) -> int:
-        """Bytes of an object.
+    def find(self, index: int, sub: int) -> DriveObject:
+        """The object of an index and subindex.
 
         Raises:
-            AbortError: If it does not exist.
+            AbortError: There is none.
         """
-        return self._find(index, sub).size
-
-    def signed(self, index: int, sub: int) -> bool:
-        """Whether an object that exists has a sign."""
-        return self._find(index, sub).signed
+        known = self._objects.get((index, sub))
+        if known is None:
+            raise AbortError(NO_SUB if index in self._indices else NO_OBJECT)
+        return known
 
     def read(self, index: int, sub: int) -> bytes:
         """The bytes of an object.
@@ -141,7 +140,7 @@ class ObjectStore:
         Raises:
             AbortError: If it does not exist.
         """
-        size = self.size(index, sub)
+        size = self.find(index, sub).size
         return (self.get(index, sub) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
     def write(self, index: int, sub: int, data: bytes, *, at_rest: bool = True) -> None:
@@ -156,7 +155,7 @@ class ObjectStore:
         Raises:
             AbortError: If the object, its access, the length or the value forbids it.
         """
-        known = self._find(index, sub)
+        known = self.find(index, sub)
         if known.access in {"const", "ro"}:
             raise AbortError(READ_ONLY)
         if len(data) != known.size:
@@ -170,12 +169,6 @@ class ObjectStore:
         self._check_pdo(index, sub, value)
         if (index, sub) not in self.stuck:
             self._values[index, sub] = value
-
-    def _find(self, index: int, sub: int) -> DriveObject:
-        known = self._objects.get((index, sub))
-        if known is None:
-            raise AbortError(NO_SUB if index in self._indices else NO_OBJECT)
-        return known
 
     def _check_pdo(self, index: int, sub: int, value: int) -> None:
         """CiA 301's order: switch the PDO off, count to 0, entries, count, switch it on."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,16 +23,16 @@ from twin.devices.realtime import RealTimeClock
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import Scheduling
 from twin.emulator.can_bus import DirectBus, EmulatedBus
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
-from twin.emulator.screen import ScreenFault, ScreenLine
+from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.screen import ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import EmulatedPlant
-from twin.hal.interface import Fault, Limits, Touch, Transmission
+from twin.hal.interface import Touch
 from twin.hal.supervisor import State
 from twin.run.assemble import build_limits
 from twin.scenario.schema import Scenario
 
-_ANGLES, _RATES, _BALL, _VELOCITY = [2, 6], [3, 7], [0, 4], [1, 5]
+_ANGLES, _RATES, _BALL = [2, 6], [3, 7], [0, 4]
 
 
 class PowerChange(NamedTuple):
@@ -98,7 +98,7 @@ class MotionTrace:
         rows = [(time, state) for time, state in self._rows if begin <= time <= end]
         state = np.array([state for _, state in rows]).reshape(len(rows), 8)
         time = np.array([time for time, _ in rows])
-        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL, _VELOCITY)))
+        return TrueMotion(time, *(state[:, each] for each in (_ANGLES, _RATES, _BALL)))
 
     def _step(self, dt: float) -> None:
         self._moved(dt)
@@ -110,7 +110,7 @@ class MotionTrace:
             before, after = self._states[axis], drive.state
             if after is not before:
                 self._states[axis] = after
-                fault = drive.fault_numbers[-1] if drive.fault_numbers else 0
+                fault = drive.power.faults[-1] if drive.power.faults else 0
                 lost = self._live[axis] and not drive.power.live
                 self._live[axis] = drive.power.live
                 change = PowerChange(self._rig.now(), axis, before, after, lost, fault, injected)
@@ -125,14 +125,12 @@ class TrueMotion(NamedTuple):
         plate: Plate angles (phi, theta) in rad, shape (n, 2).
         rate: Plate rates in rad/s, shape (n, 2).
         ball: Position (x, y) of the ball in m in plate axes, shape (n, 2).
-        velocity: Its velocity in m/s, shape (n, 2).
     """
 
     time: Array
     plate: Array
     rate: Array
     ball: Array
-    velocity: Array
 
     @property
     def tilt(self) -> Array:
@@ -148,17 +146,9 @@ class TrueMotion(NamedTuple):
 PATIENCE = 1.0
 """Time in s that a rig in lockstep waits for the ball."""
 
-Rates = Callable[[float], tuple[float, float]]
-"""Motor rates of phi and theta in rad/s by bus time in s."""
-
-
-def still(_: float) -> tuple[float, float]:
-    """No motion."""
-    return 0.0, 0.0
-
 
 class LockstepDrives:
-    """Two emulated drives, the host's servos on them, and one loop; a context manager.
+    """Two emulated drives, the host's servos on them, in bus time.
 
     Args:
         config: The host's settings; the bus in them is not used.
@@ -173,7 +163,7 @@ class LockstepDrives:
     ) -> None:
         self.config = replace(config or AkdConfig(), bus=BusConfig(interface="emulated"))
         nodes = [axis.node for axis in self.config.axes]
-        self.drives = drives or [EmulatedDrive(DriveSettings(node=node)) for node in nodes]
+        self.drives = drives or [EmulatedDrive(node) for node in nodes]
         self.bus = EmulatedBus(self.drives)
         self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
         self.servos = AkdServos(
@@ -181,8 +171,6 @@ class LockstepDrives:
         )
         self.missing: Exception | None = None
         """With what opening the adapter fails; None where it is there."""
-        self.seen: list[Fault] = []
-        """All faults so far."""
 
     def _open(self, _: BusConfig) -> DirectBus:
         """What the host opens as its bus.
@@ -199,39 +187,7 @@ class LockstepDrives:
 
     def add_drive(self, node: int) -> None:
         """Put another drive with a node on the bus."""
-        self.bus.drives.append(EmulatedDrive(DriveSettings(node=node)))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.servos.stop()
-        self.adapter.shutdown()
-
-    def enabled(self) -> Self:
-        """Start and enable, and run until both drives follow.
-
-        Raises:
-            DriveError: If a drive cannot be brought up.
-        """
-        self.servos.start()
-        self.servos.enable()
-        for _ in range(50):
-            if self.servos.enabled:
-                break
-            self.run(self.config.period)
-        return self
-
-    def run(self, seconds: float, rates: Rates = still) -> list[Fault]:
-        """Run the loop; rates: motor rates in rad/s by bus time. The faults that came up."""
-        before = len(self.seen)
-        for _ in range(round(seconds / self.config.period)):
-            self.servos.receive()
-            self.servos.command(np.array([rates(self.bus.time)]))
-            self.servos.send()
-            self.seen.extend(self.servos.faults())
-            self.adapter.sleep(self.config.period)
-        return self.seen[before:]
+        self.bus.drives.append(EmulatedDrive(node))
 
 
 class LockstepScreenPort(Transport):
@@ -291,35 +247,27 @@ class LockstepRig(HardwareRig):
     """The hardware's rig on two emulated drives and an emulated screen around a simulated plant.
 
     Args:
-        plant: The plant with its drives' and sensors' imperfections.
-        transmission: Plate angles to motor angles.
-        limits: What may be commanded.
+        scenario: Its plant with its drives' and sensors' imperfections, the limits of what may be
+            commanded, and the seed of everything random in the faults injected.
         config: The host's settings of the drives.
         touch: The host's settings of the screen; the port in them is not used.
         protocol: What the screen speaks.
-        seed: Of everything random in the faults injected.
         relaxed: Safety nets that are wider than by default, in words.
     """
 
     def __init__(
         self,
-        plant: EmulatedPlant,
+        scenario: Scenario,
         *,
-        transmission: Transmission,
-        limits: Limits,
         config: AkdConfig | None = None,
         touch: LumioConfig | None = None,
         protocol: Protocol = Protocol.MICROTOUCH,
-        seed: int = 0,
         relaxed: Sequence[str] = (),
     ) -> None:
         self.lockstep = LockstepDrives(config)
-        self.plant = plant
-        adapter = self.lockstep.adapter
-        self.line = ScreenLine(
-            plant.ball, protocol=protocol, seed=seed, dead_time=lambda: plant.dead_time
-        )
-        now = adapter.now
+        self.plant = plant = EmulatedPlant(scenario)
+        now = self.lockstep.adapter.now
+        self.line = plant.screen_line(plant.ball, protocol)
         chosen = touch or LumioConfig(port="emulated", protocol=str(protocol))
         self.port = LockstepScreenPort(self.line, now)
         screen = LockstepScreen(chosen, now, port=self.port)
@@ -328,8 +276,8 @@ class LockstepRig(HardwareRig):
             servos=self.lockstep.servos,
             screen=screen,
             clock=clock,
-            transmission=transmission,
-            limits=limits,
+            transmission=plant.transmission,
+            limits=build_limits(scenario.rig.limits),
             patience=PATIENCE,
             relaxed=relaxed,
             scheduling=lambda: nullcontext(Scheduling(False, False, ("bus time",))),
@@ -345,13 +293,6 @@ class LockstepRig(HardwareRig):
         """Extra time in s that every other command takes to be computed from now on."""
         self.hang = 0.0
         """Time in s for which the host does nothing at all, once."""
-
-    @classmethod
-    def of(cls, scenario: Scenario, **more: Any) -> Self:
-        """The rig of a scenario; more: what differs from the defaults."""
-        plant, limits = EmulatedPlant(scenario), build_limits(scenario.rig.limits)
-        transmission, seed = plant.transmission, scenario.seed
-        return cls(plant, transmission=transmission, limits=limits, seed=seed, **more)
 
     def now(self) -> float:
         """Bus time in s."""
@@ -375,7 +316,3 @@ class LockstepRig(HardwareRig):
             idle, self.hang = self.stall + self.hang, 0.0
             self.sleep(idle)
         super().wait()
-
-    def inject(self, fault: ScreenFault, lasting: float) -> None:
-        """Put a fault of the screen in force from now on, for a time in s."""
-        self.line.damage.inject(fault, self.now() + lasting)

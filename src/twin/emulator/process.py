@@ -12,10 +12,9 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
 from twin.emulator.can_slcan import check_pseudo_terminals
-from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig
 from twin.errors import RigError
-from twin.jobs import program_left_out, undisturbed
+from twin.jobs import let_go, program_left_out, undisturbed
 from twin.scenario.load import Tables
 from twin.scenario.schema import Scenario
 
@@ -91,13 +90,11 @@ def come_forward() -> None:
         os.nice(-10)
 
 
-def _work(
-    pipe: Connection, scenario: Scenario, protocol: Protocol, cells: MutableSequence[float]
-) -> None:
+def _work(pipe: Connection, scenario: Scenario, cells: MutableSequence[float]) -> None:
     """The body of the process: serve until the pipe is closed, obeying what comes through it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the host
     come_forward()
-    with VirtualRig(scenario, protocol) as rig:
+    with VirtualRig(scenario) as rig:
         try:
             pipe.send(rig.tables())
         except OSError:
@@ -125,21 +122,13 @@ class Emulator:
     """A virtual rig in another process.
 
     Args:
-        process: The process.
         pipe: The way to it.
         tables: The rig file that a host needs.
         pauses: Tells when the computer paused.
     """
 
-    def __init__(
-        self,
-        process: multiprocessing.context.SpawnProcess,
-        pipe: Connection,
-        tables: Tables,
-        pauses: PauseWatch,
-    ) -> None:
-        self.tables, self.pauses = tables, pauses
-        self._process, self._pipe = process, pipe
+    def __init__(self, pipe: Connection, tables: Tables, pauses: PauseWatch) -> None:
+        self._pipe, self.tables, self.pauses = pipe, tables, pauses
 
     def tell(self, word: str) -> str:
         """Do something to the rig, as ``VirtualRig.obey`` says; what was done.
@@ -165,14 +154,9 @@ class Emulator:
         with suppress(OSError):  # a rig that has ended shows in its devices
             self._pipe.send(BEGIN)
 
-    @property
-    def pid(self) -> int:
-        """Its process."""
-        return self._process.pid or os.getpid()
-
 
 @contextmanager
-def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> Iterator[Emulator]:
+def emulated(scenario: Scenario) -> Iterator[Emulator]:
     """A virtual rig in a separate process, for as long as the context lasts.
 
     Raises:
@@ -182,19 +166,17 @@ def emulated(scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> It
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     cells = context.RawArray("d", 6)
-    process = context.Process(target=_work, args=(theirs, scenario, protocol, cells), daemon=True)
+    process = context.Process(target=_work, args=(theirs, scenario, cells), daemon=True)
     with undisturbed(), program_left_out():
         process.start()
     theirs.close()
     try:
         with _apart(process.pid or 0):
-            yield Emulator(process, ours, _rig_file(ours), PauseWatch(cells, 0))
+            yield Emulator(ours, _rig_file(ours), PauseWatch(cells, 0))
     finally:
         ours.close()
         process.join(2.0)
-        if process.is_alive():
-            process.kill()
-            process.join()
+        let_go(process)
 
 
 def _rig_file(pipe: Connection) -> Tables:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import random
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from pathlib import Path
 from typing import Self
 
 from twin.devices.lumio.calibration import Calibration
@@ -147,6 +145,9 @@ DEAD_TIME = 0.042
 SPLIT_GAP = 0.003
 """Seconds between the parts of a packet that is split on purpose."""
 
+Ball = Callable[[], Sequence[tuple[float, float]]]
+"""Where the screen is touched now, m in plate axes; empty where it is not."""
+
 
 class ScreenLine:
     """Looks at the ball once per frame and sends what a screen would, a dead time later.
@@ -169,7 +170,7 @@ class ScreenLine:
 
     def __init__(
         self,
-        ball: Callable[[], Sequence[tuple[float, float]]],
+        ball: Ball,
         *,
         protocol: Protocol = Protocol.MICROTOUCH,
         baud: int = 9600,
@@ -240,7 +241,7 @@ class ScreenLine:
         self._free = begin + len(packet) * self._byte
 
 
-class EmulatedScreen:
+class EmulatedScreen(PseudoTerminal):
     """A screen on a pseudo-terminal, served by a thread; a context manager.
 
     A pseudo-terminal knows no baud rate: the bytes of the serial protocols are sent at their pace
@@ -249,80 +250,33 @@ class EmulatedScreen:
 
     Args:
         line: What is sent and when; it asks for the ball in the screen's thread.
-        now: Clock in s.
 
     Raises:
         RigError: This system has no pseudo-terminals.
     """
 
-    def __init__(self, line: ScreenLine, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, line: ScreenLine) -> None:
+        super().__init__("lumio")
         self.protocol = line.protocol
-        self.sent = 0
-        """Bytes sent."""
-        self.dropped = 0
-        """Bytes lost because nobody read or nothing was plugged in."""
-        self._now = now
-        self._line = line
-        self._lock = threading.Lock()
-        self._terminal = PseudoTerminal("lumio")
+        self.line = line
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    @property
-    def path(self) -> Path:
-        """The port to open; stays the same when unplugged and plugged in again."""
-        return self._terminal.path
+        self._thread = threading.Thread(target=self._run, name="emulated screen", daemon=True)
 
     def __enter__(self) -> Self:
-        self.start()
+        self.plug()
+        self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def start(self) -> None:
-        """Plug it in and begin to send."""
-        self.replug()
-        self._stop.clear()
-        self._thread = threading.Thread(target=self._run, name="emulated screen", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop sending and take the port away; it cannot be started again."""
-        if self._thread is not None:
-            self._stop.set()
+    def close(self) -> None:
+        """Stop sending and take the port away for good."""
+        self._stop.set()
+        if self._thread.is_alive():
             self._thread.join()
-            self._thread = None
-        with self._lock:
-            self._terminal.close()
-
-    def unplug(self) -> None:
-        """Take the port away, as when the cable is pulled."""
-        with self._lock:
-            self._terminal.unplug()
-
-    def replug(self) -> None:
-        """Bring the port back under the same path."""
-        with self._lock:
-            self._terminal.plug()
-
-    def inject(self, fault: ScreenFault, lasting: float) -> None:
-        """Put a fault in force from now on, for a time in s."""
-        self._line.damage.inject(fault, self._now() + lasting)
+        super().close()
 
     def _run(self) -> None:
         """Send what is due, when it is due."""
         while not self._stop.is_set():
-            for part in self._line.step(self._now()):
-                self._send(part)
-            self._stop.wait(max(0.0, self._line.due - self._now()))
-
-    def _send(self, part: bytes) -> None:
-        with self._lock:
-            try:
-                plugged = self._terminal.handle >= 0
-                written = os.write(self._terminal.handle, part) if plugged else 0
-            except OSError:
-                written = 0
-        self.sent += written
-        self.dropped += len(part) - written
+            for part in self.line.step(time.monotonic()):
+                self.write(part)
+            self._stop.wait(max(0.0, self.line.due - time.monotonic()))

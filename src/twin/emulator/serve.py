@@ -12,8 +12,8 @@ import numpy as np
 from twin.data_file import packaged
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import BusServer, SlcanPort
-from twin.emulator.drive import DriveSettings, EmulatedDrive
-from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.drive import EmulatedDrive
+from twin.emulator.screen import Ball, EmulatedScreen, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Touch, Transmission
 from twin.hal.rig import Rig
@@ -114,6 +114,11 @@ class EmulatedPlant:
         self._drives = drives[:2]
         self._sense()
 
+    def screen_line(self, ball: Ball, protocol: Protocol) -> ScreenLine:
+        """What a screen on it sends, that speaks a protocol and senses where ``ball`` says."""
+        seed = self._scenario.seed
+        return ScreenLine(ball, protocol=protocol, dead_time=lambda: self.dead_time, seed=seed)
+
     def begin(self) -> None:
         """The run's time is zero now: what its scenario changes is counted from here."""
         self._begun = self.devices.time
@@ -160,7 +165,7 @@ class EmulatedPlant:
         self._touch, plate = self.devices.read(), self.devices.plate()[0]
         motor = self.devices.motor()[0].tolist()
         for drive, shaft, angle in zip(self._drives, motor, plate.tolist(), strict=True):
-            drive.sense(shaft, angle)
+            drive.motor.sense(shaft, angle)
         self._dipped = np.maximum(self._dipped, np.abs(plate))
 
 
@@ -184,18 +189,11 @@ class VirtualRig:
 
     def __init__(self, scenario: Scenario, protocol: Protocol = Protocol.MICROTOUCH) -> None:
         self.plant = EmulatedPlant(scenario)
-        self.drives = [EmulatedDrive(DriveSettings(node=node)) for node in (1, 2)]
+        self.drives = [EmulatedDrive(node) for node in (1, 2)]
         self.bus = EmulatedBus(self.drives)
         self.adapter = SlcanPort(self.bus)
         self.server = BusServer(self.bus, self.adapter, step=TICK)
-        self.screen = EmulatedScreen(
-            ScreenLine(
-                self._ball,
-                protocol=protocol,
-                dead_time=lambda: self.plant.dead_time,
-                seed=scenario.seed,
-            )
-        )
+        self.screen = EmulatedScreen(self.plant.screen_line(self._ball, protocol))
         self._finger: tuple[float, float] | None = None
         self.plant.attach(self.drives)
         self.bus.moved = self.plant.advance
@@ -218,7 +216,7 @@ class VirtualRig:
         """The rig file that a host needs to find it."""
         serial = self.screen.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
         tables = packaged("twin.emulator", "rig.toml")
-        tables["bus"]["channel"] = self.adapter.channel
+        tables["bus"]["channel"] = str(self.adapter.path)
         tables["touch"] |= {
             "port": str(self.screen.path),
             "transport": "serial" if serial else "hidraw",
@@ -243,12 +241,12 @@ class VirtualRig:
                 self.plant.present = False
                 return self.plant.edge()
         known: dict[str, tuple[str, Callable[[], None]]] = {
-            "sto": ("STO open: both drives without torque", self._open_sto),
-            "release": ("STO closed; reset the faults to go on", self._close_sto),
+            "sto": ("STO open: both drives without torque", partial(self._close_sto, False)),
+            "release": ("STO closed; reset the faults to go on", partial(self._close_sto, True)),
             "lift": ("ball lifted", partial(self._put, False)),
             "put": ("ball put back", partial(self._put, True)),
             "unplug": ("touch screen unplugged", self.screen.unplug),
-            "plug": ("touch screen plugged in", self.screen.replug),
+            "plug": ("touch screen plugged in", self.screen.plug),
             BEGIN: ("the run begins", self.plant.begin),
         }
         text, act = known.get(word) or self._touch(word)
@@ -274,13 +272,9 @@ class VirtualRig:
         starved = "; it starved, so answers came late" if p99 > 1e3 * STARVED else ""
         return f"emulated rig behind the clock: p99 {p99:.2f} ms, at most {longest:.1f} ms{starved}"
 
-    def _open_sto(self) -> None:
+    def _close_sto(self, closed: bool) -> None:
         for drive in self.drives:
-            drive.open_sto()
-
-    def _close_sto(self) -> None:
-        for drive in self.drives:
-            drive.close_sto()
+            drive.power.sto_closed = closed
 
     def _put(self, present: bool, finger: tuple[float, float] | None = None) -> None:
         back = present and not self.plant.present

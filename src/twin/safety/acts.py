@@ -52,7 +52,7 @@ def refused_reset(rig: LockstepRig) -> None:
 
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
     """What the screen sends has a fault, by its name, for some seconds."""
-    rig.inject(ScreenFault[fault], lasting)
+    rig.line.damage.inject(ScreenFault[fault], rig.now() + lasting)
 
 
 def stall(rig: LockstepRig, periods: int) -> None:
@@ -104,7 +104,7 @@ def ask(rig: LockstepRig, phi: float, theta: float) -> None:
 
 def no_quick_stop(rig: LockstepRig) -> None:
     """From now on every control word arrives as one that enables operation."""
-    nodes = [_RPDO1 + drive.settings.node for drive in rig.lockstep.drives]
+    nodes = [_RPDO1 + drive.node for drive in rig.lockstep.drives]
     rig.lockstep.bus.faults.overwrite(nodes, at=_CONTROL, data=_ENABLE, towards=Towards.DRIVES)
 
 
@@ -113,7 +113,7 @@ def no_zero_rate(rig: LockstepRig) -> None:
     for drive in rig.lockstep.drives:
         present = struct.pack("<i", drive.store.get(0x60FF))
         rig.lockstep.bus.faults.overwrite(
-            _RPDO1 + drive.settings.node, at=_TARGET, data=present, towards=Towards.DRIVES
+            _RPDO1 + drive.node, at=_TARGET, data=present, towards=Towards.DRIVES
         )
 
 

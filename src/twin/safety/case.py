@@ -45,12 +45,12 @@ class Reaction:
 
     Attributes:
         stopped_by: Who stopped phi and theta.
-        states: The states that were reached: with torque where the plate was levelled or goes on,
+        state: The states that were reached: with torque where the plate was levelled or goes on,
             else the first without.
         standstill: From when on, in s, the plate stands (and is level if it must be); None if it
             does not.
         torque_off: When the last drive lost its torque, s; None if one never did.
-        live: Whether a drive has torque at the end.
+        torque: Whether a drive has torque at the end.
         tilt: Largest plate angle, rad.
         ball: Largest distance of the ball from the plate's centre along x and y until the plate
             must stand, m.
@@ -58,10 +58,10 @@ class Reaction:
     """
 
     stopped_by: tuple[Stopper, Stopper]
-    states: tuple[Power, Power]
+    state: tuple[Power, Power]
     standstill: float | None
     torque_off: float | None
-    live: bool
+    torque: bool
     tilt: float
     ball: tuple[float, float]
     ball_later: tuple[float, float]
@@ -93,10 +93,10 @@ def reaction(
     early = np.asarray(motion.time <= begin + within)
     return Reaction(
         stopped_by=(phi.stopper, theta.stopper),
-        states=(reached[0] or trace.state(0, end), reached[1] or trace.state(1, end)),
+        state=(reached[0] or trace.state(0, end), reached[1] or trace.state(1, end)),
         standstill=None if rest is None else rest - begin,
         torque_off=None if off is None else off - begin,
-        live=trace.live,
+        torque=trace.live,
         tilt=float(motion.tilt.max(initial=0.0)),
         ball=_farthest(motion.ball[early]),
         ball_later=_farthest(motion.ball),

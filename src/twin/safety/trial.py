@@ -85,7 +85,7 @@ class Trial:
         self.case = case
         self.scenario = tracking(BEGIN + AFTER, resting=case.resting)
         screen = LumioConfig(port="emulated", protocol=str(case.protocol), gate=case.gate)
-        self.rig = LockstepRig.of(
+        self.rig = LockstepRig(
             self.scenario,
             config=case.host,
             touch=screen,
@@ -118,6 +118,11 @@ class Trial:
         line = str(run.refusal) if run.refusal else run.outcome.reason
         off = limits.torque_off(case, allowed, stop)
         why = {"tilt_limit": tilt.why, "ball_limit": ball_why}
+        observed = {
+            "stopped_by": tuple(map(str, seen.stopped_by)),
+            "state": tuple(map(_words, seen.state)),
+            "standstill": seen.standstill if stop else None,
+        }
         more = {"standstill_limit": stop, "torque_off_limit": off}
         return FaultRow(
             name=case.name,
@@ -132,22 +137,15 @@ class Trial:
             recovered=not recover or self._recovers(),
             reason=self._reason(run),
             reason_expected=case.reason,
-            stopped_by=tuple(map(str, seen.stopped_by)),
             stopped_by_expected=tuple(map(str, case.stoppers)),
-            state=tuple(map(_words, seen.states)),
             state_expected=tuple(map(_words, case.reached)),
-            standstill=seen.standstill if stop else None,
             standstill_limit=stop.value if stop else None,
-            torque_off=seen.torque_off,
             torque_off_limit=off.value if off else None,
-            tilt=seen.tilt,
             tilt_limit=tilt.value,
-            ball=seen.ball,
             ball_limit=ball,
-            ball_later=seen.ball_later,
-            torque=seen.live,
             held=self._held,
             why=why | {key: limit.why for key, limit in more.items() if limit},
+            **vars(seen) | observed,
         )
 
     def _run(self, duration: float, *, act: bool) -> TrialRun:
@@ -277,7 +275,7 @@ class Trial:
 def holds_limits(drive: EmulatedDrive, host: AkdConfig) -> bool:
     """Whether torque and speed that a drive allows are at most those the host is set to."""
     held = {key: abs(drive.store.get(key)) for key in (*_CURRENTS, *_SPEEDS, _PER_AMPERE)}
-    unit = drive.settings.parameter_count
+    unit = drive.parameter_count
     torques = [held[key] * unit * held[_PER_AMPERE] * 1e-3 for key in _CURRENTS]
     speeds = [held[key] * unit * math.pi / 30 for key in _SPEEDS]
     return (

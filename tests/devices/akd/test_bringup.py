@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
+from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.network import Network
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
-from twin.emulator.lockstep import LockstepDrives, LockstepRig
+from twin.devices.akd.network import Network, absent
+from twin.emulator.drive import EmulatedDrive, Power
+from twin.emulator.lockstep import LockstepRig
 from twin.errors import RigError
 
 
 @pytest.fixture
 def rig():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         yield rig
 
 
@@ -168,7 +169,7 @@ def test_signs_and_gear_of_the_configuration_hold_for_command_and_measurement():
         AxisConfig(name="phi", node=1, motor_sign=-1, gear=2.0),
         AxisConfig(name="theta", node=2, plate_sign=-1),
     )
-    with LockstepDrives(AkdConfig(axes=axes)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes)) as rig:
         rig.enabled()
         rig.run(0.3, lambda _: (1.0, 1.0))
         assert rig.drives[0].rate == pytest.approx(-2.0, rel=1e-3)
@@ -211,7 +212,7 @@ def test_an_answer_counts_though_the_computer_was_away_while_it_came(rig):
 
 
 def test_two_drives_with_one_id_are_noticed(rig):
-    rig.bus.drives.append(EmulatedDrive(DriveSettings(node=2)))
+    rig.bus.drives.append(EmulatedDrive(2))
     assert "2 devices" in refused(rig, c.DUPLICATE_ID)
 
 
@@ -307,7 +308,7 @@ def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(ri
 
 
 def test_a_rig_that_is_switched_on_with_a_fault_says_which_in_one_line(scenario):
-    rig = LockstepRig.of(scenario("plant.kind=lagrange"))
+    rig = LockstepRig(scenario("plant.kind=lagrange"))
     rig.lockstep.drives[0].fail(129)
     with pytest.raises(RigError) as caught, rig:
         pass
@@ -323,3 +324,9 @@ def test_a_motor_still_running_out_is_waited_for(rig):
     rig.drives[0].motor.rate = 3.0
     rig.servos.start()
     assert abs(rig.drives[0].rate) < 0.01
+
+
+def test_a_silent_drive_is_told_with_the_nodes_that_were_heard_not_with_those_spoken_to():
+    network = Network(None, 1.0, lambda: 0.0)
+    network.identifiers |= {0x080, 0x602, 0x701, 0x703}
+    assert "(heard nodes 3)" in absent(network, AxisConfig(name="phi", node=1))

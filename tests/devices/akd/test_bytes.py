@@ -1,7 +1,8 @@
+import inspect
 import itertools
 import math
+import re
 import struct
-from dataclasses import fields
 
 import pytest
 from hypothesis import example, given
@@ -244,12 +245,13 @@ def test_a_silent_drive_is_stale_one_cycle_later_at_most_however_its_host_is_lat
         assert pdo.missed >= len(early) - 1
 
 
-def test_what_is_not_confirmed_is_listed_with_its_source():
-    known = {each.name: each.metadata for each in (*fields(AkdConfig), *fields(AxisConfig))}
+def test_what_is_not_confirmed_is_listed_and_documented_with_its_source():
+    attribute = re.compile(r"^    (\w+): (.*(?:\n     +.*)*)", re.MULTILINE)
+    docs = (inspect.cleandoc(each.__doc__) for each in (AkdConfig, AxisConfig))
+    known = dict(itertools.chain.from_iterable(map(attribute.findall, docs)))
     assert {"plate_counts", "motor_sign", "rate_limit"} <= set(unconfirmed())
-    for name in unconfirmed():
-        assert known[name]["source"]
-        assert known[name]["confidence"] in {"M", "L"}
+    sourced = {name for name, text in known.items() if re.search(r";\s.+\s\([ML]\)\.$", text, re.S)}
+    assert sourced == set(unconfirmed())
 
 
 @pytest.mark.parametrize(

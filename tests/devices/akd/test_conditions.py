@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stepped import SteppedDrives, still
 
 import twin
 import twin.devices.lumio.conditions
@@ -12,8 +13,7 @@ from twin.data_file import packaged
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, MonitorConfig
-from twin.emulator.drive import DriveSettings, EmulatedDrive, Power
-from twin.emulator.lockstep import LockstepDrives, still
+from twin.emulator.drive import EmulatedDrive, Power
 from twin.safety.causes import OF_DRIVES
 
 ROOMS = ("twin.devices.akd", "twin.devices.lumio")
@@ -36,7 +36,7 @@ def turn(_):
 
 @pytest.fixture
 def rig():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         rig.enabled()
         rig.run(0.04, swing)
         assert rig.servos.enabled
@@ -87,12 +87,12 @@ def test_a_command_that_is_no_number_stops_at_once(rig):
 
 
 def test_nothing_is_reported_while_the_position_wraps():
-    drives = [EmulatedDrive(DriveSettings(node=n, start_counts=2**31 - 5000)) for n in (1, 2)]
-    with LockstepDrives(drives=drives) as rig:
+    drives = [EmulatedDrive(n, start_counts=2**31 - 5000) for n in (1, 2)]
+    with SteppedDrives(drives=drives) as rig:
         rig.enabled()
         begin = rig.servos.motor()
         assert not rig.run(0.5, lambda _: (1.0, 1.0))
-        assert drives[0].motor.position < 0
+        assert drives[0].motor.encoder.counts < 0
         moved = rig.servos.motor() - begin
         np.testing.assert_allclose(moved, drives[0].motor._angle, atol=0.01)
 
@@ -134,7 +134,7 @@ def test_the_drives_stop_by_themselves_when_the_host_dies(rig):
     while any(abs(drive.rate) > 0 for drive in rig.drives):
         rig.adapter.sleep(0.001)
         assert rig.bus.time - died < 0.1
-    assert [drive.fault_numbers for drive in rig.drives] == [(129,), (129,)]
+    assert [drive.power.faults for drive in rig.drives] == [[129], [129]]
 
 
 def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
@@ -142,7 +142,7 @@ def test_stopping_brings_the_motors_to_rest_before_the_torque_goes(rig):
     rig.servos.stop()
     for drive in rig.drives:
         assert drive.state is Power.SWITCH_ON_DISABLED
-        assert not drive.fault_numbers
+        assert not drive.power.faults
         assert abs(drive.rate) < 0.01
     rig.servos.stop()
 
@@ -154,7 +154,7 @@ def test_a_drive_that_keeps_its_torque_watches_the_host_beyond_the_shutdown(
     cause, silence, stop, rates
 ):
     config = AkdConfig(silence=silence, watch=MonitorConfig(stop=stop))
-    with LockstepDrives(config) as rig:
+    with SteppedDrives(config) as rig:
         rig.enabled()
         rig.run(0.1, rates)
         drive = rig.drives[0]

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.emulator.lockstep import LockstepDrives
 from twin.hal.cams import CamTable
 from twin.paths import model_path
 from twin.sim.plant.mechanism import Mechanism
@@ -51,7 +51,7 @@ def refused(rig):
 @pytest.mark.parametrize(("gear", "amperes"), [(1.0, 2.0), (2.0, 1.0)])
 def test_the_current_is_that_of_the_torque_at_the_cam_shaft(gear, amperes):
     axes = (AxisConfig(name="phi", node=1, gear=gear), AxisConfig(name="theta", node=2))
-    with LockstepDrives(AkdConfig(axes=axes, torque_limit=3.0)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes, torque_limit=3.0)) as rig:
         rig.servos.start()
         store = rig.drives[0].store
     torque = store.get(0x356E) / 1000 * store.get(0x3593) / 1000 * gear
@@ -70,13 +70,13 @@ def test_the_current_is_that_of_the_torque_at_the_cam_shaft(gear, amperes):
     ],
 )
 def test_a_drive_that_does_not_know_its_motor_is_refused(index, value, words):
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         rig.drives[0].store.set(index, 0, value)
         assert words in refused(rig)
 
 
 def test_another_motor_may_be_named():
-    with LockstepDrives(AkdConfig(motor_torque=9.0)) as rig:
+    with SteppedDrives(AkdConfig(motor_torque=9.0)) as rig:
         for drive in rig.drives:
             drive.store.set(0x3593, 0, 3000)
         rig.servos.start()

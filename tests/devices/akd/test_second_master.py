@@ -4,13 +4,13 @@ import struct
 
 import can
 import pytest
+from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.bus import CanTransport
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.emulator.can_faults import Frame
 from twin.emulator.drive import Power
-from twin.emulator.lockstep import LockstepDrives
 
 RATE = struct.Struct("<Hi").pack(0x0F, round(1.2 * 9549.297))
 """RPDO1: enabled, 1.2 rad/s."""
@@ -42,7 +42,7 @@ def other_master(rig, kind):
 
 @pytest.fixture
 def rig():
-    with LockstepDrives() as rig:
+    with SteppedDrives() as rig:
         yield rig
 
 

@@ -5,14 +5,14 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stepped import SteppedDrives
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig
 from twin.devices.akd.dictionary import kept
 from twin.devices.akd.units import DriveQuantity
-from twin.emulator.drive import DriveSettings, EmulatedDrive
-from twin.emulator.lockstep import LockstepDrives
+from twin.emulator.drive import EmulatedDrive
 
 SPEED, RAMP = 6000, 30_000
 """A motor's speed limit in rpm, and a ramp in rpm/s."""
@@ -22,7 +22,7 @@ def drives(unit=0, per_unit=1000):
     """Two drives with this unit for velocity and acceleration, set as a motor wants it."""
     made = []
     for node in (1, 2):
-        drive = EmulatedDrive(DriveSettings(node=node, parameter_count=1 / per_unit))
+        drive = EmulatedDrive(node, parameter_count=1 / per_unit)
         found = {0x365F: unit, 0x3659: unit, 0x3622: round(SPEED * per_unit)}
         found[0x3623] = -found[0x3622]
         found |= dict.fromkeys((0x3501, 0x3522, 0x6083, 0x6084), round(RAMP * per_unit))
@@ -54,7 +54,7 @@ def held(rig):
 
 def test_limit_and_ramp_hold_in_the_drive_s_own_counts():
     config = AkdConfig(rate_limit=2.0, ramp=100.0)
-    with LockstepDrives(config, drives()) as rig:
+    with SteppedDrives(config, drives()) as rig:
         rig.enabled()
         rate, ramp = held(rig)
     assert 2.0 <= rate <= 2.2
@@ -74,12 +74,12 @@ def test_limit_and_ramp_hold_in_the_drive_s_own_counts():
 def test_a_drive_in_another_unit_is_refused_with_the_line_that_sets_it(unit, index, line):
     made = drives()
     made[0].store.set(index, 0, unit)
-    with LockstepDrives(drives=made) as rig:
+    with SteppedDrives(drives=made) as rig:
         assert line.format(unit) in refused(rig)
 
 
 def test_a_drive_that_counts_whole_units_is_refused_with_the_line_to_change():
-    with LockstepDrives(drives=drives(0, per_unit=1)) as rig:
+    with SteppedDrives(drives=drives(0, per_unit=1)) as rig:
         text = refused(rig)
     assert "VL.LIMITP (3622h) holds 6000, which would be 6 rpm" in text
     assert f"if it is 6000 rpm, set phi.limit_unit = {RPM:.9g}" in text
@@ -91,7 +91,7 @@ def test_the_lines_named_make_that_drive_start_and_its_limits_hold():
         for node, name in ((1, "phi"), (2, "theta"))
     )
     config = AkdConfig(axes=axes, rate_limit=2.0, ramp=100.0)
-    with LockstepDrives(config, drives(0, per_unit=1)) as rig:
+    with SteppedDrives(config, drives(0, per_unit=1)) as rig:
         rig.enabled()
         rate, ramp = held(rig)
     assert 2.0 <= rate <= 2.2
@@ -100,7 +100,7 @@ def test_the_lines_named_make_that_drive_start_and_its_limits_hold():
 
 def test_the_ramps_of_a_drive_that_counts_whole_units_are_refused_too():
     axes = (AxisConfig(name="phi", node=1, limit_unit=RPM), AxisConfig(name="theta", node=2))
-    with LockstepDrives(AkdConfig(axes=axes), drives(0, per_unit=1)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes), drives(0, per_unit=1)) as rig:
         text = refused(rig)
     assert "DRV.ACC (3501h)" in text
     assert f"set phi.acceleration_unit = {RPM:.9g}" in text
@@ -111,7 +111,7 @@ def test_a_unit_too_coarse_for_the_limit_is_refused():
         AxisConfig(name=name, node=node, limit_unit=2 * math.pi, acceleration_unit=2 * math.pi)
         for node, name in ((1, "phi"), (2, "theta"))
     )
-    with LockstepDrives(AkdConfig(axes=axes), drives(per_unit=1 / 60)) as rig:
+    with SteppedDrives(AkdConfig(axes=axes), drives(per_unit=1 / 60)) as rig:
         assert "too coarse" in refused(rig)
 
 

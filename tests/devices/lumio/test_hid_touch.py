@@ -1,8 +1,6 @@
 """Touch reports by the panel's own word, on the decoder and through a raw HID device."""
 
-import errno
 import os
-import sys
 import time
 
 import pytest
@@ -13,7 +11,7 @@ from twin.devices.lumio import transports
 from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.hid import HidDecoder, TouchLayout, decoder_of, parse
 from twin.devices.lumio.screen import LumioScreen
-from twin.devices.lumio.transports import HIDIOCGRDESC, HIDIOCGRDESCSIZE, ScreenError
+from twin.devices.lumio.transports import ScreenError
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 
 PANELS = [Protocol.HID_0006, Protocol.HID_0007]
@@ -130,25 +128,18 @@ def test_without_a_count_places_that_touch_or_touched_a_moment_ago_hold_contacts
 
 @pytest.fixture
 def hidraw(descriptors, monkeypatch, tmp_path):
-    """Makes a raw HID device of a pipe: a port, and what writes a report to it."""
+    """Makes a raw HID device of a pipe: a port, and what writes a report to it.
+
+    A panel that is not known has a damaged descriptor.
+    """
     ends = []
 
     def make(name):
-        fcntl = pytest.importorskip("fcntl")
-        data = descriptors[name]
-
-        def ioctl(handle, request, buffer):
-            del handle
-            if request == HIDIOCGRDESCSIZE:
-                buffer[:] = len(data).to_bytes(4, sys.byteorder)
-            elif request == HIDIOCGRDESC:
-                assert int.from_bytes(buffer[:4], sys.byteorder) == len(data)
-                buffer[4 : 4 + len(data)] = data
-            else:
-                raise OSError(errno.ENOTTY, "no such request")
-            return 0
-
-        monkeypatch.setattr(fcntl, "ioctl", ioctl)
+        pytest.importorskip("fcntl")
+        folder = tmp_path / "class" / "hidraw0" / "device"
+        folder.mkdir(parents=True)
+        (folder / "report_descriptor").write_bytes(descriptors.get(name, b"\x26\xff"))
+        monkeypatch.setattr(transports, "HIDRAW_CLASS", tmp_path / "class")
         port = tmp_path / "hidraw0"
         os.mkfifo(port)
         ends.append(os.open(port, os.O_RDWR | os.O_NONBLOCK))
@@ -188,13 +179,6 @@ def test_without_a_calibration_the_size_is_the_one_that_the_panel_says(hidraw):
         assert screen.read().position[0].tolist() == pytest.approx([0.377 / 2, 0.305 / 2])
 
 
-def test_the_requests_for_a_descriptor_are_those_of_the_kernels_header():
-    # _IOR('H', number, size): read, size of an int or of struct hidraw_report_descriptor
-    read, group = 2 << 30, ord("H") << 8
-    assert read | 4 << 16 | group | 0x01 == HIDIOCGRDESCSIZE
-    assert read | (4 + 4096) << 16 | group | 0x02 == HIDIOCGRDESC
-
-
 def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidraw, monkeypatch):
     port, _ = hidraw("mouse")
     other = transports.touch_screens()
@@ -205,8 +189,7 @@ def test_another_interface_of_the_panel_is_refused_and_the_right_one_named(hidra
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()
 
 
-def test_a_damaged_descriptor_is_one_line(hidraw, monkeypatch):
-    port, _ = hidraw("mouse")
-    monkeypatch.setattr(transports.HidrawDevice, "_descriptor", lambda _: b"\x26\xff")
+def test_a_damaged_descriptor_is_one_line(hidraw):
+    port, _ = hidraw("damaged")
     with pytest.raises(ScreenError, match=r"cannot be read: byte 0: cut short$"):
         LumioScreen(LumioConfig(port=str(port), transport="hidraw")).start()

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.config import LumioConfig
 from twin.devices.lumio.stream import TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 
@@ -17,8 +17,9 @@ FRAME = 0.01736
 @pytest.mark.parametrize("protocol", list(Protocol))
 def test_a_rolling_ball_is_never_placed_far_from_the_truth_by_damaged_bytes(protocol):
     dice = random.Random(14)
-    calibration, limits = Calibration.nominal(), PlausibilityLimits()
-    touch_stream = TouchStream(protocol.value, 1e6, calibration, limits)
+    config = LumioConfig(port="", protocol=protocol.value, baud=12_000_000)
+    calibration, limits = Calibration.nominal(), config.gate
+    touch_stream = TouchStream(config)
     worst, x, step = 0.0, 0.0, 0.3 * FRAME
     for frame in range(FRAMES):
         x += step

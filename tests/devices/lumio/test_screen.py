@@ -97,7 +97,7 @@ def test_a_screen_unplugged_is_told_and_after_plugging_in_works_when_started_ane
         emulated.unplug()
         assert watch.told("touch screen gone")
         assert not screen.connected
-        emulated.replug()
+        emulated.plug()
         time.sleep(0.1)
         assert not screen.connected
         screen.stop()
@@ -123,7 +123,7 @@ def test_a_fault_injected_on_the_line_is_told_by_name(fault, protocol, told):
     ):
         assert sees(screen)
         watch = Watch(screen)
-        emulated.inject(fault, 0.5)
+        emulated.line.damage.inject(fault, time.monotonic() + 0.5)
         assert watch.told(told)
 
 
@@ -135,9 +135,9 @@ def test_split_and_merged_packets_are_understood(fault, protocol):
         LumioScreen(config(emulated, protocol=protocol.value)) as screen,
     ):
         assert sees(screen)
-        before = screen.stream.reports
-        emulated.inject(fault, 5.0)
-        assert until(lambda: screen.stream.reports > before + 20)
+        before = screen.stream.stats.reports
+        emulated.line.damage.inject(fault, time.monotonic() + 5.0)
+        assert until(lambda: screen.stream.stats.reports > before + 20)
         # On a busy machine a half may come so late that it is given up: never taken for another.
         assert "position jumped" not in Watch(screen).look()
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from twin.devices.lumio.calibration import Calibration
 from twin.devices.lumio.conditions import CONDITIONS
-from twin.devices.lumio.config import PlausibilityLimits
-from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
+from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
+from twin.devices.lumio.stream import TouchState, TouchStream
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 from twin.sim.plant.exact import SCREEN
 
@@ -20,14 +20,19 @@ PROTOCOLS = list(Protocol)
 SERIAL = [Protocol.MICROTOUCH, Protocol.ELO]
 
 
+def settings(protocol, capacity=1e9, calibration=CALIBRATION):
+    """Those of a line of so many bytes per second, beyond which it is flooded."""
+    baud = math.ceil(capacity / 0.09)
+    return LumioConfig(port="", protocol=str(protocol), baud=baud, calibration=calibration)
+
+
 class FedScreen:
     """A screen fed by hand, looked at every 2 ms as a loop does."""
 
     def __init__(self, protocol=Protocol.HID_0006, capacity=2000.0):
         self.protocol = protocol
         self.limits = PlausibilityLimits()
-        self.stream = TouchStream(protocol.value, capacity, CALIBRATION, self.limits)
-        self.presence = Presence(self.limits, self.stream.report_fault)
+        self.stream = TouchStream(settings(protocol, capacity))
         self.time = 0.0
         self.seen = []
         self.tilt = 0.0
@@ -44,8 +49,8 @@ class FedScreen:
         self.look()
 
     def look(self):
-        self.presence.update(self.stream.sample, self.time)
-        self.presence.note_tilt(self.stream.sample, self.time, self.tilt)
+        self.stream.tracker.watch(self.time)
+        self.stream.tracker.note_tilt(self.time, self.tilt)
         self.seen += [(self.time, fault.condition.name) for fault in self.stream.faults()]
 
     def wait(self, seconds):
@@ -70,7 +75,7 @@ class FedScreen:
 
     @property
     def state(self):
-        return touch_state(self.limits, self.stream.sample, self.time)
+        return self.stream.tracker.state(self.time)
 
 
 def within(name):
@@ -294,7 +299,7 @@ def test_packets_in_parts_or_together_are_understood(protocol):
 
 
 def test_a_pause_between_two_bursts_is_no_flood():
-    stream = TouchStream("microtouch", 1000.0, None, PlausibilityLimits())
+    stream = TouchStream(settings("microtouch", 1000.0, None))
     for time in (84_372.1, 84_372.2, 84_373.9, 84_374.0):  # 250 bytes a window are allowed
         stream.take(time, bytes(100))
     assert "byte flood" not in [fault.condition.name for fault in stream.faults()]
@@ -317,7 +322,7 @@ def test_a_flood_is_told_within_the_stated_time_and_costs_bounded_work(screen):
 
 @pytest.mark.parametrize("protocol", ["auto", "elo", "hid-0006"])
 def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
-    stream = TouchStream(protocol, 1e9, CALIBRATION, PlausibilityLimits())
+    stream = TouchStream(settings(protocol))
     noise = np.random.default_rng(4)
     times = [0.02 * n for n in range(100)]
     told = None
@@ -334,7 +339,7 @@ def test_bytes_of_no_protocol_are_told_within_the_stated_time(protocol):
 @pytest.mark.parametrize("set_to", PROTOCOLS)
 def test_a_protocol_set_wrongly_is_told_with_the_one_that_is_spoken(set_to, spoken):
     screen = FedScreen(spoken)
-    screen.stream = TouchStream(set_to.value, 1e9, CALIBRATION, screen.limits)
+    screen.stream = TouchStream(settings(set_to))
     told = []
     for number in range(30):
         time = FRAME * number
@@ -353,7 +358,7 @@ def test_a_protocol_set_wrongly_is_told_with_the_one_that_is_spoken(set_to, spok
 
 def test_someone_who_asks_to_go_on_is_told_again_only_if_it_is_still_so():
     screen = FedScreen(Protocol.ELO)
-    screen.stream = TouchStream("microtouch", 1e9, CALIBRATION, screen.limits)
+    screen.stream = TouchStream(settings("microtouch"))
     screen.roll(10, (0.0, 0.0))
     assert screen.stream.looks_like == "elo"
     screen.stream.forget()
@@ -390,7 +395,7 @@ def test_false_positions_far_apart_in_time_do_not_confirm_each_other(screen):
 @given(data=st.lists(st.tuples(st.binary(max_size=80), st.floats(0, 0.3)), max_size=12))
 @pytest.mark.parametrize("protocol", ["auto", "elo", "hid-0006"])
 def test_whatever_bytes_come_no_position_is_off_the_screen(protocol, data):
-    stream = TouchStream(protocol, 1000.0, CALIBRATION, PlausibilityLimits())
+    stream = TouchStream(settings(protocol, 1000.0))
     time = 0.0
     for portion, pause in data:
         time += pause

@@ -16,7 +16,7 @@ import select
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -84,7 +84,7 @@ class PromptSlcanBus(slcanBus):
         try:
             super().__init__(channel, bitrate=bitrate, timeout=0, **options)
         except BaseException:
-            self._release()
+            self._claim.close()
             raise
 
     def _write(self, string: str) -> None:
@@ -124,12 +124,7 @@ class PromptSlcanBus(slcanBus):
             self.send_queued()
             self._write("C")
         self.serialPortOrig.close()
-        self._release()
-
-    def _release(self) -> None:
-        if self._claim is not None:
-            os.close(self._claim)
-            self._claim = None
+        self._claim.close()
 
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
         self.send_queued()
@@ -201,14 +196,16 @@ class PromptSlcanBus(slcanBus):
         return _error(*BUS_ERROR_FRAME) if flags & _FLAG_BUS_ERROR else None
 
 
-def _claimed(channel: str) -> int | None:
-    """A descriptor that keeps the port for this process; None where a channel is no file.
+def _claimed(channel: str) -> ExitStack:
+    """Keeps the port for this process until it is closed; nothing where a channel is no file.
 
     Raises:
         OSError: If it cannot be opened, or another program has claimed it.
     """
-    path = channel.partition("@")[0]
-    return None if "://" in path else claim(path, os.O_RDWR)
+    path, kept = channel.partition("@")[0], ExitStack()
+    if "://" not in path:
+        kept.callback(os.close, claim(path, os.O_RDWR))
+    return kept
 
 
 def _error(identifier: int, data: bytes) -> Message:

@@ -94,12 +94,9 @@ _FRAMES = (0, 6, 6, 7, 7, 8, 8)
 """Bytes of the frames of one period: SYNC, two RPDO1, two TPDO1, two TPDO2."""
 
 
-def _from(source: str, confidence: str) -> dict[str, Any]:
-    return {"source": source, "confidence": confidence}
-
-
-def _fact(default: Any, source: str, confidence: str) -> Any:
-    return field(default=default, metadata=_from(source, confidence))
+_UNCONFIRMED = {"unconfirmed": True}
+"""Metadata of a setting whose default nobody has confirmed on the rig. Where it is from, and
+whether that is indirect (M) or inferred (L), stands with the attribute."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,35 +127,33 @@ class AxisConfig:
         name: ``phi`` or ``theta``.
         node: CANopen node, 1 to 126.
         motor_counts: Position counts per motor revolution (6064h), checked against 608Fh.
-        gear: Motor revolutions per revolution of the cam shaft.
-        motor_sign: 1, or -1 if the drive counts against the cam's sense.
-        plate_counts: Plate encoder counts per revolution, as the drive gives them.
-        plate_sign: 1 or -1.
-        plate_object: Index and subindex of the plate encoder's position in the drive.
+        gear: Motor revolutions per revolution of the cam shaft; cartridge motor on the cam: none
+            (M).
+        motor_sign: 1, or -1 if the drive counts against the cam's sense; never checked (L).
+        plate_counts: Plate encoder counts per revolution, as the drive gives them; 360/245760 deg
+            divides all angles of Tables 9.2 to 9.9 (M).
+        plate_sign: 1 or -1; never checked (L).
+        plate_object: Index and subindex of the plate encoder's position in the drive; EDS; which
+            input is not known (L).
         velocity_unit: One count of 60FFh and 606Ch in rad/s at the motor.
         acceleration_unit: One count of 6083h and 6084h in rad/s^2 at the motor; None for 0.001 of
-            the unit that the drive names.
-        limit_unit: One count of 207Fh, 3622h and 3623h in rad/s at the motor; None likewise.
+            the unit that the drive names, UNIT.ACCROTARY, as 60FFh (L).
+        limit_unit: One count of 207Fh, 3622h and 3623h in rad/s at the motor; None likewise, of
+            UNIT.VROTARY, as 60FFh (M).
         product: Product code (1018h:2), or None for any AKD.
     """
 
     name: str
     node: int
     motor_counts: int = bounded(1 << 20, 16, 1 << 32)
-    gear: float = bounded(1.0, 0.01, 1000, **_from("cartridge motor on the cam: none", "M"))
-    motor_sign: int = _fact(1, "never checked", "L")
-    plate_counts: int = bounded(
-        245760, 16, 1 << 32, **_from("360/245760 deg divides all angles of Tables 9.2 to 9.9", "M")
-    )
-    plate_sign: int = _fact(1, "never checked", "L")
-    plate_object: tuple[int, int] = _fact((0x2050, 0), "EDS; which input is not known", "L")
+    gear: float = bounded(1.0, 0.01, 1000, **_UNCONFIRMED)
+    motor_sign: int = field(default=1, metadata=_UNCONFIRMED)
+    plate_counts: int = bounded(245760, 16, 1 << 32, **_UNCONFIRMED)
+    plate_sign: int = field(default=1, metadata=_UNCONFIRMED)
+    plate_object: tuple[int, int] = field(default=(0x2050, 0), metadata=_UNCONFIRMED)
     velocity_unit: float = bounded(0.001 * RPM, 1e-9, 1)
-    acceleration_unit: float | None = bounded(
-        None, 1e-6, 1e4, **_from("0.001 of UNIT.ACCROTARY, as 60FFh", "L")
-    )
-    limit_unit: float | None = bounded(
-        None, 1e-6, 10, **_from("0.001 of UNIT.VROTARY, as 60FFh", "M")
-    )
+    acceleration_unit: float | None = bounded(None, 1e-6, 1e4, **_UNCONFIRMED)
+    limit_unit: float | None = bounded(None, 1e-6, 10, **_UNCONFIRMED)
     product: int | None = None
 
     def __post_init__(self) -> None:
@@ -202,11 +197,15 @@ class AkdConfig:
         heartbeat: Period of every heartbeat in s.
         silence: Silence after which either side acts, in s.
         answer: Time an SDO answer may take before the cycle runs, s.
-        rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s.
+        rate_limit: Second net in the drives: motor rate at the cam shaft, rad/s; 0.6 rad/s of the
+            plate, cam ratio 6, slack (L).
         ramp: Profile acceleration at the cam shaft, rad/s^2; far above what the plate needs
-            (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant.
-        torque_limit: Second net in the drives: torque at the cam shaft, N m, as a current limit.
-        motor_torque: The motors' continuous torque, N m, compared with what the drives know.
+            (7 rad/s^2 times a cam ratio of 5), so that the ramp is no part of the plant; own
+            choice: 8 rad/s in 4 ms (L).
+        torque_limit: Second net in the drives: torque at the cam shaft, N m, as a current limit;
+            model: the hardest motion takes 2.8 (L).
+        motor_torque: The motors' continuous torque, N m, compared with what the drives know;
+            datasheet of the C041A (M).
         watch: Thresholds.
     """
 
@@ -220,10 +219,10 @@ class AkdConfig:
     heartbeat: float = 0.02
     silence: float = net(0.06, 0.01, 1.0)
     answer: float = 2.0
-    rate_limit: float = net(8.0, 1, 20, **_from("0.6 rad/s of the plate, cam ratio 6, slack", "L"))
-    ramp: float = bounded(2000.0, 50, 1e5, **_from("own choice: 8 rad/s in 4 ms", "L"))
-    torque_limit: float = net(4.5, 0.5, 12.3, **_from("model: the hardest motion takes 2.8", "L"))
-    motor_torque: float = bounded(4.57, 0.1, 50, **_from("datasheet of the C041A", "M"))
+    rate_limit: float = net(8.0, 1, 20, **_UNCONFIRMED)
+    ramp: float = bounded(2000.0, 50, 1e5, **_UNCONFIRMED)
+    torque_limit: float = net(4.5, 0.5, 12.3, **_UNCONFIRMED)
+    motor_torque: float = bounded(4.57, 0.1, 50, **_UNCONFIRMED)
     watch: MonitorConfig = field(default_factory=MonitorConfig)
 
     def __post_init__(self) -> None:
@@ -268,9 +267,6 @@ class AkdConfig:
 
 
 def unconfirmed() -> list[str]:
-    """Every setting whose default nobody has confirmed on the rig.
-
-    Its metadata say where it is from, and whether the confidence is M (indirect) or L (inferred).
-    """
+    """Every setting whose default nobody has confirmed on the rig."""
     of_both = [*fields(AkdConfig), *fields(AxisConfig)]
-    return sorted(each.name for each in of_both if "source" in each.metadata)
+    return sorted(each.name for each in of_both if "unconfirmed" in each.metadata)

@@ -10,7 +10,7 @@ from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import PROFILE_VELOCITY
 from twin.devices.akd.cia402 import AxisRequest, DriveState, StatusBit
 from twin.devices.akd.conditions import FaultReports
-from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.config import AkdConfig, AxisConfig
 from twin.hal.interface import Condition
 
 _WINDOW = 50
@@ -21,19 +21,22 @@ _DOUBLED = 10
 """Cycles in a row with doubled PDOs that mean a second node with this id."""
 
 
-class AxisMonitor:
-    """Judges an axis before every SYNC.
+class MonitoredAxis(Axis):
+    """An axis that is judged before every SYNC.
 
     Args:
-        axis: What is monitored.
-        config: Thresholds and period.
+        config: The axis.
+        drives: Thresholds and period.
         reports: Where faults are reported.
+        at: Time in s from which its heartbeat is awaited.
     """
 
-    def __init__(self, axis: Axis, config: AkdConfig, reports: FaultReports) -> None:
-        self._axis = axis
-        self._config = config
-        self._limits = config.watch
+    def __init__(
+        self, config: AxisConfig, drives: AkdConfig, reports: FaultReports, *, at: float
+    ) -> None:
+        super().__init__(config, drives, at=at)
+        self._silence = drives.silence
+        self._limits = drives.watch
         self._reports = reports
         self._irregular: deque[bool] = deque(maxlen=_WINDOW)
         self._emergencies: deque[float] = deque(maxlen=self._limits.burst)
@@ -49,63 +52,60 @@ class AxisMonitor:
 
     def receive(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
         """Take in a frame of this node; any service, any bytes."""
-        axis = self._axis
         if service == frames.TPDO1:
             motion = frames.decode_tpdo1(data)
             if motion is None:
                 self._wrong_length("TPDO1", data, at)
-            elif axis.update_motion(motion, cycle, sync):
+            elif self.update_motion(motion, cycle, sync):
                 self._travel = self._quiet = 0.0
         elif service == frames.TPDO2:
             feedback = frames.decode_tpdo2(data)
             if feedback is None:
                 self._wrong_length("TPDO2", data, at)
-            elif axis.update_feedback(feedback, cycle, sync):
+            elif self.update_feedback(feedback, cycle, sync):
                 self._plate_travel = self._plate_quiet = 0.0
         elif service == frames.HEARTBEAT:
             self._heartbeat(frames.decode_nmt_state(data), at)
         elif service == frames.EMERGENCY:
             self._emergency(frames.decode_emergency(data), at)
 
-    def request_reset(self, at: float) -> None:
+    def reset(self, at: float) -> None:
         """Request a fault reset, and watch whether it succeeds."""
         self._resetting = at
-        self._axis.request_reset()
+        self.request_reset()
 
     def cycle(self, at: float, synced: float) -> None:
         """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
-        self._judge_pdos(at, early=at - synced < ANSWER * self._config.period)
-        axis = self._axis
-        if at - axis.heartbeat > self._config.silence:
-            silent = at - axis.heartbeat
+        self._judge_pdos(at, early=at - synced < ANSWER * self._period)
+        if at - self.heartbeat > self._silence:
+            silent = at - self.heartbeat
             self._report(c.HEARTBEAT_LOST, f"none for {1e3 * silent:.0f} ms", at)
-        if axis.status is not None:
-            self._judge_status(axis.status, at)
+        if self.status is not None:
+            self._judge_status(self.status, at)
             self._judge_motion(at)
         self._judge_stop(at)
 
     def _report(self, condition: Condition, detail: str, at: float) -> None:
-        self._reports.report(condition, self._axis.config.where, detail, at)
+        self._reports.report(condition, self.config.where, detail, at)
 
     def _wrong_length(self, name: str, data: bytes, at: float) -> None:
         self._short = True
         self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
 
     def _heartbeat(self, state: int | None, at: float) -> None:
-        axis = self._axis
         if state is None:
             return
         if state == 0:
-            axis.booted = True
+            self.booted = True
             self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
         elif state != frames.OPERATIONAL:
             self._report(c.NMT_LEFT, f"is {frames.NMT_STATES.get(state, str(state))}", at)
-        elif axis.booted:
+        elif self.booted:
             self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
-        axis.heartbeat = at
+        self.heartbeat = at
 
     def _emergency(self, message: frames.Emergency, at: float) -> None:
-        self._axis.emergency = message.words
+        self.emergency = message.words
         if message.short:
             self._report(c.EMERGENCY_SHORT, message.words, at)
         elif message.code:
@@ -115,10 +115,9 @@ class AxisMonitor:
             self._report(c.EMERGENCY_BURST, f"{self._limits.burst} within 1 s", at)
 
     def _judge_pdos(self, at: float, *, early: bool) -> None:
-        axis = self._axis
         irregular, self._short = self._short, False
         doubled = True
-        for name, pdo in (("TPDO1", axis.tpdo1), ("TPDO2", axis.tpdo2)):
+        for name, pdo in (("TPDO1", self.tpdo1), ("TPDO2", self.tpdo2)):
             stats = pdo.close(early=early)
             irregular = irregular or stats != (False, 0, 0)
             doubled = doubled and pdo.doubled >= _DOUBLED
@@ -137,10 +136,10 @@ class AxisMonitor:
             self._report(c.PDO_UNSTEADY, f"{count} of {len(self._irregular)} cycles irregular", at)
 
     def _judge_status(self, status: int, at: float) -> None:
-        axis, limits = self._axis, self._limits
+        limits = self._limits
         words = f"status word {status:04X}h"
-        if axis.state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
-            newest = axis.newest_fault
+        if self.state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
+            newest = self.newest_fault
             if self._resetting is None:
                 self._report(c.DRIVE_FAULT, words + newest, at)
             elif at - self._resetting > limits.reset:
@@ -148,58 +147,57 @@ class AxisMonitor:
                 self._report(c.RESET_REFUSED, words + newest, at)
         elif self._resetting is not None and at - self._resetting > limits.reset:
             self._resetting = None
-        if axis.mode != PROFILE_VELOCITY:
-            self._report(c.MODE_CHANGED, f"mode {axis.mode}, not {PROFILE_VELOCITY}", at)
+        if self.mode != PROFILE_VELOCITY:
+            self._report(c.MODE_CHANGED, f"mode {self.mode}, not {PROFILE_VELOCITY}", at)
         if not status & StatusBit.REMOTE:
             self._report(c.REMOTE_LOST, f"{words}: another tool controls the drive", at)
         if status & StatusBit.WARNING:
             self._report(c.DRIVE_WARNING, words, at)
-        if axis.request is AxisRequest.ENABLE:
+        if self.request is AxisRequest.ENABLE:
             if not status & StatusBit.VOLTAGE:
                 self._report(c.NO_DC_LINK, words, at)
-            if axis.state is DriveState.QUICK_STOP:
+            if self.state is DriveState.QUICK_STOP:
                 self._report(c.QUICK_STOPPED, f"{words}: nobody here asked for it", at)
-            elif self._was_enabled and axis.state is not DriveState.OPERATION_ENABLED:
-                self._report(c.DRIVE_DISABLED, f"{words}: {axis.state.value}", at)
-        self._was_enabled = axis.enabled
-        limited = status & StatusBit.INTERNAL_LIMIT and axis.enabled
-        self._limited = self._limited + self._config.period if limited else 0.0
+            elif self._was_enabled and self.state is not DriveState.OPERATION_ENABLED:
+                self._report(c.DRIVE_DISABLED, f"{words}: {self.state.value}", at)
+        self._was_enabled = self.enabled
+        limited = status & StatusBit.INTERNAL_LIMIT and self.enabled
+        self._limited = self._limited + self._period if limited else 0.0
         if self._limited > limits.limit_time:
             self._report(c.INTERNAL_LIMIT, f"{words} for {1e3 * self._limited:.0f} ms", at)
 
     def _judge_motion(self, at: float) -> None:
-        axis, limits, period = self._axis, self._limits, self._config.period
-        for name, counter in (("motor", axis.motor), ("plate", axis.plate)):
+        limits, period = self._limits, self._period
+        for name, counter in (("motor", self.motor), ("plate", self.plate)):
             if counter.jump:
                 self._report(c.ENCODER_JUMP, f"{name} encoder by {counter.jump} counts", at)
                 counter.jump = 0
-        if not axis.enabled:
+        if not self.enabled:
             self._travel = self._plate_travel = self._lagging = 0.0
             return
-        if not axis.tpdo1.missed:
-            self._travel += axis.sent * period
+        if not self.tpdo1.missed:
+            self._travel += self.sent * period
             self._quiet = self._quiet + period if self._travel else 0.0
         if abs(self._travel) > limits.travel and self._quiet > limits.frozen:
             self._report(c.FROZEN, f"no count over {self._travel:.3f} rad commanded", at)
-        if not axis.tpdo2.missed:
-            self._plate_travel += axis.rate * period
+        if not self.tpdo2.missed:
+            self._plate_travel += self.rate * period
             self._plate_quiet = self._plate_quiet + period if self._plate_travel else 0.0
         if abs(self._plate_travel) > limits.plate_travel and self._plate_quiet > limits.frozen:
             detail = f"no count over {self._plate_travel:.3f} rad of the motor"
             self._report(c.PLATE_FROZEN, detail, at)
-        lagging = abs(axis.rate - axis.sent) > limits.lag
+        lagging = abs(self.rate - self.sent) > limits.lag
         self._lagging = self._lagging + period if lagging else 0.0
         if self._lagging > limits.lag_time:
-            detail = f"turns at {axis.rate:.2f} rad/s, commanded {axis.sent:.2f} rad/s"
+            detail = f"turns at {self.rate:.2f} rad/s, commanded {self.sent:.2f} rad/s"
             self._report(c.RUNAWAY, detail, at)
 
     def _judge_stop(self, at: float) -> None:
-        axis = self._axis
-        if axis.request is not self._request:
-            self._request, self._requested = axis.request, at
-        torque = axis.state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP}
+        if self.request is not self._request:
+            self._request, self._requested = self.request, at
+        torque = self.state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP}
         ignored = torque and at - self._requested > self._limits.stop
         if self._request is AxisRequest.QUICK_STOP and ignored:
             self.stop_ignored = True
-            detail = f"still {axis.state.value} after {self._limits.stop} s"
+            detail = f"still {self.state.value} after {self._limits.stop} s"
             self._report(c.STOP_IGNORED, detail, at)

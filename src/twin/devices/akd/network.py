@@ -42,8 +42,6 @@ class Network:
         """Longest wait for an SDO answer in s."""
         self.now = now
         """Monotonic time in s."""
-        self.heard: set[int] = set()
-        """Nodes that have sent anything."""
         self.states: dict[int, int] = {}
         """NMT states from heartbeats, by node."""
         self.answers: dict[int, int] = {}
@@ -92,8 +90,6 @@ class Network:
             self.identifiers.add(message.arbitration_id)
             node = message.arbitration_id & frames.NODE_MASK
             service = message.arbitration_id - node
-            if node and service in _SERVICES:
-                self.heard.add(node)
             if service == frames.SDO_RESPONSE and len(message.data) == 8:
                 self.answers[node] = self.answers.get(node, 0) + 1
                 self._answer[node] = frames.decode_sdo(bytes(message.data))
@@ -207,6 +203,8 @@ class Remote:
 
 def absent(network: Network, axis: AxisConfig) -> str:
     """Why a drive may be silent, in one line."""
-    others = sorted(network.heard - {axis.node})
+    mask = frames.NODE_MASK
+    nodes = {each & mask for each in network.identifiers if each & ~mask in _SERVICES}
+    others = sorted(nodes - {0, axis.node})
     heard = f"heard nodes {', '.join(map(str, others))}" if others else "heard nobody"
     return f"does not answer ({heard}); check power, cable, bit rate and node switches"

@@ -11,13 +11,12 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
-from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames
 from twin.devices.akd.bus import CanTransport, open_bus
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.monitor import AxisMonitor
+from twin.devices.akd.monitor import MonitoredAxis
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.akd.sdo_poll import SdoPolling
 from twin.hal.interface import Fault, Severity
@@ -50,7 +49,7 @@ class AkdServos:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.config = config
-        self.axes: tuple[Axis, ...] = ()
+        self.axes: tuple[MonitoredAxis, ...] = ()
         """phi and theta, since ``start``."""
         self.found: tuple[SettingsFound, ...] = ()
         """What phi's and theta's drive were found to be at the last start."""
@@ -66,7 +65,6 @@ class AkdServos:
         self._transport: CanTransport | None = None
         """The bus, between ``start`` and ``stop``."""
         self._reports = FaultReports(config.watch.repeat)
-        self._monitors: dict[int, AxisMonitor] = {}
         self._polling = SdoPolling(config, self._reports, 0.0)
         self._cycle, self._synced, self._beat = 0, 0.0, 0.0
 
@@ -96,17 +94,14 @@ class AkdServos:
             raise
         transport.send_heartbeat(config.host)
         at = self.now()
-        self.axes = tuple(Axis(axis, config, at=at) for axis in config.axes)
+        self.axes = tuple(MonitoredAxis(axis, config, self._reports, at=at) for axis in config.axes)
         for axis, found in zip(self.axes, self.found, strict=True):
             axis.found_faults = found.faults
-        self._monitors = {
-            axis.config.node: AxisMonitor(axis, config, self._reports) for axis in self.axes
-        }
         self._polling = SdoPolling(config, self._reports, at)
         self._cycle, self._synced, self._beat = 0, at, at
         self.round_trip, self.heartbeat = None, True
-        for monitor in self._monitors.values() if reset else ():
-            monitor.request_reset(at)
+        for axis in self.axes if reset else ():
+            axis.reset(at)
         self._transport = transport
 
     def stop(self) -> None:
@@ -165,8 +160,8 @@ class AkdServos:
         self._drain(0.0)
         at = self.now()
         if self._cycle:
-            for monitor in self._monitors.values():
-                monitor.cycle(at, self._synced)
+            for axis in self.axes:
+                axis.cycle(at, self._synced)
         if self._reports.stopped:
             self.quick_stop()
         for axis in self.axes:
@@ -261,7 +256,7 @@ class AkdServos:
         due = at - self._beat >= self.config.heartbeat - self.config.period / 2
         if self.heartbeat and due:
             self._beat = at
-            if not any(monitor.stop_ignored for monitor in self._monitors.values()):
+            if not any(axis.stop_ignored for axis in self.axes):
                 transport.send_heartbeat(self.config.host)
 
     def _drain(self, wait: float) -> None:
@@ -269,14 +264,14 @@ class AkdServos:
             at = self.now()
             node = identifier & frames.NODE_MASK
             service = identifier - node
-            monitor = self._monitors.get(node)
+            sender = next((axis for axis in self.axes if axis.config.node == node), None)
             if identifier in self._master_frames:
                 detail = f"sends {self._master_frames[identifier]}"
                 self._reports.report(c.SECOND_MASTER, self._where, detail, at)
                 continue
-            if monitor is None:
+            if sender is None:
                 continue
-            monitor.receive(service, data, self._cycle, self._synced, at)
+            sender.receive(service, data, self._cycle, self._synced, at)
             if service == frames.SDO_RESPONSE:
                 self._polling.receive(node, data, at)
             elif self.round_trip is None and all(

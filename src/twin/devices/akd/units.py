@@ -106,20 +106,18 @@ def read_units(remote: Remote) -> DriveUnits:
         if ratio[0] != ratio[1]:
             text = f"{name} {index:04X}h is {ratio[0]}:{ratio[1]}; set it to 1:1 in the drive, "
             raise remote.wrong(f"{text}and name a real gear as {axis.name}.gear")
-    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", axis.limit_unit, "limit_unit")
-    given = axis.acceleration_unit
-    ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", given, "acceleration_unit")
+    speed = _quantity(remote, 0x365F, "UNIT.VROTARY", "rpm", "limit_unit")
+    ramp = _quantity(remote, 0x3659, "UNIT.ACCROTARY", "rpm/s", "acceleration_unit")
     _check_plausible(remote, speed, "velocity", SPEEDS)
     _check_plausible(remote, ramp, "acceleration", RAMPS)
     return DriveUnits(speed, ramp)
 
 
-def _quantity(
-    remote: Remote, index: int, name: str, unit: str, given: float | None, key: str
-) -> DriveQuantity:
+def _quantity(remote: Remote, index: int, name: str, unit: str, key: str) -> DriveQuantity:
     if chosen := remote.read(index):
         text = f"{name} ({index:04X}h) is {chosen}; set it to 0 ({unit}) in the drive"
         raise remote.wrong(text)
+    given: float | None = getattr(remote.axis, key)
     return DriveQuantity(unit, given if given is not None else RPM / PER_UNIT, key)
 
 

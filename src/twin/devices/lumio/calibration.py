@@ -46,26 +46,14 @@ class Calibration:
             )
 
     @classmethod
-    def nominal(
-        cls,
-        *,
-        swapped: bool = False,
-        mirrored_x: bool = False,
-        mirrored_y: bool = True,
-        size: tuple[float, float] = (SCREEN[0], SCREEN[1]),
-    ) -> Self:
-        """A screen mounted square and centred on the plate.
+    def nominal(cls, size: tuple[float, float] = (SCREEN[0], SCREEN[1])) -> Self:
+        """A screen mounted square and centred on the plate, its second axis counting downwards.
 
         Args:
-            swapped: Whether the screen's first axis runs along the plate's y.
-            mirrored_x: Whether the screen's position along the plate's x counts backwards.
-            mirrored_y: The same along y; a screen's second axis usually counts downwards.
             size: Sides of the sensing area along the plate's x and y, m.
         """
-        x = -size[0] if mirrored_x else size[0]
-        y = -size[1] if mirrored_y else size[1]
-        matrix = ((0.0, x), (y, 0.0)) if swapped else ((x, 0.0), (0.0, y))
-        return cls(matrix, (-x / 2, -y / 2))
+        x, y = size
+        return cls(((x, 0.0), (0.0, -y)), (-x / 2, y / 2))
 
     def plate(self, x: float, y: float) -> tuple[float, float]:
         """Position in m in plate axes of one in screen units."""

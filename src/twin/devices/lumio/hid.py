@@ -68,7 +68,6 @@ class _Parser:
     within: list[tuple[int, int]] = field(default_factory=list)
     fields: list[ReportField] = field(default_factory=list)
     bits: dict[int, int] = field(default_factory=dict)
-    numbered: bool = False
     applications: list[int] = field(default_factory=list)
 
     def main(self, tag: int, data: int, at: int) -> None:
@@ -149,10 +148,8 @@ class _Parser:
         elif name == "exponent":
             # meant as a byte with a sign, mostly written as half of one
             value = _signed(data, 4) if 0 <= signed < 16 else signed
-        elif name == "report":
-            if not 0 < data <= 0xFF:
-                raise DescriptorError(f"report number {data}; 1 to 255 are possible")
-            self.numbered = True
+        elif name == "report" and not 0 < data <= 0xFF:
+            raise DescriptorError(f"report number {data}; 1 to 255 are possible")
         return replace(now, **{name: value})
 
     def local(self, tag: int, data: int) -> None:
@@ -187,9 +184,7 @@ def parse(data: bytes) -> ReportDescriptor:
             parser.local(tag, value)
     if parser.within:
         raise DescriptorError("it ends within a collection")
-    return ReportDescriptor(
-        tuple(parser.fields), parser.bits, parser.numbered, tuple(parser.applications)
-    )
+    return ReportDescriptor(tuple(parser.fields), parser.bits, tuple(parser.applications))
 
 
 def _items(data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
@@ -264,15 +259,19 @@ class ReportDescriptor:
 
     Attributes:
         fields: Of all input reports, padding left out.
-        bits: Length of each input report by its number, without the number itself.
-        numbered: Whether every report begins with its number.
+        bits: Length of each input report by its number, without the number itself; 0 in a device
+            that numbers none, whose reports do not begin with it.
         applications: Usages of the outermost collections: what the device is.
     """
 
     fields: tuple[ReportField, ...]
     bits: dict[int, int]
-    numbered: bool
     applications: tuple[int, ...]
+
+    @property
+    def what(self) -> str:
+        """What an interface that has it is, in words."""
+        return ", ".join(map(application, self.applications)) or "without any use"
 
 
 TOUCH_SCREEN = 0x000D_0004
@@ -333,7 +332,7 @@ class TouchLayout:
         report = found[0][0]
         return cls(
             report,
-            -(-descriptor.bits[report] // 8) + descriptor.numbered,
+            -(-descriptor.bits[report] // 8) + (report > 0),
             tuple(contact for number, contact in found if number == report),
             counts.get(report),
         )
@@ -376,14 +375,9 @@ class HidDecoder(Decoder):
 
     def __init__(self, layout: TouchLayout) -> None:
         super().__init__()
-        self.layout = layout
+        self.layout, self.extent = layout, layout.extent
         self._left = 0
         self._down: set[int] = set()
-
-    @property
-    def extent(self) -> tuple[float, float] | None:
-        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
-        return self.layout.extent
 
     def feed(self, data: bytes) -> list[Report]:
         """The reports in these bytes, oldest first."""

@@ -34,7 +34,6 @@ class DecoderStats:
     Attributes:
         bytes: Bytes fed.
         reports: Packets with contacts.
-        replies: Packets that answer a command.
         cut: Bytes before the first packet that may end one whose beginning was not heard.
         skipped: Other bytes that belong to no packet.
         checksum: Packets whose checksum is wrong.
@@ -43,7 +42,6 @@ class DecoderStats:
 
     bytes: int = 0
     reports: int = 0
-    replies: int = 0
     cut: int = 0
     skipped: int = 0
     checksum: int = 0
@@ -75,11 +73,8 @@ class Decoder(ABC):
 
     def __init__(self) -> None:
         self.stats = DecoderStats()
-
-    @property
-    def extent(self) -> tuple[float, float] | None:
-        """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
-        return None
+        self.extent: tuple[float, float] | None = None
+        """Sides of the sensing area along the screen's x and y, m, if the panel tells."""
 
     @abstractmethod
     def feed(self, data: bytes) -> list[Report]:
@@ -182,7 +177,6 @@ class MicroTouchDecoder(StreamDecoder):
         for index in range(at + 1, min(len(buffer), at + _LONGEST_REPLY)):
             byte = buffer[index]
             if byte == _REPLY_END:
-                self.stats.replies += 1
                 return Packet(index + 1 - at)
             if not 0x20 <= byte < 0x7F:
                 return None
@@ -215,7 +209,6 @@ class EloDecoder(StreamDecoder):
             return None
         if packet[1] == _TOUCH:
             return Packet(self.size, self._touch(packet))
-        self.stats.replies += 1
         return Packet(self.size)
 
     def _touch(self, packet: bytearray) -> Report | None:

@@ -13,7 +13,7 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.lumio.conditions import UNPLUGGED
 from twin.devices.lumio.config import LumioConfig
-from twin.devices.lumio.stream import Presence, TouchState, TouchStream, touch_state
+from twin.devices.lumio.stream import TouchState, TouchStream
 from twin.devices.lumio.transports import TRANSPORTS, ScreenError, Transport
 from twin.devices.scheduling import ahead
 from twin.hal.interface import Fault, Touch
@@ -47,9 +47,8 @@ class LumioScreen:
         """Whether the port is open."""
         self._now = now
         self._port = port or TRANSPORTS[config.transport](config.port, config.baud)
-        self.stream = TouchStream(config.protocol, config.capacity, config.calibration, config.gate)
+        self.stream = TouchStream(config)
         """What is made of the bytes, and counted."""
-        self._presence = Presence(config.gate, self.stream.report_fault)
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
 
@@ -78,7 +77,6 @@ class LumioScreen:
     def _begin(self) -> None:
         """Open the port, take over what it says of itself, and know nothing of what was before."""
         self.stream.forget()
-        self._presence.forget()
         self._port.open()
         try:
             self.stream.begin(self._port.decoder())
@@ -113,17 +111,17 @@ class LumioScreen:
         Only to notice a frozen touch: no ball rests on a steep plate.
         """
         tilt = float(np.abs(plate).max())
-        self._presence.note_tilt(self.stream.sample, self._now(), tilt)
+        self.stream.tracker.note_tilt(self._now(), tilt)
 
     def faults(self) -> tuple[Fault, ...]:
         """What has been detected since the last call, oldest first; ask once per period."""
-        self._presence.update(self.stream.sample, self._now())
+        self.stream.tracker.watch(self._now())
         return tuple(self.stream.faults())
 
     @property
     def state(self) -> TouchState:
         """What is known of the ball now."""
-        return touch_state(self.config.gate, self.stream.sample, self._now())
+        return self.stream.tracker.state(self._now())
 
     @property
     def protocol(self) -> str:
@@ -160,12 +158,9 @@ class LumioScreen:
         try:
             data = self._port.read(self.WAIT)
         except ScreenError as error:
-            self._gone(error)
+            self.connected = False
+            self._port.close()
+            self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])
             return 0
         self.stream.take(self._now(), data)
         return len(data)
-
-    def _gone(self, error: ScreenError) -> None:
-        self.connected = False
-        self._port.close()
-        self.stream.report_fault(UNPLUGGED, str(error).partition(": ")[2])

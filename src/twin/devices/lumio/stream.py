@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from twin.devices.lumio import conditions as c
 from twin.devices.lumio.calibration import Calibration
-from twin.devices.lumio.config import PlausibilityLimits
+from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
 from twin.devices.lumio.hid import decoder_of
 from twin.devices.lumio.protocols import Contact, Decoder, DecoderStats, Detector, Report
 from twin.hal.interface import Condition, Fault
@@ -32,74 +32,6 @@ class TouchState(StrEnum):
     LIFTED = "lifted"
     STALE = "stale"
     LOST = "lost"
-
-
-def touch_state(limits: PlausibilityLimits, sample: Sample | None, time: float) -> TouchState:
-    """What is known of the ball at a time.
-
-    Args:
-        limits: What is plausible.
-        sample: The newest position.
-        time: Now, on the clock of the sample, s.
-    """
-    if sample is None:
-        return TouchState.LOST
-    age = time - sample.time
-    if age > limits.lost:
-        return TouchState.LOST
-    if sample.lifted:
-        return TouchState.LIFTED
-    return TouchState.STALE if age > limits.stale else TouchState.TOUCHING
-
-
-class Presence:
-    """Notices, from one update to the next, that a ball was lost or does not obey the tilt.
-
-    Args:
-        limits: What is plausible.
-        report_fault: Called with each condition detected.
-    """
-
-    def __init__(self, limits: PlausibilityLimits, report_fault: ReportFault) -> None:
-        self._limits = limits
-        self._report_fault = report_fault
-        self.forget()
-
-    def forget(self) -> None:
-        """Start again, as before the first touch."""
-        self._state = TouchState.LOST
-        self._tilted: float | None = None
-        self._frozen = False
-
-    def update(self, sample: Sample | None, time: float) -> None:
-        """Compare with the last update."""
-        before, self._state = self._state, touch_state(self._limits, sample, time)
-        if sample is None or self._state == before:
-            return
-        end = "after a lift-off" if sample.lifted else "without a lift-off"
-        detail = f"no touch for {1000 * (time - sample.time):.0f} ms {end}"
-        if self._state == TouchState.STALE:
-            self._report_fault(c.STALE, detail)
-        elif self._state == TouchState.LOST:
-            self._report_fault(c.BALL_LOST, detail)
-
-    def note_tilt(self, sample: Sample | None, time: float, tilt: float) -> None:
-        """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
-
-        What keeps reporting one and the same position there is a frozen touch.
-        """
-        if tilt <= self._limits.tilt or self._state != TouchState.TOUCHING or sample is None:
-            self._tilted = None
-            return
-        self._tilted = time if self._tilted is None else self._tilted
-        rest = time - max(self._tilted, sample.since)
-        if rest <= self._limits.rest:
-            self._frozen = False
-        elif not self._frozen:
-            self._frozen = True
-            self._report_fault(
-                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
-            )
 
 
 ReportFault = Callable[[Condition, str], None]
@@ -123,7 +55,7 @@ class Sample(NamedTuple):
 
 
 class Tracker:
-    """Follows one ball through the reports.
+    """Follows one ball through the reports, and notices when it is lost or disobeys the tilt.
 
     Args:
         limits: What is plausible.
@@ -153,6 +85,55 @@ class Tracker:
         self._path: list[tuple[float, tuple[float, float]]] = []
         self._same = 0
         self._swapped = False
+        self._state = TouchState.LOST
+        self._tilted: float | None = None
+        self._frozen = False
+
+    def state(self, time: float) -> TouchState:
+        """What is known of the ball at a time."""
+        return self._known(self.sample, time)
+
+    def _known(self, sample: Sample | None, time: float) -> TouchState:
+        if sample is None:
+            return TouchState.LOST
+        age = time - sample.time
+        if age > self._limits.lost:
+            return TouchState.LOST
+        if sample.lifted:
+            return TouchState.LIFTED
+        return TouchState.STALE if age > self._limits.stale else TouchState.TOUCHING
+
+    def watch(self, time: float) -> None:
+        """Notice what has become of the ball since the last call."""
+        sample = self.sample
+        before, self._state = self._state, self._known(sample, time)
+        if sample is None or self._state == before:
+            return
+        end = "after a lift-off" if sample.lifted else "without a lift-off"
+        detail = f"no touch for {1000 * (time - sample.time):.0f} ms {end}"
+        if self._state == TouchState.STALE:
+            self._report_fault(c.STALE, detail)
+        elif self._state == TouchState.LOST:
+            self._report_fault(c.BALL_LOST, detail)
+
+    def note_tilt(self, time: float, tilt: float) -> None:
+        """Take in the plate's tilt, the larger of both angles, rad: no ball rests on a steep plate.
+
+        What keeps reporting one and the same position there is a frozen touch.
+        """
+        sample = self.sample
+        if tilt <= self._limits.tilt or self._state != TouchState.TOUCHING or sample is None:
+            self._tilted = None
+            return
+        self._tilted = time if self._tilted is None else self._tilted
+        rest = time - max(self._tilted, sample.since)
+        if rest <= self._limits.rest:
+            self._frozen = False
+        elif not self._frozen:
+            self._frozen = True
+            self._report_fault(
+                c.FROZEN, f"no motion in {rest:.2f} s on a plate tilted by {tilt:.3f} rad"
+            )
 
     def take(self, time: float, report: Report) -> None:
         """Take in a report that arrived at a time."""
@@ -298,10 +279,7 @@ class TouchStream:
     """Turns what a port delivers into ball positions and faults; knows no port and no clock.
 
     Args:
-        protocol: Name of the protocol, or ``auto``.
-        capacity: Bytes per second from which the line counts as flooded.
-        calibration: Screen units to plate axes; None for a screen mounted square and centred.
-        limits: What is plausible.
+        config: Protocol, calibration, what is plausible, and what the line carries.
     """
 
     WINDOW = 0.25
@@ -313,28 +291,20 @@ class TouchStream:
     MOST = 256
     """Bytes of one reading that are decoded; older ones are dropped, to bound the time it takes."""
 
-    def __init__(
-        self,
-        protocol: str,
-        capacity: float,
-        calibration: Calibration | None,
-        limits: PlausibilityLimits,
-    ) -> None:
-        self.decoder: Decoder | None = None if protocol == "auto" else decoder_of(protocol)
+    def __init__(self, config: LumioConfig) -> None:
+        named = None if config.protocol == "auto" else decoder_of(config.protocol)
+        self.decoder: Decoder | None = named
         self.dropped = 0
         """Bytes dropped undecoded."""
-        self.reports = 0
-        """Reports taken in."""
         self.extent: tuple[float, float] | None = None
         """Sides of the sensing area along the screen's x and y, m, if the screen tells."""
         self.looks_like = ""
         """The protocol that the bytes look like, if that is not the one set; else empty."""
-        self._protocol = protocol
+        self._config = config
         self._detector: Detector | None = Detector()
-        self._calibration = calibration
-        self._capacity = capacity
-        self._limits = limits
-        self._tracker = Tracker(limits, calibration or Calibration.nominal(), self.report_fault)
+        calibration = config.calibration or Calibration.nominal()
+        self.tracker = Tracker(config.gate, calibration, self.report_fault)
+        """Where the ball is."""
         self._faults: deque[Fault] = deque(maxlen=1000)
         self._seen = DecoderStats()
         self._reported: dict[Condition, float] = {}
@@ -346,13 +316,13 @@ class TouchStream:
     @property
     def sample(self) -> Sample | None:
         """The ball's newest position."""
-        return self._tracker.sample
+        return self.tracker.sample
 
     @property
     def rate(self) -> float:
         """Reports per second over the last ones, pauses without a touch left out."""
         times = list(self._times)
-        gaps = [b - a for a, b in pairwise(times) if b - a <= self._limits.lost]
+        gaps = [b - a for a, b in pairwise(times) if b - a <= self._config.gate.lost]
         return len(gaps) / sum(gaps) if sum(gaps) > 0 else 0.0
 
     @property
@@ -376,12 +346,12 @@ class TouchStream:
         self.decoder, self._detector = decoder, None
         self._seen = replace(decoder.stats)
         self.extent = decoder.extent
-        if self._calibration is None and self.extent is not None:
-            self._tracker.calibration = Calibration.nominal(size=self.extent)
+        if self._config.calibration is None and self.extent is not None:
+            self.tracker.calibration = Calibration.nominal(self.extent)
 
     def forget(self) -> None:
         """Forget the ball and half a packet, as after the port was reopened."""
-        self._tracker.forget()
+        self.tracker.forget()
         self._deaf = None
         self.looks_like = ""
         self._detector = Detector()
@@ -399,9 +369,8 @@ class TouchStream:
             self._measure(time, len(data))
             self.dropped += max(0, len(data) - self.MOST)
             for report in self._decode(time, data[-self.MOST :]):
-                self.reports += 1
                 self._times.append(time)
-                self._tracker.take(time, report)
+                self.tracker.take(time, report)
         self._compare(time)
 
     def _decode(self, time: float, data: bytes) -> list[Report]:
@@ -414,7 +383,7 @@ class TouchStream:
             if self.decoder is None:
                 self.decoder, reports = decoder, heard
                 self._seen = replace(decoder.stats)
-            wrong = self._protocol not in {"auto", decoder.name}
+            wrong = self._config.protocol not in {"auto", decoder.name}
             self.looks_like = decoder.name if wrong else ""
             self._detector = Detector() if wrong else None
         self._recognise(time)
@@ -423,11 +392,12 @@ class TouchStream:
     def _recognise(self, time: float) -> None:
         """Report bytes that are of another protocol than the one set, or of none that is known."""
         self._deaf = time if self._deaf is None else self._deaf
+        protocol = self._config.protocol
         if self.looks_like:
-            heard = f"the bytes are of {self.looks_like}, not of {self._protocol}"
+            heard = f"the bytes are of {self.looks_like}, not of {protocol}"
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
         elif not self.stats.reports and time - self._deaf > self.DEAF:
-            wanted = "no known protocol" if self._protocol == "auto" else f"no {self._protocol}"
+            wanted = "no known protocol" if protocol == "auto" else f"no {protocol}"
             heard = f"{self.stats.bytes} bytes are of {wanted}"
             self._report_rate_limited(time, c.UNKNOWN_PROTOCOL, heard)
 
@@ -437,7 +407,7 @@ class TouchStream:
         if time - begin >= self.WINDOW:
             begin, total = time, 0
         self._window = begin, total + count
-        if total + count > self._capacity * self.WINDOW:
+        if total + count > self._config.capacity * self.WINDOW:
             self._report_rate_limited(
                 time, c.FLOOD, f"{total + count} bytes within {self.WINDOW:g} s"
             )

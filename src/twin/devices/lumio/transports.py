@@ -8,28 +8,21 @@ from __future__ import annotations
 import errno
 import os
 import select
-import sys
 from abc import ABC, abstractmethod
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from twin.devices.lumio.hid import (
-    LONGEST,
     DescriptorError,
     HidDecoder,
     ReportDescriptor,
     TouchLayout,
-    application,
     parse,
 )
 from twin.devices.lumio.protocols import Decoder
 from twin.devices.ports import claim, in_words
 from twin.errors import TwinError
-
-if TYPE_CHECKING:
-    import serial
-
 
 VENDOR = 0x202E
 PRODUCTS = {0x0006: "hid-0006", 0x0007: "hid-0007"}
@@ -75,14 +68,7 @@ class Interface(NamedTuple):
     @property
     def what(self) -> str:
         """What it is, in words."""
-        return described(self.descriptor)
-
-
-def described(descriptor: ReportDescriptor | None) -> str:
-    """What an interface is, in words, by its report descriptor."""
-    if descriptor is None:
-        return "without a readable report descriptor"
-    return ", ".join(map(application, descriptor.applications)) or "without any use"
+        return self.descriptor.what if self.descriptor else "without a readable report descriptor"
 
 
 def identify(port: str, root: Path = HIDRAW_CLASS) -> UsbIdentity | None:
@@ -113,7 +99,7 @@ def panels(root: Path = HIDRAW_CLASS) -> list[Interface]:
         port = f"/dev/{device.name}"
         known = identify(port, root)
         if known is not None and known.vendor == VENDOR:
-            found.append(Interface(port, known, _descriptor(port, root)))
+            found.append(Interface(port, known, _readable(port, root)))
     return found
 
 
@@ -122,19 +108,18 @@ def touch_screens(root: Path = HIDRAW_CLASS) -> list[Interface]:
     return [each for each in panels(root) if each.layout is not None]
 
 
-def _descriptor(port: str, root: Path) -> ReportDescriptor | None:
-    try:
-        return parse((_device(port, root) / "report_descriptor").read_bytes())
-    except (OSError, DescriptorError):
-        return None
+def _readable(port: str, root: Path) -> ReportDescriptor | None:
+    with suppress(OSError, DescriptorError):
+        return _descriptor(port, root)
+    return None
+
+
+def _descriptor(port: str, root: Path) -> ReportDescriptor:
+    return parse((_device(port, root) / "report_descriptor").read_bytes())
 
 
 def _device(port: str, root: Path) -> Path:
     return root / Path(port).resolve().name / "device"
-
-
-HIDIOCGRDESCSIZE, HIDIOCGRDESC = 0x8004_4801, 0x9004_4802
-"""Requests to a raw HID device for its report descriptor (linux/hidraw.h)."""
 
 
 class ScreenError(TwinError, OSError):
@@ -157,6 +142,7 @@ class Transport(ABC):
         self.port = port
         self.baud = baud
         self._handle = -1
+        self._opened = ExitStack()
 
     def open(self) -> None:
         """Open the port and drop what has waited in it.
@@ -203,13 +189,15 @@ class Transport(ABC):
         """
         return None
 
-    @abstractmethod
     def close(self) -> None:
         """Close the port; never raises."""
+        self._handle = -1
+        with suppress(Exception):  # of whatever kind: the port may have gone
+            self._opened.close()
 
     @abstractmethod
     def _open(self) -> int:
-        """Open the port exclusively and return its file descriptor."""
+        """Open the port exclusively until ``_opened`` is closed; return its file descriptor."""
 
     def _ready(self, timeout: float) -> bool:
         return bool(select.select([self._handle], [], [], timeout)[0])
@@ -226,30 +214,18 @@ class SerialPort(Transport):
 
     PERMISSION = "add the user to the group that owns it (dialout)"
 
-    def __init__(self, port: str, baud: int) -> None:
-        super().__init__(port, baud)
-        self._line: serial.Serial | None = None
-
     def _open(self) -> int:
-        import termios  # noqa: F401, PLC0415  closing needs it
+        import termios  # noqa: F401, PLC0415  a POSIX system is needed
 
         import serial  # noqa: PLC0415  on POSIX it imports fcntl and termios
 
         try:
-            self._line = serial.Serial(self.port, self.baud, timeout=0, exclusive=True)
+            line = serial.Serial(self.port, self.baud, timeout=0, exclusive=True)
         except serial.SerialException as error:
             # Without a number: the device does not know the settings of a serial line.
             raise OSError(error.errno or errno.ENOTTY, str(error)) from error
-        return int(self._line.fileno())
-
-    def close(self) -> None:
-        """Close the line."""
-        if self._line is not None:
-            import termios  # noqa: PLC0415  POSIX only
-
-            with suppress(OSError, termios.error):
-                self._line.close()
-            self._line = None
+        self._opened.callback(line.close)
+        return int(line.fileno())
 
 
 class HidrawDevice(Transport):
@@ -263,11 +239,10 @@ class HidrawDevice(Transport):
         Raises:
             ScreenError: The device is not a touch screen.
         """
-        data = self._descriptor()
-        if data is None:
-            return None
         try:
-            descriptor = parse(data)
+            descriptor = _descriptor(self.port, HIDRAW_CLASS)
+        except OSError:
+            return None
         except DescriptorError as error:
             reason = f"its report descriptor cannot be read: {error}"
             raise ScreenError(f"touch screen {self.port}: {reason}") from error
@@ -275,32 +250,14 @@ class HidrawDevice(Transport):
         if layout is None:
             others = ", ".join(each.port for each in touch_screens())
             hint = f"; the touch screen is {others}" if others else ""
-            what = described(descriptor)
-            raise ScreenError(f"touch screen {self.port}: no touch screen but {what}{hint}")
+            what = f"no touch screen but {descriptor.what}{hint}"
+            raise ScreenError(f"touch screen {self.port}: {what}")
         return HidDecoder(layout)
 
-    def _descriptor(self) -> bytes | None:
-        """The report descriptor, or None from what is no raw HID device."""
-        import fcntl  # noqa: PLC0415  POSIX only
-
-        size, whole = bytearray(4), bytearray(4 + LONGEST)
-        try:
-            fcntl.ioctl(self._handle, HIDIOCGRDESCSIZE, size)
-            whole[:4] = size
-            fcntl.ioctl(self._handle, HIDIOCGRDESC, whole)
-        except OSError:
-            return None
-        return bytes(whole[4 : 4 + int.from_bytes(size, sys.byteorder)])
-
     def _open(self) -> int:
-        return claim(self.port, os.O_RDONLY)
-
-    def close(self) -> None:
-        """Close the device."""
-        if self._handle >= 0:
-            with suppress(OSError):
-                os.close(self._handle)
-            self._handle = -1
+        handle = claim(self.port, os.O_RDONLY)
+        self._opened.callback(os.close, handle)
+        return handle
 
 
 TRANSPORTS: dict[str, type[Transport]] = {
