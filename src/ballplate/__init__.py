@@ -33,7 +33,7 @@ from twin.errors import TwinError
 from twin.run.files import Signals
 
 if TYPE_CHECKING:
-    from ballplate import laws, observers, references, systems
+    from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare
     from ballplate.loading import Identified, Log, identify, load
     from ballplate.results import Result
@@ -57,6 +57,7 @@ __all__ = [
     "compare",
     "describe",
     "identify",
+    "lab",
     "law",
     "laws",
     "load",
@@ -71,7 +72,7 @@ __all__ = [
     "systems",
 ]
 
-_MODULES = ("gym", "laws", "observers", "references", "systems")
+_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _NAMES = {
     "comparing": ("Comparison", "compare"),

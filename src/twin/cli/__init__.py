@@ -53,6 +53,9 @@ GROUPS = {
         "emulate": "twin.cli.rig:emulate",
         "safety": "twin.cli.rig:safety",
     },
+    "Teach": {
+        "lab": "twin.cli.labs:lab",
+    },
     "Develop": {
         "new": "twin.cli.describe:new",
         "completion": "twin.cli.options:completion",

@@ -1,0 +1,303 @@
+"""What a lab's files may say, checked: what is asked, what is dealt, and what is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, model_validator
+
+from twin.errors import ScenarioError, nearest, shortened
+from twin.shipped import folder
+from twin.study.family import Family
+from twin.study.family import read as read_family
+from twin.study.schema import METRICS
+from twin.validation import Checked, check_named_once, read_model, read_tables
+
+SCHEMA = "ballplate/lab/v1"
+Kind = Literal["law", "observer", "function", "numbers", "parameters"]
+Visible = Literal["visible", "hidden", "after_published"]
+MOST = 256
+"""Runs of a check."""
+PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
+"""What of a lab's folder no student is handed."""
+
+
+class AnswerTable(Checked):
+    """What is handed in.
+
+    Attributes:
+        kind: A class of a law or an observer, a function; numbers or parameters as data.
+        file: What it is called.
+        seconds: Wall time in s that its process may take in one check.
+        function: Of that kind: its name in the file.
+        asked: Of numbers: name to unit.
+        keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.
+    """
+
+    kind: Kind
+    file: str = ""
+    seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
+    function: str = ""
+    asked: Mapping[str, str] = Field({})
+    keys: tuple[str, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, tables: Any) -> Any:
+        data = isinstance(tables, dict) and tables.get("kind") in {"numbers", "parameters"}
+        return {"file": "answer.toml" if data else "answer.py", **tables}
+
+    @model_validator(mode="after")
+    def _whole(self) -> AnswerTable:
+        wanted = {"function": "function", "numbers": "asked", "parameters": "keys"}
+        for kind, key in wanted.items():
+            if bool(getattr(self, key)) != (self.kind == kind):
+                word = "missing; it says what" if self.kind == kind else "means nothing to"
+                raise ValueError(f"{key}: {word} an answer of kind {self.kind}")
+        return self
+
+    @property
+    def data(self) -> bool:
+        """Whether it is data, never code."""
+        return self.kind in {"numbers", "parameters"}
+
+
+class VariantTable(Checked):
+    """What every student has of their own.
+
+    Attributes:
+        family: Name or file of the family of rigs.
+        keys: Which of its keys are dealt; the others stay as the scenario has them.
+        told: Which of those the sheet tells; the others are drawn from the course's key alone.
+        log: Scenario of which a log is made on the student's rig.
+        set: Overrides ``key=value`` of that log.
+    """
+
+    family: str
+    keys: Annotated[tuple[str, ...], Field(min_length=1)]
+    told: tuple[str, ...] = ()
+    log: str = ""
+    set: tuple[str, ...] = ()
+
+
+class CheckTable(Checked):
+    """One thing that is judged, as a number on a ramp from ``none`` to ``full``.
+
+    Attributes:
+        name: What it is called.
+        points: At most.
+        full: The number from which on there are all points.
+        none: The number from which on there are none; above or below ``full``.
+        scenario: Name or file of what is run, or has the key that is the truth.
+        set: Overrides ``key=value`` of it.
+        nominal: Whether it is run as it is, instead of on the student's rig.
+        family: Family of rigs on which it is run instead.
+        rigs: How many of them.
+        draw: Number of the draw.
+        seeds: Of the noise, every rig with each; that of the rig if there are none.
+        metric: Indicator of a run, on the true ball; without one the outcome is judged.
+        limit: What it may be at most; judged is then the share of runs that keep to it.
+        against: Overrides of the same run that the metric is divided by.
+        number: Name of an answer in numbers.
+        truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
+        judge: Whether its distance from the truth is judged, or the width of its interval.
+        relative: Whether in percent of the truth.
+        arguments: Of a function, one list a call.
+        expected: What each call should give.
+        after: Checks without which this one cannot be judged: skipped where one got no points.
+        why: What is wrong with an answer that fails.
+        look: What to look at.
+        visible: To whom it is shown.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    points: Annotated[float, Field(gt=0, le=1000)]
+    full: float = 1.0
+    none: float = 0.0
+    scenario: str = ""
+    set: tuple[str, ...] = ()
+    nominal: bool = False
+    family: str = ""
+    rigs: Annotated[int, Field(ge=1, le=MOST)] = 1
+    draw: Annotated[int, Field(ge=0)] = 0
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    metric: str = ""
+    limit: float | None = None
+    against: tuple[str, ...] = ()
+    number: str = ""
+    truth: float | str | None = None
+    judge: Literal["distance", "width"] = "distance"
+    relative: bool = False
+    arguments: tuple[tuple[float, ...], ...] = ()
+    expected: tuple[float, ...] = ()
+    after: tuple[str, ...] = ()
+    why: str = ""
+    look: str = ""
+    visible: Visible = "visible"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, tables: Any) -> Any:
+        if isinstance(tables, dict) and isinstance(tables.get("after"), str):
+            return {**tables, "after": (tables["after"],)}
+        return tables
+
+    @model_validator(mode="after")
+    def _one_judge(self) -> CheckTable:
+        if self.metric and self.metric not in METRICS:
+            raise ValueError(f"metric: no '{self.metric}'{nearest(self.metric, METRICS)}")
+        if self.full == self.none:
+            raise ValueError("full, none: must differ; points go along the line between them")
+        if not self.metric and (self.limit is not None or self.against):
+            raise ValueError("metric: missing; limit and against are about one")
+        if self.number and self.truth is None and self.judge == "distance":
+            raise ValueError("truth: missing; it says what the number should be")
+        if self.arguments and len(self.arguments) != len(self.expected):
+            raise ValueError("expected: must have one value per call of arguments")
+        ramp = self.metric or self.number or self.arguments
+        if ramp and not {"full", "none"} <= self.model_fields_set:
+            raise ValueError("full, none: both must be given")
+        if self.runs and not self.scenario:
+            raise ValueError("scenario: missing; it says what is run")
+        if self.rigs * max(1, len(self.seeds)) > MOST:
+            raise ValueError(f"rigs, seeds: at most {MOST} runs")
+        if self.nominal and self.family:
+            raise ValueError("nominal, family: give one of them")
+        return self
+
+    @property
+    def runs(self) -> bool:
+        """Whether something is run."""
+        return not (self.number or self.arguments)
+
+    def earned(self, value: float) -> float:
+        """Points for a judged number."""
+        share = (value - self.none) / (self.full - self.none)
+        return round(self.points * min(max(share, 0.0), 1.0), 2) if share == share else 0.0  # noqa: PLR0124
+
+
+class LabFile(Checked):
+    """The tables of ``lab.toml``."""
+
+    schema_: Annotated[str, Field(alias="schema")]
+    name: Annotated[str, Field(pattern=r"^[a-z0-9_-]+$")]
+    version: Annotated[int, Field(ge=1)]
+    title: str
+    minutes: Annotated[int, Field(ge=1)] = 90
+    textbooks: tuple[str, ...] = ()
+    answer: AnswerTable
+    variant: VariantTable | None = None
+    check: Annotated[tuple[CheckTable, ...], Field(min_length=1)]
+
+
+class HiddenFile(Checked):
+    """The tables of ``hidden.toml``: further checks, hidden unless they say otherwise."""
+
+    check: tuple[CheckTable, ...]
+
+
+class Lab(NamedTuple):
+    """A lab.
+
+    Attributes:
+        folder: Where it lies.
+        about: What its file says.
+        hidden: The checks that only the lecturer has.
+        family: Of the rigs that are dealt; None where all are alike.
+    """
+
+    folder: Path
+    about: LabFile
+    hidden: tuple[CheckTable, ...]
+    family: Family | None
+
+    def checks(self, *, hidden: bool) -> tuple[CheckTable, ...]:
+        """What is judged, with or without what only the lecturer has."""
+        open_ = tuple(each for each in self.about.check if hidden or each.visible == "visible")
+        return open_ + (self.hidden if hidden else ())
+
+    def file(self, name: str) -> str:
+        """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
+        own = self.folder / name
+        return str(own) if name and own.is_file() else name
+
+
+def shipped_labs() -> dict[str, Path]:
+    """The folders of the shipped labs by name."""
+    return {path.parent.name: path.parent for path in sorted(folder().glob("labs/*/lab.toml"))}
+
+
+def read(name: str | Path) -> Lab:
+    """The lab of a shipped name or a folder.
+
+    Raises:
+        ScenarioError: If there is none, or anything in its files is unknown or out of range.
+    """
+    known = shipped_labs()
+    place = known.get(str(name)) or Path(name)
+    if not (place / "lab.toml").is_file():
+        what = "has no lab.toml" if place.is_dir() else "not found" + nearest(str(name), known)
+        raise ScenarioError(f"lab '{shortened(str(name))}': {what}")
+    said = read_tables(place / "lab.toml", f"{place.name}/lab.toml").get("schema")
+    if said != SCHEMA:
+        raise ScenarioError(
+            f"{place.name}/lab.toml: schema: must be '{SCHEMA}', got {shortened(repr(said))}; "
+            "a newer one needs a newer ballplate"
+        )
+    about, hidden = read_model(LabFile, place / "lab.toml"), tuple[CheckTable, ...]()
+    if (place / "hidden.toml").is_file():
+        found = read_model(HiddenFile, place / "hidden.toml").check
+        hidden = tuple(
+            each if "visible" in each.model_fields_set else each.model_copy(update=HIDDEN)
+            for each in found
+        )
+    lab = Lab(place.resolve(), about, hidden, None)
+    try:
+        family = _family(lab)
+        _check(lab)
+    except ValueError as error:
+        raise ScenarioError(f"{place.name}/lab.toml: {error}") from None
+    return lab._replace(family=family)
+
+
+HIDDEN = {"visible": "hidden"}
+
+
+def _family(lab: Lab) -> Family | None:
+    """The family of the rigs that are dealt, with the keys that are."""
+    variant = lab.about.variant
+    if variant is None:
+        return None
+    family = read_family(lab.file(variant.family))
+    for key in variant.keys:
+        if key not in family.parameters:
+            raise ValueError(f"variant.keys: no '{key}'{nearest(key, family.parameters)}")
+    for key in variant.told:
+        if key not in variant.keys:
+            raise ValueError(f"variant.told: no '{key}'{nearest(key, variant.keys)}")
+    dealt = {key: family.parameters[key] for key in variant.keys}
+    return family.model_copy(update={"parameters": dealt})
+
+
+def _check(lab: Lab) -> None:
+    """Make sure that checks have names of their own, follow each other and fit the answer.
+
+    Raises:
+        ValueError: If not.
+    """
+    answer, names = lab.about.answer, []
+    for each in chain(lab.about.check, lab.hidden):
+        for other in each.after:
+            if other not in names:
+                raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
+        names.append(each.name)
+        kind = "numbers" if each.number else "function" if each.arguments else ""
+        if kind != (answer.kind if answer.kind in {"numbers", "function"} else ""):
+            raise ValueError(f"check '{each.name}': does not judge an answer of kind {answer.kind}")
+        if each.number and each.number not in answer.asked:
+            where = nearest(each.number, answer.asked)
+            raise ValueError(f"check '{each.name}': number: no '{each.number}'{where}")
+    check_named_once("check", names)
