@@ -7,8 +7,8 @@ import pandas as pd
 
 GRID = np.arange(0.03, 0.15, 0.001)
 """Dead times tried, s."""
-K1 = 5.886
-"""Acceleration of the ball for a unit sine of the slope, m/s^2."""
+K1, C2 = 5.886, 0.0932
+"""Ball's acceleration for a unit sine of the slope, m/s^2; lever of the plate's acceleration, m."""
 
 
 def answer(rig: dict[str, float], folder: Path) -> dict[str, object]:
@@ -17,8 +17,8 @@ def answer(rig: dict[str, float], folder: Path) -> dict[str, object]:
     columns = {name.split(" ")[0]: name for name in log.columns}
     time, x, phi = (log[columns[each]].to_numpy() for each in ("time", "measured_x", "measured_phi"))
     step = time[1] - time[0]
-    # a ball on the plate of then: x'' = k1 sin(phi), integrated twice, with any start and speed
-    moved = np.cumsum(np.cumsum(K1 * np.sin(phi))) * step**2
+    # x'' = k1 sin(phi) - c2 phi'', integrated twice, with any start and speed
+    moved = np.cumsum(np.cumsum(K1 * np.sin(phi))) * step**2 - C2 * phi
     left = []
     for late in GRID:
         shifted = np.interp(time - late, time, moved)
