@@ -29,7 +29,7 @@ class Signs(Law):
         # the angles to which the plate shall be tilted, in rad
         phi = np.zeros_like(ball_x)
         theta = np.zeros_like(ball_y)
-        kp, kd = 4.0, 0.4  # 1/s^2 and 1/s: damping 0.1
+        kp, kd = 4.0, 0.8  # 1/s^2 and 1/s: damping 0.2
         phi = (kp * (goal_x - ball_x) - kd * speed_x) / self.model.k1
         theta = -(kp * (goal_y - ball_y) - kd * speed_y) / self.model.k1
 
