@@ -27,7 +27,7 @@ LOG = "log.csv"
 """The log that is made on it."""
 PRACTICE = "practice"
 """The key of a course that has none."""
-_TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)\s*$", re.MULTILINE)
+_TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE)
 """A line ``NAME = 0.18  # told: KEY`` of an answer."""
 
 
