@@ -14,23 +14,26 @@ from twin.errors import ScenarioError
 from twin.shipped import titles
 
 
-def _key(_: click.Context, __: click.Parameter, file: Path | None) -> str | None:
+def _text(key: Path | None) -> str | None:
+    """The course's key out of its file."""
+    if key is None:
+        return None
     try:
-        text = "" if file is None else file.read_text(encoding="utf-8").strip()
+        text = key.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"--key {file}: cannot be read: {error}") from None
-    if file is not None and len(text) < 8:
-        raise ScenarioError(f"--key {file}: a key has at least 8 characters")
-    return text or None
+        raise ScenarioError(f"--key {key}: cannot be read: {error}") from None
+    if len(text) < 8:
+        raise ScenarioError(f"--key {key}: a key has at least 8 characters")
+    return text
 
 
 PATH = click.Path(path_type=Path)
 LAB = click.argument("lab")
-KEY = click.option("--key", type=PATH, callback=_key, help="File with the course's key.")
+KEY = click.option("--key", type=PATH, help="File with the course's key.")
 USER = click.option("--user", help="Whom the process of an answer shall belong to.")
 
 
-@click.group(cls=Group, example="lab check friction answer.py")
+@click.group(cls=Group, example="lab check signs answer.py")
 def lab() -> None:
     """Labs that mark themselves, each student on a rig of their own."""
 
@@ -51,7 +54,7 @@ def list_labs(*, as_json: bool) -> int:
 @click.option("--student", required=True, help="Your name or number.")
 @click.option("--out", type=PATH, help="New folder [LAB-STUDENT].")
 @KEY
-def start(lab: str, student: str, out: Path | None, key: str | None) -> int:
+def start(lab: str, student: str, out: Path | None, key: Path | None) -> int:
     """Begin a lab: the sheet, a starter that runs, the rig of your own.
 
     Without the course's key the rig is one to practise on; your lecturer hands out yours.
@@ -61,7 +64,7 @@ def start(lab: str, student: str, out: Path | None, key: str | None) -> int:
 
     about = read(lab)
     folder = out or Path(f"{about.about.name}-{student}")
-    hand_out(about, [student], key, folder)
+    hand_out(about, [student], _text(key), folder)
     say(f"{folder}/: task.md, {about.about.answer.file}, rig.toml; then: ballplate lab check {lab}")
     return 0
 
@@ -76,7 +79,9 @@ def start(lab: str, student: str, out: Path | None, key: str | None) -> int:
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
 @click.option("--out", type=PATH, help="File to write the result to.")
 @JSON
-def check(lab: str, form: str | None, out: Path | None, *, as_json: bool, **how: Any) -> int:
+def check(
+    lab: str, key: Path | None, form: str | None, out: Path | None, *, as_json: bool, **how: Any
+) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
     The answer is a file, or a folder with it; by default that of this folder.
@@ -85,7 +90,7 @@ def check(lab: str, form: str | None, out: Path | None, *, as_json: bool, **how:
     from twin.lab.results import FORMS, table
     from twin.writing import write_whole
 
-    result = judge(lab, **how)
+    result = judge(lab, **how, key=_text(key))
     if out is not None:
         write_whole(out, FORMS[form or "json"](result))
     show(result, as_json, [table(result)], out)
@@ -97,7 +102,7 @@ def check(lab: str, form: str | None, out: Path | None, *, as_json: bool, **how:
 @click.argument("students", type=PATH)
 @KEY
 @click.option("--out", type=PATH, help="New folder with one a student [variants-LAB].")
-def variants(lab: str, students: Path, key: str | None, out: Path | None) -> int:
+def variants(lab: str, students: Path, key: Path | None, out: Path | None) -> int:
     """Deal every student of a class a rig of their own, and write what each begins with.
 
     The class is a CSV file whose first column names the students, below a heading.
@@ -108,7 +113,7 @@ def variants(lab: str, students: Path, key: str | None, out: Path | None) -> int
 
     about, people = read(lab), named(students)
     folder = out or Path(f"variants-{about.about.name}")
-    hand_out(about, people, key, folder, each_own=True)
+    hand_out(about, people, _text(key), folder, each_own=True)
     say(f"{folder}/: {len(people)} rigs")
     return 0
 
@@ -137,7 +142,7 @@ def grade(lab: str, people: Path | None, out: Path, *, as_json: bool, **given: A
     about, kept = read(lab), out.with_suffix(".results")
     names = None if people is None else students(people)
     handed_in = submissions(about, given["submissions"])
-    grader = Grader(about, given["key"], mark_of(about), names, given["user"])
+    grader = Grader(about, _text(given["key"]), mark_of(about), names, given["user"])
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grader.grade(handed_in, kept, given["processes"] or cores(), advance)
     write_whole(out, marks(about, found))
@@ -202,6 +207,6 @@ def pack(lab: str, out: Path, **given: Any) -> int:
     from twin.lab.pack import pack as packed
     from twin.lab.schema import read
 
-    packed(read(lab), given["system"] or "folder", out, given["key"], given["wheel"])
+    packed(read(lab), given["system"] or "folder", out, _text(given["key"]), given["wheel"])
     say(f"{out} written")
     return 0
