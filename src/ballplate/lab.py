@@ -34,12 +34,12 @@ def check(
         ScenarioError: If there is no such lab, something in it is wrong, or the rig is of another
             student, lab or key.
     """
-    from twin.lab import schema
-    from twin.lab.judge import judged
+    from twin.lab import judge, schema
     from twin.lab.variants import had_again
 
     found = schema.read(lab)
     file = Path(answer or found.about.answer.file)
-    return dict(
-        judged(found, had_again(found, file.parent, key, student), file, hidden=hidden, user=user)
-    )
+    if file.is_dir():
+        file /= found.about.answer.file
+    dealt = had_again(found, file.parent, key, student)
+    return judge.judged(found, dealt, file, hidden=hidden, user=user)

@@ -35,6 +35,11 @@ def shipped_in(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted((folder() / kind).glob("*.toml"))}
 
 
+def shipped_labs() -> dict[str, Path]:
+    """The folders of the shipped labs by name."""
+    return {path.parent.name: path.parent for path in sorted(folder().glob("labs/*/lab.toml"))}
+
+
 def titles(files: Mapping[str, Path]) -> dict[str, str]:
     """The titles of files by name; of one that is no TOML file why."""
     found = {}

@@ -1,6 +1,6 @@
 """What runs in a student's process: limits first, then their file, then one answer a period.
 
-Run by its path, with the answer's file, its kind and the seconds of its processor as arguments. It
+Run by its path, with the answer's file and the seconds of a processor it may use as arguments. It
 is told on standard input and answers on what was its standard output; what the answer prints goes
 to a file. Nothing of a rig but measurements and estimates comes in here, and nothing but numbers
 and texts goes out.
@@ -15,13 +15,13 @@ import inspect
 import json
 import os
 import pickle
+import resource
 import struct
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 if __name__ == "__main__":
@@ -31,9 +31,8 @@ if __name__ == "__main__":
 import numpy as np
 
 import twin
-from controllers.arrays import Array
 from controllers.catalog import commanded, remembered, wrong_answer
-from controllers.interfaces import DelayedObserver, Feedback, Law, Measurement, Observer
+from controllers.interfaces import Feedback, Law
 
 HEAD = struct.Struct("<cxxxI")
 """Of every message: what it is, and how many bytes follow."""
@@ -70,14 +69,9 @@ def limit(seconds: int) -> None:
     which files may be read (Landlock), no network and no signals to others. A hook of the
     interpreter, which gives its reasons: no processes, and no import of what simulates.
     """
-    with suppress(ImportError):  # not on Windows
-        import resource  # noqa: PLC0415
-
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_PRINTED, MOST_PRINTED))
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-        resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    bounds = {"CPU": seconds, "FSIZE": MOST_PRINTED, "AS": MEMORY, "NPROC": 0, "CORE": 0}
+    for name, bound in bounds.items():
+        resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (bound, bound))
     shut_in()
 
     def refuse(event: str, given: tuple[Any, ...]) -> None:
@@ -134,36 +128,23 @@ def shut_in() -> bool:
     return bool(call(446, ruleset, 0) == 0)
 
 
-def loaded(file: Path) -> ModuleType:
-    """The answer's file as a module."""
+def the_law(file: Path) -> Any:
+    """The one law that a file defines."""
     spec = importlib.util.spec_from_file_location("answer", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["answer"] = module
+    assert spec is not None and spec.loader is not None  # noqa: PT018
+    module = sys.modules["answer"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module
-
-
-def the_class(module: ModuleType, base: type) -> Any:
-    """The one law or observer that a module defines."""
-    what = base.__name__.lower()
-    found = [
-        each
-        for each in vars(module).values()
-        if inspect.isclass(each) and issubclass(each, base) and each.__module__ == "answer"
-    ]
+    every = [each for each in vars(module).values() if inspect.isclass(each)]
+    found = [each for each in every if issubclass(each, Law) and each.__module__ == "answer"]
     if len(found) != 1:
         names = ", ".join(each.__name__ for each in found) or "none"
-        raise TypeError(f"must define one {what}, a class derived from {base.__name__}: {names}")
+        raise TypeError(f"must define one law, a class derived from Law, defines {names}")
     return found[0]
 
 
-def serve_law(cls: Any) -> None:
+def serve(cls: Any) -> None:
     """Say what law it is, then give a command and a rate of its memory for what is known."""
     answer(b"h", json.dumps({"memory": cls.memory, "needs": list(cls.needs)}).encode())
-    law: Any = None
-    shapes: list[tuple[int, ...]] = []
     for kind, content in asked():
         if kind == b"s":
             given = pickle.loads(content)  # the grader's own
@@ -196,46 +177,6 @@ def parted(content: bytearray, shapes: list[tuple[int, ...]]) -> list[Any]:
     return found
 
 
-def serve_observer(cls: Any) -> None:
-    """Say what observer it is, then estimate."""
-    said = {"knows": [list(each) for each in cls.knows]}
-    answer(b"h", json.dumps(said | {"delayed": issubclass(cls, DelayedObserver)}).encode())
-    for kind, content in asked():
-        if kind == b"s":
-            given = pickle.loads(content)  # the grader's own
-            observer, shapes = cls(**given["settings"]), given["shapes"]
-            observer.start(given["x"])
-            tell(observer, given["x"].shape)
-        elif kind == b"c":
-            time, y, age, touched = parted(content, shapes)
-            observer.correct(Measurement(time, y, age, touched > 0))
-            tell(observer, given["x"].shape)
-        else:
-            observer.predict(parted(content, [(*given["x"].shape[:-1], 2)])[1])
-            tell(observer, given["x"].shape)
-
-
-def tell(observer: Observer, shape: tuple[int, ...]) -> None:
-    """Send an observer's estimate, all of it."""
-    parts: dict[str, Array] = {
-        "x": observer.x,
-        "equivalent": observer.equivalent,
-        "further": observer.further,
-    }
-    for name, part in parts.items():
-        wanted = (*shape[:-1], len(observer.knows)) if name == "further" else shape
-        if np.shape(part) != wanted:
-            raise TypeError(f"{name}: must be of shape {wanted}, is {np.shape(part)}")
-    answer(b"u", b"".join(np.asarray(each, float).tobytes() for each in parts.values()))
-
-
-def serve_function(call: Callable[..., Any]) -> None:
-    """Call a function as often as is asked."""
-    answer(b"h", b"{}")
-    for _, content in asked():
-        answer(b"u", struct.pack("<d", float(call(*json.loads(content)))))
-
-
 def line_of(error: BaseException, file: Path) -> str:
     """An error in one line: file and line of the answer, kind and words."""
     words = f"{type(error).__name__}: {' '.join(str(error).split())}".replace(f"{file}", file.name)
@@ -249,25 +190,14 @@ def line_of(error: BaseException, file: Path) -> str:
     return words if isinstance(error, MemoryError) else f"{file.name}: {words}"
 
 
-def main(file: Path, kind: str, seconds: int, function: str) -> None:
+def main(file: Path, seconds: int) -> None:
     """Serve an answer until the grader has no more to ask, or it fails."""
     try:
         limit(seconds)
-        module = loaded(file)
-        if kind == "law":
-            serve_law(the_class(module, Law))
-        elif kind == "observer":
-            serve_observer(the_class(module, Observer))
-        else:
-            call = getattr(module, function, None)
-            if not callable(call):
-                raise TypeError(f"must define a function {function}")
-            serve_function(call)
+        serve(the_law(file))
     except BaseException as error:  # noqa: BLE001 - an answer may raise anything
         with suppress(OSError):
             answer(b"e", line_of(error, file).encode()[:1000])
-        with suppress(OSError):
-            sys.stdout.flush()
     os._exit(0)
 
 
@@ -277,4 +207,4 @@ if __name__ == "__main__":
     _nothing = os.open(os.devnull, os.O_RDONLY)
     for _number, _place in enumerate((_nothing, _printed, _printed)):
         os.dup2(_place, _number)
-    main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4])
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, model_validator
 
 from twin.errors import ScenarioError, nearest, shortened
-from twin.shipped import folder
+from twin.shipped import shipped_labs
 from twin.study.family import Family
 from twin.study.family import read as read_family
 from twin.study.schema import METRICS
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
 SCHEMA = "ballplate/lab/v1"
-Kind = Literal["law", "observer", "function", "numbers", "parameters"]
+Kind = Literal["law", "numbers", "parameters"]
 Visible = Literal["visible", "hidden", "after_published"]
 MOST = 256
 """Runs of a check."""
@@ -29,40 +29,32 @@ class AnswerTable(Checked):
     """What is handed in.
 
     Attributes:
-        kind: A class of a law or an observer, a function; numbers or parameters as data.
+        kind: A class of a law; numbers or parameters as data.
         file: What it is called.
         seconds: Wall time in s that its process may take in one check.
-        function: Of that kind: its name in the file.
         asked: Of numbers: name to unit.
         keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.
     """
 
     kind: Kind
-    file: str = ""
+    file: str
     seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
-    function: str = ""
     asked: Mapping[str, str] = Field({})
     keys: tuple[str, ...] = ()
 
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, tables: Any) -> Any:
-        data = isinstance(tables, dict) and tables.get("kind") in {"numbers", "parameters"}
-        return {"file": "answer.toml" if data else "answer.py", **tables}
-
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
-        wanted = {"function": "function", "numbers": "asked", "parameters": "keys"}
-        for kind, key in wanted.items():
+        for kind, key in (("numbers", "asked"), ("parameters", "keys")):
             if bool(getattr(self, key)) != (self.kind == kind):
-                word = "missing; it says what" if self.kind == kind else "means nothing to"
-                raise ValueError(f"{key}: {word} an answer of kind {self.kind}")
+                raise ValueError(f"{key}: belongs to an answer of kind {kind}, and that needs it")
+        if not self.file.endswith(".toml" if self.data else ".py"):
+            raise ValueError("file: must be .py for a law, .toml for numbers and parameters")
         return self
 
     @property
     def data(self) -> bool:
         """Whether it is data, never code."""
-        return self.kind in {"numbers", "parameters"}
+        return self.kind != "law"
 
 
 class VariantTable(Checked):
@@ -105,8 +97,6 @@ class CheckTable(Checked):
         truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
         judge: Whether its distance from the truth is judged, or the width of its interval.
         relative: Whether in percent of the truth.
-        arguments: Of a function, one list a call.
-        expected: What each call should give.
         after: Checks without which this one cannot be judged: skipped where one got no points.
         why: What is wrong with an answer that fails.
         look: What to look at.
@@ -131,8 +121,6 @@ class CheckTable(Checked):
     truth: float | str | None = None
     judge: Literal["distance", "width"] = "distance"
     relative: bool = False
-    arguments: tuple[tuple[float, ...], ...] = ()
-    expected: tuple[float, ...] = ()
     after: tuple[str, ...] = ()
     why: str = ""
     look: str = ""
@@ -155,23 +143,15 @@ class CheckTable(Checked):
             raise ValueError("metric: missing; limit and against are about one")
         if self.number and self.truth is None and self.judge == "distance":
             raise ValueError("truth: missing; it says what the number should be")
-        if self.arguments and len(self.arguments) != len(self.expected):
-            raise ValueError("expected: must have one value per call of arguments")
-        ramp = self.metric or self.number or self.arguments
-        if ramp and not {"full", "none"} <= self.model_fields_set:
+        if (self.metric or self.number) and not {"full", "none"} <= self.model_fields_set:
             raise ValueError("full, none: both must be given")
-        if self.runs and not self.scenario:
+        if not self.number and not self.scenario:
             raise ValueError("scenario: missing; it says what is run")
         if self.rigs * max(1, len(self.seeds)) > MOST:
             raise ValueError(f"rigs, seeds: at most {MOST} runs")
         if self.nominal and self.family:
             raise ValueError("nominal, family: give one of them")
         return self
-
-    @property
-    def runs(self) -> bool:
-        """Whether something is run."""
-        return not (self.number or self.arguments)
 
     def earned(self, value: float) -> float:
         """Points for a judged number."""
@@ -223,11 +203,6 @@ class Lab(NamedTuple):
         """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
         own = self.folder / name
         return str(own) if name and own.is_file() else name
-
-
-def shipped_labs() -> dict[str, Path]:
-    """The folders of the shipped labs by name."""
-    return {path.parent.name: path.parent for path in sorted(folder().glob("labs/*/lab.toml"))}
 
 
 def read(name: str | Path) -> Lab:
@@ -294,8 +269,7 @@ def _check(lab: Lab) -> None:
             if other not in names:
                 raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
         names.append(each.name)
-        kind = "numbers" if each.number else "function" if each.arguments else ""
-        if kind != (answer.kind if answer.kind in {"numbers", "function"} else ""):
+        if bool(each.number) != (answer.kind == "numbers"):
             raise ValueError(f"check '{each.name}': does not judge an answer of kind {answer.kind}")
         if each.number and each.number not in answer.asked:
             where = nearest(each.number, answer.asked)

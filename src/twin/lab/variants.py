@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import hmac
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +19,7 @@ from twin.run.finished import run
 from twin.study.family import Point, drawn
 from twin.study.work import Builder
 from twin.validation import Checked, read_model
-from twin.writing import write_whole
+from twin.writing import write_folder, write_whole
 
 RIG = "rig.toml"
 """What a student is handed of their rig."""
@@ -26,7 +27,7 @@ LOG = "log.csv"
 """The log that is made on it."""
 PRACTICE = "practice"
 """The key of a course that has none."""
-_TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)\s*$", re.MULTILINE)
+_TOLD = re.compile(r"^(\s*\w+[^=#]*=\s*)([^#]*?)(\s*# told: )(\S+)[ \t]*$", re.MULTILINE)
 """A line ``NAME = 0.18  # told: KEY`` of an answer."""
 
 
@@ -157,30 +158,54 @@ def known(student: str, names: list[str]) -> None:
         raise ScenarioError(f"student '{student}': not in the class{nearest(student, names)}")
 
 
-def hand_out(lab: Lab, dealt: Deal, folder: Path, *, practice: bool) -> None:
-    """Write what a student begins with: sheet, starter, rig, log.
+def hand_out(
+    lab: Lab, students: list[str], key: str | None, folder: Path, *, each_own: bool = False
+) -> None:
+    """Write what students begin with: sheet, starter, rig, log.
 
     Args:
         lab: The lab.
-        dealt: The student's rig.
-        folder: Where to.
-        practice: Whether no course's key dealt it.
+        students: Who.
+        key: The course's; without one their rigs are to practise on.
+        folder: Where to; must not exist.
+        each_own: Whether each has a folder of their own in it.
+
+    Raises:
+        TwinError: If a file of the lab cannot be read, its log not be run, or one not be written.
     """
     about = lab.about
-    table = "".join(f"\n'{key}' = {value!r}" for key, value in dealt.told.items())
-    write_whole(
-        folder / RIG,
-        f'lab = "{about.name}"\nversion = {about.version}\nstudent = "{dealt.student}"\n'
-        f'code = "{dealt.code}"\npractice = {str(practice).lower()}\n\n[told]{table}\n',
-    )
-    told = "".join(f"- `{key}` = {value}\n" for key, value in dealt.told.items())
-    sheet = text_of(lab, "task.md")
-    own = f"\n## Your rig\n\n{dealt.student}, code {dealt.code}\n\n{told}"
-    write_whole(folder / "task.md", sheet.rstrip() + "\n" + own)
-    starter = text_of(lab, about.answer.file)
-    write_whole(folder / about.answer.file, filled(starter, dealt.told))
-    if about.variant is not None and about.variant.log:
-        record(lab, dealt, folder / LOG)
+    texts = {name: text_of(lab, name) for name in ("task.md", about.answer.file)}
+
+    def fill(inner: Path) -> None:
+        for student in students:
+            dealt = deal(lab, student, key)
+            _write(lab, dealt, texts, inner / student if each_own else inner, practice=key is None)
+
+    for student in students:
+        check_name(student)
+    write_folder(folder, fill)
+
+
+def _write(
+    lab: Lab, dealt: Deal, texts: Mapping[str, str], folder: Path, *, practice: bool
+) -> None:
+    about, own = lab.about, dealt.told.items()
+    rig = {"lab": about.name, "version": about.version, "student": dealt.student}
+    rig |= {"code": dealt.code, "practice": practice, "told": dealt.told}
+    write_whole(folder / RIG, toml(rig))
+    sheet = f"{texts['task.md'].rstrip()}\n\n## Your rig\n\n{dealt.student}, code {dealt.code}\n\n"
+    write_whole(folder / "task.md", sheet + "".join(f"- `{key}` = {each}\n" for key, each in own))
+    write_whole(folder / about.answer.file, filled(texts[about.answer.file], dealt.told))
+    record(lab, dealt, folder / LOG)
+
+
+def toml(tables: Mapping[str, Any], path: str = "") -> str:
+    """Tables of numbers, texts and lists as TOML."""
+    own = {key: value for key, value in tables.items() if not isinstance(value, dict)}
+    text = "".join(f"{json.dumps(key)} = {json.dumps(value)}\n" for key, value in own.items())
+    for key in tables.keys() - own.keys():
+        text += f"[{path}{json.dumps(key)}]\n{toml(tables[key], f'{path}{json.dumps(key)}.')}"
+    return text
 
 
 def text_of(lab: Lab, name: str) -> str:
@@ -222,13 +247,14 @@ def filled(text: str, told: Mapping[str, Any]) -> str:
 
 
 def record(lab: Lab, dealt: Deal, path: Path) -> None:
-    """Write the log of a student's rig: all that its own computer knows, and nothing of the truth.
+    """Write the log of a student's rig, where there is to be one: all but the truth.
 
     Raises:
         TwinError: If its scenario cannot be run.
     """
     variant = lab.about.variant
-    assert variant is not None
+    if variant is None or not variant.log:
+        return
     fixed = (*variant.set, f"seed={dealt.seed}")
     done = run(Builder(lab.file(variant.log))(fixed, dealt.point))
     import pandas as pd  # noqa: PLC0415  only here
