@@ -1,4 +1,4 @@
-"""Lab `deadtime`: the dead time measured in the log, and an observer slow enough to live with it."""
+"""Lab `deadtime`: dead time from the log, and an observer slow enough to live with it."""
 
 from pathlib import Path
 
@@ -15,7 +15,9 @@ def answer(rig: dict[str, float], folder: Path) -> dict[str, object]:
     """Predictor and observer of the rig that the log in the folder was recorded on."""
     log = pd.read_csv(folder / "log.csv")
     columns = {name.split(" ")[0]: name for name in log.columns}
-    time, x, phi = (log[columns[each]].to_numpy() for each in ("time", "measured_x", "measured_phi"))
+    time, x, phi = (
+        log[columns[each]].to_numpy() for each in ("time", "measured_x", "measured_phi")
+    )
     step = time[1] - time[0]
     # x'' = k1 sin(phi) - c2 phi'', integrated twice, with any start and speed
     moved = np.cumsum(np.cumsum(K1 * np.sin(phi))) * step**2 - C2 * phi

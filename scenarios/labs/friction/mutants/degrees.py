@@ -1,6 +1,6 @@
 """A mistake: the slope at which friction holds the ball is taken in degrees.
 
-# fails: the circle is followed
+# fails: the ball stays on the plate
 """
 
 from dataclasses import dataclass

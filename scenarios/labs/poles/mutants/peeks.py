@@ -1,4 +1,4 @@
-"""A cheat: runs the rig in its own process beforehand, to try out weights; the simulator is not there.
+"""A cheat: runs the rig beforehand to try out weights; the simulator is not there.
 
 # fails: the clean model stays on the plate
 """
