@@ -1,6 +1,6 @@
 """A mistake: both axes have the same sign, so y runs away.
 
-# fails: along y
+# fails: the ball stays on the plate
 """
 
 from dataclasses import dataclass
