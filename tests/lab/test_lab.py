@@ -166,6 +166,7 @@ def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None
     [
         ("0.024", '"not determined"', [4, 2, 1]),
         ("0.0288", "0.0", [2, 2, 0]),  # 20 % off, between 10 and 30
+        ("0.0192", "0.0", [2, 2, 0]),  # as far below
         ("[0.02, 0.0296]", '"not determined"', [4, 1, 1]),  # the truth within 40 %
         ('"not determined"', '"not determined"', [0, 0, 1]),
     ],
