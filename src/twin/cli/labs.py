@@ -135,10 +135,12 @@ def grade(lab: str, people: Path | None, out: Path, *, as_json: bool, **given: A
     """
     from twin.jobs import cores
     from twin.lab.grade import Grader, mark_of, marks, submissions, summary
+    from twin.lab.process import check_user
     from twin.lab.schema import read
     from twin.lab.variants import students
     from twin.writing import write_whole, written_alone
 
+    check_user(given["user"])
     about, kept = read(lab), out.with_suffix(".results")
     names = None if people is None else students(people)
     handed_in = submissions(about, given["submissions"])
