@@ -35,8 +35,10 @@ def check(
             student, lab or key.
     """
     from twin.lab import judge, schema
+    from twin.lab.process import check_user
     from twin.lab.variants import had_again
 
+    check_user(user)
     found = schema.read(lab)
     file = Path(answer or found.about.answer.file)
     if file.is_dir():

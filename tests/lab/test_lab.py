@@ -5,6 +5,7 @@ import json
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import pathspec
 import pytest
@@ -12,8 +13,9 @@ import pytest
 import ballplate as bp
 from twin.errors import LawError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.course import candidates
+from twin.lab.course import candidates, tried
 from twin.lab.judge import judged
+from twin.lab.pack import pack
 from twin.lab.process import NAME, answering
 from twin.lab.results import classroom50, gradescope, junit
 from twin.lab.schema import PRIVATE, CheckTable, read
@@ -166,6 +168,7 @@ def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None
     [
         ("0.024", '"not determined"', [4, 2, 1]),
         ("0.0288", "0.0", [2, 2, 0]),  # 20 % off, between 10 and 30
+        ("0.0192", "0.0", [2, 2, 0]),  # as far below
         ("[0.02, 0.0296]", '"not determined"', [4, 1, 1]),  # the truth within 40 %
         ('"not determined"', '"not determined"', [0, 0, 1]),
     ],
@@ -376,3 +379,85 @@ def test_no_wheel_has_what_no_student_is_handed() -> None:
         assert spec.match_file(f"{lies}/x" if name == "mutants" else lies), name
     for name in ("lab.toml", "task.md", "answer.py", "family.toml"):
         assert not spec.match_file(f"scenarios/labs/any/{name}")
+
+
+LOGGED = """
+schema = "ballplate/lab/v1"
+name = "logged"
+version = 1
+title = "Where was the ball put down"
+answer = {kind = "numbers", asked = {start = "m"}}
+
+[variant]
+family = "family.toml"
+keys = ["plant.start.x"]
+log = "hold.toml"
+set = ["duration=0.1", "metrics.start=0"]
+
+[[check]]
+name = "key"
+scenario = "hold.toml"
+number = "start"
+truth = "plant.start.x"
+full = 0.003
+none = 0.01
+points = 1
+
+[[check]]
+name = "own"
+number = "start"
+truth = "truth.py:twice"
+full = 0.003
+none = 0.01
+points = 1
+"""
+
+
+def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_path: Path) -> None:
+    folder = of(tmp_path, LOGGED)
+    for name in ("family.toml", "hold.toml"):
+        (folder / name).write_text((MINI / name).read_text())
+    (folder / "task.md").write_text("# T\n")
+    (folder / "answer.toml").write_text("start = 0\n")
+    (folder / "truth.py").write_text(
+        "def twice(rig, folder):\n    return 2 * rig['plant.start.x']\n"
+    )
+    solution = folder / "solution.py"
+    solution.write_text(
+        "import csv\ndef answer(rig, folder):\n"
+        "    rows = list(csv.DictReader((folder / 'log.csv').read_text().splitlines()))\n"
+        "    return {'start': float(rows[0]['measured_x [m]'])}\n"
+    )
+    lab = read(folder)
+    found = tried(lab, (solution, "ann"))
+    assert [each["score"] for each in found["results"]] == [1.0, 0.0]
+    assert tried(lab, (folder / "answer.toml", "ann"))["score"] == 0
+    hand_out(lab, ["ann"], KEY, tmp_path / "ann")
+    heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
+    assert "applied_phi_acc [rad/s^2]" in heads
+    assert "true" not in heads
+    at_home = bp.lab.check(folder, tmp_path / "ann")
+    assert [each["passed"] for each in at_home["results"]] == [None, None]
+    assert "your lecturer" in at_home["results"][0]["cause"]["rationale"]
+
+
+def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: Path) -> None:
+    lab = read(MINI)
+    for system, out in (("gradescope", "x.zip"), ("classroom50", "room"), ("folder", "students")):
+        pack(lab, system, tmp_path / out, KEY, None)
+    with ZipFile(tmp_path / "x.zip") as file:
+        names = set(file.namelist())
+        modes = {each.filename: each.external_attr >> 16 & 0o111 for each in file.infolist()}
+    assert {"setup.sh", "run_autograder", "key.txt", "lab/lab.toml", "lab/hidden.toml"} <= names
+    assert modes["run_autograder"]
+    room, given = (
+        {path.name for path in (tmp_path / each).rglob("*")} for each in ("room", "students")
+    )
+    assert {"autograder.py", "hidden.toml", "key.txt"} <= room
+    for every in (room, given, {Path(name).name for name in names}):
+        assert every.isdisjoint({"solution.py", "mutants", "sign.py"})
+    assert given.isdisjoint({"hidden.toml", "key.txt"})
+    cells = json.loads((tmp_path / "students" / "mini.ipynb").read_text())["cells"]
+    assert "".join(cells[-2]["source"]).startswith("%%writefile answer.py\n")
+    with pytest.raises(ScenarioError, match="exists; name a new one"):
+        pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)

@@ -93,7 +93,7 @@ def check(
     result = judge(lab, **how, key=_text(key))
     if out is not None:
         write_whole(out, FORMS[form or "json"](result))
-    show(result, as_json, [table(result)], out)
+    show(result, as_json, [table(result)], out and out.parent, out.name if out else "")
     return 0 if all(each["passed"] for each in result["results"]) else 1
 
 
@@ -135,10 +135,12 @@ def grade(lab: str, people: Path | None, out: Path, *, as_json: bool, **given: A
     """
     from twin.jobs import cores
     from twin.lab.grade import Grader, mark_of, marks, submissions, summary
+    from twin.lab.process import check_user
     from twin.lab.schema import read
     from twin.lab.variants import students
     from twin.writing import write_whole, written_alone
 
+    check_user(given["user"])
     about, kept = read(lab), out.with_suffix(".results")
     names = None if people is None else students(people)
     handed_in = submissions(about, given["submissions"])
@@ -146,7 +148,7 @@ def grade(lab: str, people: Path | None, out: Path, *, as_json: bool, **given: A
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grader.grade(handed_in, kept, given["processes"] or cores(), advance)
     write_whole(out, marks(about, found))
-    show(found, as_json, [summary(found)], out)
+    show(found, as_json, [summary(found)], out.parent, out.name)
     return 1 if any("problem" in each for each in found) else 0
 
 

@@ -126,7 +126,8 @@ def calibrate(
     """For each check what limits fit, from all own answers on so many rigs.
 
     ``full`` is the solution's median and three of its standard deviations, or its worst rig if that
-    is worse; ``none`` is the best of the medians of starter and of the mutants that are to fail it.
+    is worse; ``none`` is the best of the medians of the mutants that are to fail it and, where more
+    than the outcome is judged, of the starter.
 
     Returns:
         Check, whether there is room between the limits, and what is proposed in words.
@@ -151,13 +152,12 @@ def calibrate(
             yield check.name, False, f"the solution fails on {rigs - len(good)} of {rigs} rigs"
             continue
         full = max(np.median(good) + 3 * good.std(), good.max())
-        to_fail = {
-            each.name for each in every if each.name == "starter" or check.name in each.fails
-        }
+        to_fail = {each.name for each in every if check.name in each.fails}
+        to_fail |= {"starter"} if check.metric or check.number else set()
         bad = {float(np.median(of)): name for name, of in got.items() if name in to_fail}
         text = f"full = {check.full:g}, none = {check.none:g}; proposed: full = {sense * full:.4g}"
         none = min(bad, default=None)
         if none is not None:
-            text += f", none = {sense * none:.4g} ({bad[none]})"
+            text += f", none = {sense * none + 0.0:.4g} ({bad[none]})"
         room = none is None or bool(full < none)
         yield check.name, room, text + ("" if room else ": they overlap")

@@ -37,6 +37,22 @@ NAME = "answer"
 STRANGE = "it said something else than an answer"
 
 
+def check_user(user: str | None) -> None:
+    """Make sure that a process can be given to a user.
+
+    Raises:
+        ScenarioError: If there is none of that name, or only root could.
+    """
+    if user is None:
+        return
+    try:
+        with TemporaryDirectory() as folder:
+            shutil.chown(folder, user)
+        subprocess.run([sys.executable, "-I", "-c", "import twin"], user=user, cwd="/", check=True)
+    except (LookupError, OSError, subprocess.SubprocessError) as error:
+        raise ScenarioError(f"--user {user}: cannot be had: {error}") from None
+
+
 class AnswerProcess:
     """A process that has an answer, and may do little else.
 

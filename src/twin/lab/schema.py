@@ -42,6 +42,13 @@ class AnswerTable(Checked):
     asked: Mapping[str, str] = Field({})
     keys: tuple[str, ...] = ()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, tables: Any) -> Any:
+        if not isinstance(tables, dict):
+            return tables
+        return {"file": "answer.py" if tables.get("kind") == "law" else "answer.toml", **tables}
+
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
         for kind, key in (("numbers", "asked"), ("parameters", "keys")):
