@@ -175,7 +175,7 @@ def add(file: Path) -> None:
     """
     path = file.resolve()
     if not path.is_file() or path.suffix != ".py":
-        raise ValueError(f"{file}: not a Python file")
+        raise ValueError(f"{file}: {'not a Python file' if file.exists() else 'no such file'}")
     before = os.environ.get(ADDED, "")
     os.environ[ADDED] = os.pathsep.join(filter(None, (before, str(path))))
     forget()
@@ -354,6 +354,8 @@ def wrong_answer(law: Law) -> str | None:
     except TypeError:
         return f"{_place(law)}: control takes (self, t, x, reference, q)"
     answer = law.control(*asked)
+    if np.shape(answer) == (1, 2) and not np.isfinite(answer).all():
+        return f"{_place(law)}: control must give numbers; of a ball at rest it makes {answer[0]}"
     if np.shape(answer) != (1, 2):
         said = "None" if answer is None else f"shape {np.shape(answer)}"
         return (
@@ -364,7 +366,7 @@ def wrong_answer(law: Law) -> str | None:
 
 
 class AnswerError(ValueError):
-    """A law answers otherwise than a law does: file, line, what it must give and what it gave."""
+    """A law or observer answers otherwise than one does: file, line, what it gave, what it must."""
 
 
 def commanded(law: Law, u: Any, like: Array) -> Array:
@@ -392,7 +394,20 @@ def remembered(law: Law, slope: Any, like: Array) -> Array:
     return answer
 
 
-def _wrong(law: Law, method: str, what: str, given: Any, expected: Array) -> AnswerError:
+def estimated(observer: Observer, x: Any, like: Array) -> Array:
+    """The estimate that an observer gave, for as many rigs as an array (..., 2).
+
+    Raises:
+        AnswerError: If it is none.
+    """
+    expected = (*like.shape[:-1], 8)
+    if getattr(x, "shape", None) != expected or x.dtype.kind not in "fi":
+        raise _wrong(observer, "correct", "the estimate (..., 8)", x, np.empty(expected))
+    answer: Array = x
+    return answer
+
+
+def _wrong(law: Law | Observer, method: str, what: str, given: Any, expected: Array) -> AnswerError:
     kind = "complex numbers of " if np.iscomplexobj(given) else ""
     said = "None" if given is None else f"{kind}shape {np.shape(given)}"
     return AnswerError(
@@ -401,9 +416,9 @@ def _wrong(law: Law, method: str, what: str, given: Any, expected: Array) -> Ans
     )
 
 
-def _place(law: Law, method: str = "control") -> str:
-    """File and line of a law's method; of one that holds another's command, of that."""
-    while hasattr(law, "law"):
-        law = law.law
+def _place(law: Law | Observer, method: str = "control") -> str:
+    """File and line of a method; of a law that holds another's command, or a predictor, of that."""
+    while within := getattr(law, "law", None) or getattr(law, "observer", None):
+        law = within
     own = getattr(type(law), method)
     return f"{inspect.getsourcefile(own)}, line {inspect.getsourcelines(own)[1]}"

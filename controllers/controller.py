@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array, constant
-from controllers.catalog import commanded, remembered
+from controllers.catalog import commanded, estimated, remembered
 from controllers.interfaces import Feedback, Law, Measurement, Observer, Reference
 
 
@@ -151,7 +151,7 @@ class Controller:
         if self._time is not None and t - self._time > 1.5 * self.period:
             self._make_up(self._time, measurement)
         self._time, self._angles, self._age = t, measurement.y[..., 1::2], measurement.age
-        x = observer.correct(measurement)
+        x = estimated(observer, observer.correct(measurement), self.rate)
         seen, further = observer.equivalent, observer.further
         now = Feedback(
             t,
@@ -396,15 +396,14 @@ class PerRigObserver(Observer):
         state = measurement.state
         x = np.empty((len(measurement.y), 8))
         for own, observer in self.groups.each:
-            x[own] = observer.correct(
-                Measurement(
-                    measurement.time,
-                    measurement.y[own],
-                    measurement.age[own],
-                    measurement.touched[own],
-                    None if state is None else state[own],
-                )
+            part = Measurement(
+                measurement.time,
+                measurement.y[own],
+                measurement.age[own],
+                measurement.touched[own],
+                None if state is None else state[own],
             )
+            x[own] = estimated(observer, observer.correct(part), part.y)
         self.x = x
         return x
 

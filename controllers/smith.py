@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from controllers.arrays import Array, some
+from controllers.catalog import estimated
 from controllers.interfaces import DelayedObserver, Measurement, Observer
 from controllers.ranges import NotNegative
 
@@ -87,9 +88,8 @@ class Smith(Observer):
             position += ball - self._look_back_each(self._back + age / self.period)
         else:
             position += ball - self._look_back()
-        self.x = self.observer.correct(
-            Measurement(measurement.time, y, measurement.age, touched, measurement.state)
-        )
+        part = Measurement(measurement.time, y, measurement.age, touched, measurement.state)
+        self.x = estimated(self.observer, self.observer.correct(part), y)
         self._past[slot] = self.x[..., BALL]
         return self.x
 

@@ -1,4 +1,4 @@
-"""Writes bring-up.md of this folder: python docs/bring_up.py.
+"""Writes bring-up.md and bring-up-report.md of this folder: python docs/bring_up.py.
 
 The text is bring-up.template.md; a line ``{{ command | pattern }}`` stands for what a command says
 on the virtual rig, all of it or only the lines that a pattern finds. On a busy machine the
@@ -12,6 +12,8 @@ import sys
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from pages import write
 
 HERE = Path(__file__).parent
 CALL = "from twin.cli import main; main()"
@@ -61,7 +63,7 @@ def shown(place: re.Match[str]) -> str:
 def main() -> None:
     """Run the commands and write the page."""
     text = (HERE / "bring-up.template.md").read_text(encoding="utf-8")
-    (HERE / "bring-up.md").write_text(PLACE.sub(shown, text), encoding="utf-8")
+    write(HERE / "bring-up.md", PLACE.sub(shown, text))
 
 
 if __name__ == "__main__":

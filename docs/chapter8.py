@@ -1,4 +1,4 @@
-"""The page on chapter 8 of the thesis, reproduction.md, with figures like the thesis's 8.1 to 8.28.
+"""The pages on chapter 8 of the thesis, reproduction*.md, with figures like its 8.1 to 8.28.
 
 uv run python docs/chapter8.py
 """
@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from pages import filled
+from pages import filled, write
 from PIL import Image
 
 from controllers.ballplate import BallPlate
@@ -171,30 +171,33 @@ def draw_all(folder: Path, table: SimulatedTable, found: Results) -> dict[str, s
     return drawn
 
 
-GROUPS = {
-    "full_state": "Full state feedback, Tables 8.1 to 8.11",
-    "observers": "Observers, Tables 8.12 and 8.13",
-    "tracking": "Tracking with EKF, Tables 8.14 to 8.21",
+PAGES = {
+    "Full state feedback, Tables 8.1 to 8.5": ("8.1", "8.2", "8.3", "8.4", "8.5"),
+    "Full state feedback, Tables 8.6 to 8.11": ("8.6", "8.7", "8.8", "8.9", "8.10", "8.11"),
+    "Observers, Tables 8.12 and 8.13": ("8.12", "8.13"),
+    "Tracking with EKF, Tables 8.14 to 8.17": ("8.14", "8.15", "8.16", "8.17"),
+    "Tracking with EKF, Tables 8.18 to 8.21": ("8.18", "8.19", "8.20", "8.21"),
 }
 
 
 def write_doc(
     path: Path, tables: Sequence[SimulatedTable], cells: Sequence[ThesisCell], found: Results
 ) -> None:
-    """Write the document, and its figures into ``figures`` beside it.
+    """Write the pages, and their figures into ``figures`` beside them.
 
     Raises:
         RecordError: If a file cannot be written.
     """
     groups = []
-    for group, title in GROUPS.items():
+    for title, names in PAGES.items():
         parts = []
-        for table in (each for each in tables if each.group == group):
+        for table in (each for each in tables if each.id in names):
             rows, notes = chapter8.lines(_of(table, cells))
             made = markdown.table(chapter8.HEADINGS, rows, words=(0, 1, -1))
             parts.append((table, made, notes, draw_all(path.parent / "figures", table, found)))
         if parts:
-            groups.append((title, parts[0][0].shared, parts))
+            page = f"{path.stem}-{names[0].replace('.', '-')}.md"
+            groups.append((page, title, parts[0][0].shared, parts))
     text = filled(
         "reproduction",
         sentence=chapter8.sentence(cells),
@@ -203,7 +206,7 @@ def write_doc(
         columns=COLUMNS,
         groups=groups,
     )
-    write_whole(path, text.rstrip() + "\n")
+    write(path, text)
 
 
 def _of(table: SimulatedTable, cells: Sequence[ThesisCell]) -> list[ThesisCell]:

@@ -26,6 +26,7 @@ FLOOR = "circle 0.75 rad/s"
 KINDS = {
     "tracking": ("e_tt", "%"),
     "median": ("median distance", "mm"),
+    "rms": ("RMS distance", "mm"),
     "settled": ("within 5 mm for good after", "s"),
 }
 
@@ -110,6 +111,8 @@ def simulated(runs: list[Any], judged: str) -> list[float | None]:
             value = measure(motion, outcome, start=scenario.metrics.start).tracking_error_percent
         elif outcome.ending is Ending.FINISHED and judged == "median":
             value = 1e3 * float(np.median(way[motion.time >= scenario.metrics.start]))
+        elif outcome.ending is Ending.FINISHED and judged == "rms":
+            value = 1e3 * float(np.sqrt(np.mean(way[motion.time >= scenario.metrics.start] ** 2)))
         elif outcome.ending is Ending.FINISHED:
             outside = np.flatnonzero(way > BAND)
             last = int(outside[-1]) if len(outside) else 0

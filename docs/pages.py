@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin import markdown
-from twin.writing import write_json
+from twin.writing import write_json, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +23,23 @@ HERE = Path(__file__).parent
 def filled(name: str, **parts: Any) -> str:
     """The page of a template in this folder."""
     return markdown.filled(HERE / f"{name}.template.md", **parts)
+
+
+def parts(name: str, text: str) -> dict[str, str]:
+    """The pages in a text, file name to page; a line ``<!-- NAME.md -->`` begins another one."""
+    first, *others = re.split(r"^<!-- ([\w-]+\.md) -->\n", text, flags=re.MULTILINE)
+    pages = {name: first, **dict(zip(others[::2], others[1::2], strict=True))}
+    return {file: page.rstrip() + "\n" for file, page in pages.items()}
+
+
+def write(path: Path, text: str) -> None:
+    """Write the pages of a text, the first to a path and the others beside it.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    for file, page in parts(path.name, text).items():
+        write_whole(path.parent / file, page)
 
 
 def planned(name: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Makes safety.md: states, conditions, and the measured fault matrix.
+"""Makes safety.md, states and conditions, and fault-matrix.md, as measured.
 
 uv run python docs/safety.py
 """
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import click
-from pages import filled
+from pages import filled, write
 
 from twin.cli.options import PROCESSES
 from twin.cli.output import progress
@@ -24,7 +24,6 @@ from twin.jobs import cores
 from twin.safety.cases import CASES
 from twin.safety.row import HEADING, FaultRow, both, cells
 from twin.safety.trial import AFTER, LEFT, run_all
-from twin.writing import write_whole
 
 GROUPS: dict[str, Iterable[Condition]] = {
     "The supervisor, from measurements alone": RIG_CONDITIONS,
@@ -35,7 +34,7 @@ GROUPS: dict[str, Iterable[Condition]] = {
 
 
 def document(rows: Sequence[FaultRow]) -> str:
-    """The page, as Markdown: ``safety.template.md`` with what the code says."""
+    """Both pages, as Markdown: ``safety.template.md`` with what the code says."""
     return filled(
         "safety",
         transitions=TRANSITIONS,
@@ -90,7 +89,7 @@ def main(doc: Path, processes: int | None) -> None:
     """Inject every fault, and write the page."""
     with progress("fault matrix", len(CASES)) as advance:
         rows = run_all(processes or cores(), advance)
-    write_whole(doc, document(rows))
+    write(doc, document(rows))
 
 
 if __name__ == "__main__":

@@ -1,19 +1,19 @@
-"""Writes settings.md of this folder: python docs/settings.py."""
+"""Writes settings.md and settings-*.md of this folder: python docs/settings.py."""
 
 from itertools import groupby
 
-from pages import HERE, filled
+from pages import HERE, filled, write
 
 from twin.scenario.describe import about, described, every_kind
-from twin.writing import write_whole
 
 
 def page() -> str:
-    """Every setting, as Markdown."""
+    """Every setting, as Markdown of several pages."""
     tables = groupby(described(), lambda key: key.key.rpartition(".")[0])
     groups = [(name, list(keys)) for name, keys in tables]
-    return filled("settings", groups=groups, kinds=every_kind(), about=about).rstrip() + "\n"
+    kinds = groupby(every_kind().items(), lambda kind: kind[0].partition(".")[0])
+    return filled("settings", groups=groups, kinds=kinds, about=about)
 
 
 if __name__ == "__main__":
-    write_whole(HERE / "settings.md", page())
+    write(HERE / "settings.md", page())

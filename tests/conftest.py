@@ -1,15 +1,13 @@
 """What every test may use."""
 
 import gc
-import tomllib
-from pathlib import Path
 
 import one_thread  # noqa: F401  before numpy
 import pytest
 from hypothesis import HealthCheck, settings
 
 from controllers.catalog import forget
-from twin.devices import lumio
+from twin.data_file import packaged
 from twin.scenario.load import check, put, setting
 
 TABLES = {
@@ -56,7 +54,7 @@ def long_lived():
 @pytest.fixture(scope="session")
 def descriptors():
     """Report descriptors by what they are of."""
-    panels = tomllib.loads((Path(lumio.__file__).parent / "panels.toml").read_text("utf-8"))
+    panels = packaged("twin.devices.lumio", "panels.toml")["descriptors"]
     texts = {**panels, "mouse": MOUSE}
     return {name: bytes.fromhex(text) for name, text in texts.items()}
 

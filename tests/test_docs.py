@@ -42,6 +42,9 @@ WRITTEN = {
     "bring-up.template.md",
     "cure_demands.py",
     "cure_demands.template.md",
+    "cure_family.py",
+    "cure_family.template.md",
+    "cure_family.toml",
     "gallery.py",
     "gallery.toml",
     "gallery.template.md",
@@ -72,6 +75,7 @@ WRITTEN = {
     "index.md",
     "tutorial.md",
     "from-matlab.md",
+    "simulink.md",
     "run.md",
     "see.md",
     "law.md",
@@ -306,6 +310,12 @@ def test_every_file_of_docs_is_written_by_hand_or_made_by_one_command(regenerate
     assert all(list(docs.glob(each)) for page in regenerate.PAGES.values() for each in page.files)
     here = {path for path in docs.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
     assert here - set(made) == {docs / name for name in WRITTEN}
+
+
+def test_no_page_is_longer_than_250_lines():
+    pages = [path for path in (ROOT / "docs").rglob("*.md") if ".template" not in path.name]
+    lines = {path.name: path.read_text(encoding="utf-8").count("\n") for path in pages}
+    assert {name: count for name, count in lines.items() if count > 250} == {}
 
 
 def test_every_command_that_makes_a_page_can_be_parsed(regenerate):

@@ -40,6 +40,7 @@ def test_the_wheel_installs_code_model_and_scenarios_typed_and_nothing_else(whee
         "controllers/controller.py",
         "twin/cli/__init__.py",
         "twin/devices/lumio/70-ballplate-touch.rules",
+        "twin/fmu/c/rig.c",
         *(f"{name}/py.typed" for name in ("ballplate", "twin", "controllers")),
     } <= names
     assert not [name for name in names if "test" in name or name.startswith("src/")]

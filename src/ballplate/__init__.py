@@ -11,7 +11,8 @@
 Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of these names do, bit
 for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
 ``rig``; a control law out of a function: ``law``. The model behind it: ``model``, and the classes
-of ``laws``, ``observers``, ``references``; plants and controllers for python-control: ``systems``.
+of ``laws``, ``observers``, ``references``; plants and controllers for python-control: ``systems``;
+a rig for Simulink and others: ``fmu``.
 What there is to run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
@@ -35,6 +36,7 @@ from twin.run.files import Signals
 if TYPE_CHECKING:
     from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare
+    from ballplate.exporting import fmu
     from ballplate.loading import Identified, Log, identify, load
     from ballplate.results import Result
     from ballplate.stepping import Rig, rig
@@ -56,6 +58,7 @@ __all__ = [
     "TwinError",
     "compare",
     "describe",
+    "fmu",
     "identify",
     "lab",
     "law",
@@ -76,6 +79,7 @@ _MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _NAMES = {
     "comparing": ("Comparison", "compare"),
+    "exporting": ("fmu",),
     "loading": ("Identified", "Log", "identify", "load"),
     "results": ("Result",),
     "stepping": ("Rig", "rig"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import (
     AbstractContextManager,
@@ -341,18 +340,13 @@ def _stream(
     buffer: tuple[int, int, str], file: Path, units: Mapping[str, str], metadata: Mapping[str, Any]
 ) -> None:
     """Write what is recorded until the run has ended, or its process is gone."""
-    from twin.jobs import orphaned
     from twin.run.record import stream
     from twin.view.live_process import SharedRingBuffer, step_back
 
     step_back()
     with closing(SharedRingBuffer(*buffer)) as ring, ExitStack() as end:
         append = None
-        while True:
-            done = ring.done or orphaned()
-            if ring.columns and len(rows := ring.take()):
-                append = append or end.enter_context(stream(file, ring.columns, units, metadata))
-                append(rows)
-            if done:
-                return
-            time.sleep(EVERY)
+        for block in ring.blocks(EVERY):
+            if block and len(block["time"]):
+                append = append or end.enter_context(stream(file, [*block], units, metadata))
+                append(block)

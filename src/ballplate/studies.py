@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of, varied_of
@@ -107,7 +106,7 @@ class Sweep:
     def plot(self, *metrics: str) -> Figure:
         """Indicators over the first key, a curve for each value of the others.
 
-        Runs that ended early are crosses at the bottom.
+        Runs that ended early are crosses at the top.
 
         Args:
             metrics: Their names, as ``settling_time``; by default the tracking error, or, where
@@ -141,7 +140,8 @@ class Sweep:
                     panel.plot(at, shown, marker="o", ms=4, label=curve, **look)
                     if early.any():
                         cross = {"color": look["color"], "ms": 7, "clip_on": False}
-                        panel.plot(at[early], 0 * at[early], "x", **cross)
+                        top = panel.get_xaxis_transform()
+                        panel.plot(at[early], np.ones(early.sum()), "x", transform=top, **cross)
                 panel.set(ylabel=f"{words} [{unit}]", ylim=(0, None))
             early_too = "" if self.finished else "  (×: the run ended early)"
             panels[-1].set_xlabel(f"{self.keys[0]}{early_too}")
@@ -370,19 +370,18 @@ def study(
     work = work_of(str(name), keys)
     if out is not None:
         check_writable(Path(out), report.name_of("out"))
+    store = Store(None if out is None else Path(out))
     with (
-        TemporaryDirectory() if out is None else nullcontext(out) as folder,
         nullcontext() if scheduler is None else Cluster(scheduler) as cluster,
+        report.progress(work.study.title, work.different, "runs") as advance,
     ):
-        store = Store(Path(folder))
-        with report.progress(work.study.title, work.different, "runs") as advance:
-            rows = carry(
-                work,
-                store,
-                executor=cluster,
-                processes=processes or (cluster.workers if cluster else None),
-                progress=lambda done, failed: advance(done, f"{failed} failed"),
-            )
+        rows = carry(
+            work,
+            store,
+            executor=cluster,
+            processes=processes or (cluster.workers if cluster else None),
+            progress=lambda done, failed: advance(done, f"{failed} failed"),
+        )
     found = StudyResult(work, rows, answers(work, rows))
     if out is not None:
         found.save(out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from datetime import date, time
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,16 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise DataError(f"not a TOML file: {error}") from error
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}") from error
+
+
+def packaged(package: str, name: str) -> dict[str, Any]:
+    """The tables of a TOML file that lies beside the modules of a package.
+
+    Args:
+        package: Its full name.
+        name: Of the file.
+    """
+    return tomllib.loads((files(package) / name).read_text(encoding="utf-8"))
 
 
 def parse_toml(text: str) -> dict[str, Any]:

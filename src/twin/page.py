@@ -68,6 +68,7 @@ class Table:
         words: The columns of words, which stand to the left; from the end if negative.
         again: Columns that each part of a table too wide for a page has.
         note: Below it.
+        folded: What a page shows in its place until it is asked for; empty for no.
     """
 
     kind: ClassVar = "table"
@@ -77,6 +78,7 @@ class Table:
     words: Collection[int] = (0,)
     again: Collection[int] = (0,)
     note: str = ""
+    folded: str = ""
 
     @property
     def parts(self) -> Iterator[tuple[list[tuple[str, bool]], list[list[tuple[str, bool]]]]]:

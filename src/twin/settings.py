@@ -12,7 +12,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -46,7 +46,7 @@ class Unit(Enum):
         return convert(value)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Setting:
     """What a scenario may say of one field.
 
@@ -57,6 +57,7 @@ class Setting:
         bounds: Range of the value, or of each of its numbers: any of ge, gt, le, lt.
         type: Its type; None for that of the default.
         exact: Why the exact equations cannot follow it, in words; empty if they can.
+        changes: How it may change while a rig runs: along a ``ramp``, at once (``jump``), or empty.
     """
 
     key: str
@@ -65,6 +66,7 @@ class Setting:
     bounds: dict[str, float]
     type: Any = None
     exact: str = ""
+    changes: str = ""
 
     def of(self, scenario: Any) -> Any:
         """Its value in a scenario, in the key's unit."""
@@ -88,6 +90,7 @@ def setting(
     otherwise: Any = SAME,
     type: Any = None,  # noqa: A002  the word for it
     exact: str = "",
+    changes: str = "",
     **bounds: float,
 ) -> Any:
     """A dataclass field that a scenario key sets.
@@ -99,11 +102,18 @@ def setting(
         otherwise: Default of the field itself, in SI; that of the key if not given.
         type: Type of the key; that of the default if not given.
         exact: Why the exact equations cannot follow it.
+        changes: How it may change while a rig runs.
         bounds: Range: ge, gt, le, lt.
     """
-    about = Setting(key=key, default=default, unit=unit, bounds=bounds, type=type, exact=exact)
+    about = Setting(key, default, unit, bounds, type, exact, changes)
     own = unit.to_si(default) if otherwise is SAME else otherwise
     return dataclasses.field(default=own, metadata={"setting": about})
+
+
+ramp = partial(setting, changes="ramp")
+"""A field that a scenario key sets, and that may change along a ramp while a rig runs."""
+jump = partial(setting, changes="jump")
+"""A field that a scenario key sets, and that may change at once while a rig runs."""
 
 
 def settings_of(cls: Any) -> Mapping[str, Setting]:

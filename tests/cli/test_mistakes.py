@@ -92,7 +92,7 @@ LINES = {
     "new observer afl": "observer 'afl': the name is taken by",
     "new observer mine --like pid": "--like",
     "new scenario there": "there.toml: exists",
-    "run hold --law absent.py": "--law absent.py: not a Python file",
+    "run hold --law absent.py": "--law absent.py: no such file",
     "run hold --law notes.txt": "--law notes.txt: not a Python file",
     "run hold --law wrong.py": "wrong.py, line 2: SyntaxError",
     "run hold --law empty.py": "--law empty.py: no law, observer or reference in it has a name",

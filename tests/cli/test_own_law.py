@@ -220,6 +220,53 @@ def test_a_law_that_goes_wrong_is_one_line_and_the_other_is_kept(ballplate, rewr
         assert "lqr" in file.read_text() if file.suffix == ".csv" else file.stat().st_size
 
 
+OBSERVER = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ballplate.observers import Array, Measurement, Observer
+
+
+@dataclass(kw_only=True)
+class Odd(Observer):
+    name: ClassVar[str] = "odd"
+
+    def correct(self, measurement: Measurement) -> Array:
+        return ANSWER
+
+    def predict(self, u: Array) -> None:
+        pass
+"""
+
+
+@pytest.mark.parametrize("predictor", ["smith", None])
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [("measurement.y", "shape (1, 4)"), ("None", "None"), ("1j * self.x", "comp")],
+)
+def test_an_observer_that_gives_no_estimate_is_one_line(ballplate, answer, said, predictor):
+    Path("laws").mkdir()
+    Path("laws/odd.py").write_text(OBSERVER.replace("ANSWER", answer))
+    forget()
+    predicted = ("--set", 'predictor={kind="smith",delay=0.04}') if predictor else ()
+    short = ("--set", "duration=0.1", "--set", "plant.kind=lagrange", "--set", "baseline=false")
+    code, _, err = ballplate("run", "circle", "--set", "observer.kind=odd", *short, *predicted)
+    *_, line = err.splitlines()
+    assert code == 1
+    assert "laws/odd.py, line 12: correct must give the estimate" in line
+    assert f"it gave {said}" in line
+    Path("both.toml").write_text(STUDY.replace("controller.kind=mine", "observer.kind=odd"))
+    assert "correct must give the estimate" in " ".join(ballplate("study", "both.toml")[1].split())
+
+
+def test_a_law_that_gives_no_numbers_is_told_before_anything_runs(ballplate, rewrite):
+    rewrite(BEGIN, f"        return np.full((*x.shape[:-1], 2), np.nan)\n{BEGIN}")
+    code, out, err = ballplate("run", "circle", *SHORT)
+    assert (code, out) == (2, "")
+    assert re.search(r"laws/mine.py, line \d+: control must give numbers; of a ball at rest", err)
+    assert "no such file" in ballplate("run", "circle", "--law", "laws/none.py")[2]
+
+
 TUNE = """
 title = "t"
 family = "placed"

@@ -15,7 +15,7 @@ from twin.scenario import load
 ROOT = Path(__file__).parents[2]
 PAGES = {
     name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("tutorial", "from-matlab")
+    for name in ("tutorial", "from-matlab", "simulink")
 }
 BEFORE = ["pip install uv", "uv sync", "source .venv/bin/activate"]
 """What the tutorial has typed in a shell before the first command."""
@@ -159,6 +159,13 @@ def test_the_page_for_those_who_come_from_matlab_does_what_it_says(tmp_path, mon
     found = scipy.io.loadmat("circle.mat")
     assert found["time"].shape == found["true_x"].shape == (12500, 1)
     assert found["units"]["true_x"][0, 0] == "m"
+
+
+@pytest.mark.long
+def test_the_page_about_simulink_does_what_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    walked(PAGES["simulink"])
+    assert {path.name for path in Path().glob("*.fmu")} == {"rig.fmu", "rig3.fmu", "quiet.fmu"}
 
 
 @pytest.mark.long

@@ -12,9 +12,10 @@ from twin.devices.realtime import TimingLog
 from twin.errors import RecordError
 from twin.report.diagnosis import Diagnosis, spectrum
 from twin.report.html import details, html
-from twin.report.numbers import as_csv, as_latex
+from twin.report.numbers import LABELS, TIMES, as_csv, as_latex
 from twin.report.summary import summary, verdict
 from twin.run.finished import Run, open_run, open_runs, run, save
+from twin.run.indicators import UNITS
 from twin.scenario.load import check
 from twin.view.signals import signals
 from twin.writing import write_json
@@ -325,3 +326,10 @@ def test_a_fallen_run_can_be_reported(scenario, tmp_path):
     save(done, tmp_path, {"run": done.motion})
     (again,) = open_run(tmp_path)
     assert "The ball fell off the plate" in html([again])
+
+
+def test_an_indicator_is_printed_in_its_own_unit_or_in_millimetres():
+    printed = {"m": "mm", "rad/s^2": "rad/s²"}
+    assert {name: unit for name, (_, unit) in LABELS.items() if name in UNITS} == {
+        name: printed.get(unit, unit) for name, unit in UNITS.items() if name not in TIMES
+    }

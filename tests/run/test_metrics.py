@@ -160,6 +160,14 @@ def test_a_ball_that_is_gone_has_no_error_and_one_that_was_stopped_has(ending):
     assert gone.phi_max_deg == whole.phi_max_deg
 
 
+def test_a_stopped_run_is_judged_until_it_was_stopped_and_not_at_all_before_it_is_judged():
+    away = motion(np.linspace(0, [0.2, 0.1], 101), np.zeros((101, 2)))
+    first = motion(away.ball[:11], away.reference[:11], time=away.time[:11])
+    stopped = Outcome(Ending.ABORTED, 1.0, "stopped")
+    assert measure(away, stopped).rms_error == measure(first, stopped).rms_error
+    assert measure(away, stopped, start=2.0).rms_distance is None
+
+
 def test_the_largest_steady_error_is_not_that_of_a_transient():
     moved = motion(np.linspace([0.2, 0.1], 0, 101), np.zeros((101, 2)))
     assert measure(moved, DONE).max_steady_error is None

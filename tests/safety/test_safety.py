@@ -27,13 +27,14 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
 
 
 def document(rows):
-    """The page that ``docs/safety.py`` writes of rows."""
+    """Both pages that ``docs/safety.py`` writes of rows, file name to text."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(DOCUMENT.parent)
-        return runpy.run_path(str(DOCUMENT.with_suffix(".py")))["document"](rows)
+        text = runpy.run_path(str(DOCUMENT.with_suffix(".py")))["document"](rows)
+        return runpy.run_path(str(DOCUMENT.parent / "pages.py"))["parts"](DOCUMENT.name, text)
 
 
-MATRIX = "## Fault matrix"
+MATRIX = "## Measured"
 
 measured = cache(run_case)
 """A row of the matrix; virtual time makes it the same on every run."""
@@ -92,7 +93,7 @@ def test_a_run_that_nothing_happens_to_would_fail_a_row(monkeypatch):
 
 
 def test_the_document_has_exactly_the_conditions_that_the_code_has():
-    rows = tables(document([]))
+    rows = tables(document([])[DOCUMENT.name])
     listed = [row for rows in rows.values() for row in rows if len(row) == 5]
     assert len(listed) > 50
     assert sorted(listed) == sorted(
@@ -119,14 +120,16 @@ def test_every_condition_that_stops_or_levels_says_how_to_go_on():
 
 
 def test_the_document_in_the_repository_has_the_states_and_conditions_of_the_code():
-    kept = DOCUMENT.read_text(encoding="utf-8")
-    assert kept.partition(MATRIX)[0] == document([]).partition(MATRIX)[0]
+    for name, page in document([]).items():
+        kept = DOCUMENT.with_name(name).read_text(encoding="utf-8")
+        assert kept.partition(MATRIX)[0] == page.partition(MATRIX)[0]
 
 
 @pytest.mark.long
 def test_the_document_in_the_repository_is_the_one_that_the_command_writes():
     rows = [measured(index) for index in range(len(CASES))]
-    assert DOCUMENT.read_text(encoding="utf-8") == document(rows)
+    for name, page in document(rows).items():
+        assert DOCUMENT.with_name(name).read_text(encoding="utf-8") == page
 
 
 class Row:

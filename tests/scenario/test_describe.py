@@ -105,6 +105,12 @@ def test_the_last_part_of_a_key_finds_all_of_that_name():
     assert [key.kind for key in described("reference.path.points")] == ["path"]
 
 
+def test_a_key_of_several_kinds_is_that_of_each():
+    found = described("reference.omega")
+    assert {key.key for key in found} == {"reference.omega"}
+    assert {"circle", "sine", "lissajous"} <= {key.kind for key in found}
+
+
 def test_a_table_shows_its_keys_only():
     assert {key.key.rpartition(".")[0] for key in described("plant.friction")} == {"plant.friction"}
     assert len(described("plant")) > len(described("plant.friction"))
@@ -144,7 +150,10 @@ def test_the_command_prints_words_or_json():
 def test_the_page_holds_every_key_and_kind_and_is_today_s(monkeypatch):
     monkeypatch.syspath_prepend(PROJECT / "docs")
     page = run_path(str(PROJECT / "docs" / "settings.py"))["page"]()
-    assert page == (PROJECT / "docs" / "settings.md").read_text(encoding="utf-8")
+    pages = run_path(str(PROJECT / "docs" / "pages.py"))["parts"]("settings.md", page)
+    assert len(pages) == 4
+    for name, text in pages.items():
+        assert text == (PROJECT / "docs" / name).read_text(encoding="utf-8")
     for key in EVERY:
         assert f"| `{key.key}` |" in page
     for table in KINDS:

@@ -117,7 +117,7 @@ def test_an_inclined_plane_slopes_the_same_everywhere():
 def test_a_screen_drawn_at_random_has_the_spread_and_slope_it_was_asked_for():
     places = np.random.default_rng(1).uniform(-0.5, 0.5, (4000, 2)) * SCREEN
     relative, slope = (
-        SurfaceMap.random(seed=3, patch=0.01, spread=0.2, slope=1e-3)._grids[0, ..., 0],
+        SurfaceMap.random(seed=3, patch=0.01, spread=0.2, slope=1e-3).grids[0, ..., 0],
         SurfaceMap.random(seed=3, patch=0.01, spread=0.2, slope=1e-3)(places)[1],
     )
     assert np.std(np.log(relative)) == pytest.approx(0.2, rel=0.05)

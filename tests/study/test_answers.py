@@ -14,7 +14,7 @@ from twin.study.answers import Answer, SensitivityIndex, answers, spread
 from twin.study.design import points
 from twin.study.experiments import Store, carry
 from twin.study.figures import figures
-from twin.study.report import needed, sentences, write
+from twin.study.report import in_order, needed, sentences, write
 from twin.study.schema import METRICS, Study
 from twin.study.work import Job, Row, Work
 
@@ -127,6 +127,14 @@ def test_failed_runs_are_counted_and_kept_out_of_the_averages() -> None:
     assert (whole.median, whole.runs, whole.failed) == (2.0, 5, 2)
     # Wilson's interval of 2 in 5
     assert whole.chance == pytest.approx((0.118, 0.769), abs=1e-3)
+
+
+def test_the_best_variant_is_not_the_one_whose_bad_runs_all_failed() -> None:
+    steady = np.array([2.0, 3.0, 4.0, 5.0])
+    lucky = np.array([1.0, np.nan, np.nan, np.nan])
+    found = [Answer(name, spread(of), values=of) for name, of in (("a", lucky), ("b", steady))]
+    assert [each.variant for each in in_order(found)] == ["b", "a"]
+    assert "failed run is worse than any other: b 3.5, a 1" in sentences(study("lhs", 4), found)[0]
 
 
 def test_a_study_none_of_whose_runs_finish_says_so_instead_of_numbers(tmp_path) -> None:

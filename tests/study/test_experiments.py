@@ -33,11 +33,14 @@ def test_every_run_has_its_labels_and_what_it_gave_in_the_order_asked(tmp_path, 
     assert found["rms_error"].isna().tolist() == [False, False, True]
 
 
-def test_a_run_that_is_kept_is_not_made_again_under_other_labels(tmp_path, monkeypatch):
-    first = evaluate(ScenarioRuns(scenarios()), LABELS, Store(tmp_path), processes=1)
+@pytest.mark.parametrize("in_memory", [False, True])
+def test_a_run_that_is_kept_is_not_made_again_under_other_labels(tmp_path, monkeypatch, in_memory):
+    store = Store(None if in_memory else tmp_path)
+    first = evaluate(ScenarioRuns(scenarios()), LABELS, store, processes=1)
     monkeypatch.setattr(work, "simulate", None)
-    again = ScenarioRuns(scenarios()[::-1])
-    found = evaluate(again, {"candidate": [7, 8, 9]}, Store(tmp_path), processes=1)
+    again, kept = ScenarioRuns(scenarios()[::-1]), store if in_memory else Store(tmp_path)
+    found = evaluate(again, {"candidate": [7, 8, 9]}, kept, processes=1)
+    assert in_memory == (list(tmp_path.iterdir()) == [])
     assert found["candidate"].tolist() == [7, 8, 9]
     assert found["u_rms"].tolist()[1:] == first["u_rms"].tolist()[1::-1]
     assert found["outcome"].tolist() == first["outcome"].tolist()[::-1]

@@ -142,7 +142,8 @@ def test_the_page_has_its_tables_notes_and_figures(steps, tmp_path, monkeypatch)
     page = runpy.run_path(str(docs / "chapter8.py"))
     path = tmp_path / "docs" / "reproduction.md"
     page["write_doc"](path, steps[0], compare(*steps), steps[1])
-    text = path.read_text(encoding="utf-8")
+    assert "](reproduction-8-1.md)" in path.read_text(encoding="utf-8")
+    text = path.with_name("reproduction-8-1.md").read_text(encoding="utf-8")
     assert text.count("| phi_max [deg] |") == 3
     assert (path.parent / "figures" / "table-8-1.png").read_bytes().startswith(b"\x89PNG")
     assert "](figures/table-8-1.png)" in text

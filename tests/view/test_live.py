@@ -58,6 +58,25 @@ def test_every_row_is_either_read_once_in_order_or_counted_as_dropped(bursts, si
         ring.close()
 
 
+@pytest.mark.parametrize("most", [None, 2, 3])
+def test_a_reader_gets_every_row_that_is_left_when_the_writer_has_ended(most):
+    ring = SharedRingBuffer(16, 2)
+    try:
+        blocks = ring.blocks(0.001, most)
+        assert next(blocks) == {}  # no column has a name yet
+        ring.name(("n", "twice"))
+        for number in range(6):
+            ring.slot()[:] = number, 2 * number
+            ring.put()
+        ring.finish()
+        left = list(blocks)
+        assert [n for block in left for n in block["n"].tolist()] == list(range(6))
+        assert all(np.array_equal(block["twice"], 2 * block["n"]) for block in left)
+        assert most is None or max(len(block["n"]) for block in left) == most
+    finally:
+        ring.close()
+
+
 def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
     made = LiveProcess(print, ())  # a process that reads nothing
     try:

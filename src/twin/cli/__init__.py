@@ -14,54 +14,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twin.data_file import packaged
 from twin.errors import LawError, TwinError, shortened
 from twin.installation import problem
 
 if TYPE_CHECKING:
     from twin.cli.options import Command
 
-GROUPS = {
-    "Run": {
-        "list": "twin.cli.runs:list_scenarios",
-        "describe": "twin.cli.describe:describe",
-        "run": "twin.cli.runs:run",
-        "compare": "twin.cli.runs:compare",
-        "sweep": "twin.cli.runs:sweep",
-        "play": "twin.cli.rig:play",
-    },
-    "See": {
-        "view": "twin.cli.look:view",
-        "report": "twin.cli.look:report",
-        "export": "twin.cli.look:export",
-    },
-    "Understand": {
-        "explain": "twin.cli.understand:explain",
-        "study": "twin.cli.studies:study",
-        "whatif": "twin.cli.understand:whatif",
-        "analyse": "twin.cli.analyse:analyse",
-        "reproduce": "twin.cli.analyse:reproduce",
-    },
-    "Tune controller or twin": {
-        "tune": "twin.cli.studies:tune",
-        "identify": "twin.cli.understand:identify",
-        "fit": "twin.cli.understand:fit",
-    },
-    "The rig": {
-        "doctor": "twin.cli.rig:doctor",
-        "calibrate": "twin.cli.calibrate:calibrate",
-        "shadow": "twin.cli.understand:shadow",
-        "emulate": "twin.cli.rig:emulate",
-        "safety": "twin.cli.rig:safety",
-    },
-    "Teach": {
-        "lab": "twin.cli.labs:lab",
-    },
-    "Develop": {
-        "new": "twin.cli.describe:new",
-        "completion": "twin.cli.options:completion",
-        "docs": "twin.cli.look:docs",
-    },
-}
+GROUPS: dict[str, dict[str, str]] = packaged("twin.cli", "commands.toml")
 """What a person wants, to the commands for it and where they are defined."""
 
 COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}

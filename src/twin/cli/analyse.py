@@ -55,7 +55,8 @@ def analyse(scenario: str, overrides: tuple[str, ...], *, as_json: bool) -> None
         loop = _loop(chosen)
     numbers = {"scenario": chosen.title, "designs": rows, "neglected": neglected, "loop": loop}
     margins = (_margins_of(rows, cut, title) for cut, title in CUTS.items())
-    shown = (*_pole_table(rows), *margins, _neglected_terms(neglected, chosen.title), *_told(loop))
+    thesis = (*_pole_table(rows), *margins)
+    shown = (*_told(loop), _neglected_terms(neglected, chosen.title), *thesis)
     show(numbers, as_json, shown)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballplate.running import EMULATED
-from twin.cli.options import EMPTY_RIG, JSON, SETTING, Command, Group
+from twin.cli.options import EMPTY_RIG, JSON, PATH, SETTING, Command, Group
 from twin.cli.output import Shown, progress, show
 from twin.cli.rig import rig_file
 from twin.errors import ScenarioError
@@ -105,7 +105,7 @@ def lost_motion(
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=Path("touch-of-rig.json"),
     help="Calibration file [touch-of-rig.json].",
 )
@@ -180,15 +180,11 @@ calibrate.add_command(lost_motion)
 @calibrate.command(cls=Command, example="calibrate cams --check")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write the table to this file; without it, it is only tried.",
 )
 @click.option("--check", is_flag=True, help="Only check the table of the model, or of --out.")
-@click.option(
-    "--rig",
-    metavar="FILE",
-    help="Rig file, or `emulated`; ball off, plate level.",
-)
+@click.option("--rig", metavar="FILE", help="Rig file, or `emulated`; ball off, plate level.")
 @click.option(
     "--reach",
     type=click.FloatRange(0.5, 8),
@@ -253,7 +249,7 @@ def cams(
 
 
 @calibrate.command(cls=Command, example="calibrate level runs/excite")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=PATH)
 @JSON
 def level(log: Path, *, as_json: bool) -> int:
     """Estimate from a recorded run how far the base is off level, and say how to correct it.

@@ -8,13 +8,14 @@ import textwrap
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from twin.cli import options as tab
 from twin.cli.options import JSON, LAW, Command
 from twin.cli.output import Shown, bold, console, show
+from twin.data_file import packaged
 from twin.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -88,22 +89,10 @@ class Start(NamedTuple):
     then: str
 
 
-LIKE = {
-    "cascade": ("law.py", ("Cascade", "cascade")),
-    "pid": ("law_pid.py", ("OwnPid", "own_pid")),
-    "lqr": ("law_lqr.py", ("OwnLqr", "own_lqr")),
-    "blank": ("law_blank.py", ("Blank", "blank")),
-}
-"""What a law may begin as: its file, and what the class in it is called, and its name."""
-STARTS = {
-    "law": Start("law.py", ("Cascade", "cascade"), "run circle --set controller.kind={name}"),
-    "observer": Start(
-        "observer.py", ("AlphaBeta", "alpha_beta"), "run hold --set observer.kind={name}"
-    ),
-    "reference": Start("reference.py", ("Drift", "drift"), "run hold --set reference.kind={name}"),
-    "scenario": Start("scenario.toml", ("", ""), "run {file}"),
-    "study": Start("study.toml", ("", ""), "study {file}"),
-}
+_TABLES = packaged("twin.cli.templates", "starts.toml")
+LIKE: dict[str, dict[str, Any]] = _TABLES["like"]
+"""What a law may begin as: what its start has otherwise."""
+STARTS = {kind: Start(**about) for kind, about in _TABLES["starts"].items()}
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
@@ -124,7 +113,7 @@ def new(kind: str, name: str, like: str | None) -> int:
     if like is not None:
         if kind != "law":
             raise ScenarioError("--like: for a law only, as in: ballplate new law mine --like pid")
-        start = start._replace(source=LIKE[like][0], called=LIKE[like][1])
+        start = start._replace(**LIKE[like])
     file = Path("laws") / f"{name}.py" if start.called[0] else Path(f"{name}.toml")
     if file.exists():
         raise ScenarioError(f"{file}: exists; nothing was written")

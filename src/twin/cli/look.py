@@ -140,12 +140,17 @@ def _formats(_: click.Context, __: click.Parameter, listed: str) -> list[str]:
     "--format", "formats", callback=_formats, default="html", metavar="html,png,pdf,csv,latex"
 )
 @click.option("--out", type=click.Path(path_type=Path), help="File without ending [RUN/report].")
+@click.option(
+    "--clean", "beside_clean", is_flag=True, help="Show the first on the clean model, too."
+)
 def report(
     runs: tuple[Path, ...],
     against: str | None,
     overrides: tuple[str, ...],
     formats: list[str],
     out: Path | None,
+    *,
+    beside_clean: bool,
 ) -> int:
     """Report on one run folder, or compare several: a page, pictures, a table.
 
@@ -162,6 +167,14 @@ def report(
         stem = stem.with_suffix("")
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
+    if beside_clean:
+        from ballplate.running import CLEAN
+        from twin.run.finished import run
+        from twin.scenario.load import clean
+
+        model = run(clean(opened[0].scenario))
+        model.name = CLEAN
+        opened.append(model)
     for name in formats:
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
@@ -190,19 +203,41 @@ def report(
 @click.option("--seconds", type=float, help="How long it lasts, s [as long as the run did].")
 @click.option("--fps", type=int, help="Its frames a second [20].")
 @click.option("--size", type=int, help="Its width in pixels [600].")
+@click.option("--fmi", type=click.Choice(["2", "3"]), help="Of a rig: version of the standard [2].")
+@SETTING
+@click.option(
+    "--render",
+    type=click.Choice(("plate", "mujoco")),
+    help="What it shows: the plate from above, or the mechanism in 3D by EGL or OSMesa [plate].",
+)
 def export(
     run: Path,
     file: Path,
     every: int | None,
     columns: str | None,
     beside: tuple[Path, ...],
+    fmi: str | None,
+    overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
     """Export the signals of a run to a .csv, .mat or .parquet file, or the run as it moved.
 
-    A picture that moves is a .webp, .gif or .apng; a FILE without ending is a folder of its frames:
+    A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
+    is a folder of its frames:
     ballplate export runs/circle circle.webp --beside runs/cure --seconds 8
+
+    In place of a run, a scenario's rig can be exported, for Simulink and other tools, as an .fmu:
+    ballplate export circle rig.fmu --fmi 3 --set plant.friction.rolling_mm=0.1
     """
+    if file.suffix == ".fmu":
+        if every or columns is not None or beside or any(a is not None for a in cut.values()):
+            raise RecordError(f"{file}: of an .fmu there are the options --fmi and --set only")
+        from ballplate.exporting import fmu
+
+        say(f"written to {fmu(run, file, overrides, fmi=int(fmi or 2), reporter=Terminal())}")
+        return 0
+    if fmi or overrides:
+        raise RecordError(f"{file}: --fmi and --set are of a scenario's rig: .fmu")
     from ballplate.comparing import labelled
     from ballplate.results import Result
     from twin.run.files import MOVING, check_no_scenario
@@ -214,8 +249,8 @@ def export(
         raise RecordError(f"{file}: --every and --columns are of signals: .csv, .mat, .parquet")
     if not moving and (given or beside):
         raise RecordError(
-            f"{file}: --beside, --from, --to, --seconds, --fps, --size are of moving pictures: "
-            ".webp, .gif, .apng"
+            f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
+            "pictures: .webp, .gif, .apng, .mp4"
         )
     check_no_scenario(run)
     (opened,) = open_run(run)

@@ -148,6 +148,8 @@ def known(_: click.Context, __: click.Parameter, name: str) -> str:
     return name
 
 
+PATH = click.Path(path_type=Path)
+"""A file or folder, there or not."""
 SCENARIO = functools.partial(click.argument, "scenario", callback=known, shell_complete=scenarios)
 SETTING = click.option(
     "--set",
@@ -197,7 +199,7 @@ def _add_laws(_: click.Context, __: click.Parameter, laws: tuple[Path, ...]) -> 
 LAW = click.option(
     "--law",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     expose_value=False,
     is_eager=True,
     callback=_add_laws,
@@ -208,11 +210,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON and noth
 ALL = click.option("--all", "everything", is_flag=True, help="Print every indicator.")
 
 
-RIG = click.option(
-    "--rig",
-    metavar="FILE",
-    help="Rig file, or `emulated` for the virtual rig.",
-)
+RIG = click.option("--rig", metavar="FILE", help="Rig file, or `emulated` for the virtual rig.")
 EMPTY_RIG = click.option(
     "--rig",
     metavar="FILE",
@@ -289,7 +287,7 @@ WATCHING = (
     click.option("--view", "window", is_flag=True, help="Watch in a viewer window."),
     click.option("--connect", metavar="HOST:PORT", help="Watch in a viewer already running."),
     SERVE,
-    click.option("--rrd", type=click.Path(path_type=Path), help="Keep a recording for the viewer."),
+    click.option("--rrd", type=PATH, help="Keep a recording for the viewer."),
 )
 
 

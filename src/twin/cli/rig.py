@@ -16,6 +16,7 @@ from ballplate.running import EMULATED
 from twin.cli.options import (
     JSON,
     LAW,
+    PATH,
     PLANT,
     PROCESSES,
     SCENARIO,
@@ -161,7 +162,7 @@ def request(word: str) -> str:
 @click.option(
     "--write",
     "file",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=Path("emulated.toml"),
     help="Where to write the rig file [emulated.toml].",
 )
@@ -249,7 +250,7 @@ PORT = 8090
 @LAW
 @SETTING
 @PLANT
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/play-SCENARIO].")
+@click.option("--out", type=PATH, help="Run folder [runs/play-SCENARIO].")
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),

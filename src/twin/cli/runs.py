@@ -16,6 +16,7 @@ from twin.cli.options import (
     ALL,
     JSON,
     LAW,
+    PATH,
     PLANT,
     PROCESSES,
     RESET,
@@ -61,7 +62,7 @@ def list_scenarios(*, as_json: bool) -> None:
 @LAW
 @SETTING
 @PLANT
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder [runs/SCENARIO-CHANGES].")
+@click.option("--out", type=PATH, help="Run folder [runs/SCENARIO-CHANGES].")
 @click.option(
     "--beside",
     multiple=True,
@@ -158,9 +159,7 @@ def _examined(folder: Path) -> Examined | None:
 @SETTING
 @PLANT
 @VARY
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder [runs/compare-SOURCES-CHANGES]."
-)
+@click.option("--out", type=PATH, help="Folder [runs/compare-SOURCES-CHANGES].")
 @PROCESSES
 @ALL
 @JSON
@@ -226,7 +225,7 @@ def compare(
 @SETTING
 @PLANT
 @VARY
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/sweep-...].")
+@click.option("--out", type=PATH, help="Folder [runs/sweep-...].")
 @PROCESSES
 @JSON
 def sweep(

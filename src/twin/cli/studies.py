@@ -11,7 +11,7 @@ from rich.filesize import decimal
 from ballplate.studies import study as run_study
 from ballplate.studies import work_of
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SCHEDULER, SETTING, Command
+from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCHEDULER, SETTING, Command
 from twin.cli.output import Terminal, bold, duration, progress, show, show_titles
 from twin.page import Table
 from twin.shipped import chosen, shipped_in, titles
@@ -36,7 +36,7 @@ BYTES = 800
 @click.option("--plan", is_flag=True, help="Print the number, time and size of the runs; run none.")
 @PROCESSES
 @SCHEDULER
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/study-NAME].")
+@click.option("--out", type=PATH, help="Folder [runs/study-NAME].")
 @LAW
 @JSON
 def study(
@@ -157,7 +157,7 @@ def _numbers(about: Study, found: list[Answer]) -> dict[str, object]:
 @click.option("--plan", is_flag=True, help="Print the number and time of the runs; run none.")
 @PROCESSES
 @SCHEDULER
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/tune-NAME].")
+@click.option("--out", type=PATH, help="Folder [runs/tune-NAME].")
 @LAW
 @JSON
 def tune(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twin.cli import options as tab
-from twin.cli.options import JSON, LAW, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
+from twin.cli.options import JSON, LAW, PATH, PROCESSES, SCENARIO, SCHEDULER, SETTING, Command
 from twin.cli.output import Shown, bold, indicators, progress, show, show_titles, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Add the effects that the scenario lacks, at the size a real rig may have.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/explain-SCENARIO].")
+@click.option("--out", type=PATH, help="Folder [runs/explain-SCENARIO].")
 @PROCESSES
 @JSON
 def explain(
@@ -47,13 +47,15 @@ def explain(
     from twin.explain.attribution import plan, summary
     from twin.explain.effects import with_typical
     from twin.explain.plot import draw
+    from twin.run.files import run_folder
     from twin.scenario import load
     from twin.scenario.load import titled
 
     chosen = titled(load(scenario, overrides), overrides)
     if typical:
         chosen = with_typical(chosen)
-    folder = out or Path("runs") / f"explain-{Path(scenario).stem}"
+    named = run_folder(scenario, overrides)
+    folder = out or named.with_name(f"explain-{named.name}")
     check_writable(folder)
     runs = len({case.model_dump_json() for case in plan(chosen).values()})
     with progress(f"{runs} runs of {chosen.title}", runs) as advance:
@@ -118,7 +120,7 @@ PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
 
 
 @click.command(cls=Command, example="identify runs/excite")
-@click.argument("log", type=click.Path(path_type=Path), shell_complete=tab.runs)
+@click.argument("log", type=PATH, shell_complete=tab.runs)
 @click.option("--parameters", "names", metavar="NAME,...", help=PARAMETERS)
 @click.option(
     "--hold-out",
@@ -127,7 +129,7 @@ PARAMETERS = f"Some of {', '.join(CHOICES)} [{','.join(DEFAULT)}]."
     show_default=True,
     help="Share of the log held out from the fit.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/identify-LOG].")
+@click.option("--out", type=PATH, help="Folder [runs/identify-LOG].")
 @JSON
 def identify(
     log: Path, names: str | None, hold_out: float, out: Path | None, *, as_json: bool
@@ -166,7 +168,7 @@ def identify(
 @click.option("--no-leave-out", is_flag=True, help="Do not fit again without each group.")
 @PROCESSES
 @SCHEDULER
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/fit-NAME].")
+@click.option("--out", type=PATH, help="Folder [runs/fit-NAME].")
 @JSON
 def fit(
     table: str | None,
@@ -216,11 +218,11 @@ HORIZON = click.Choice(["0.5", "1", "2"])
 
 
 @click.command(cls=Command, example="shadow runs/circle")
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=PATH)
 @SETTING
 @click.option("--horizon", type=HORIZON, default="1", show_default=True, help="Seconds ahead.")
 @click.option("--no-proposal", is_flag=True, help="Identify nothing, propose nothing.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [RUN, or runs/shadow-LOG].")
+@click.option("--out", type=PATH, help="Folder [RUN, or runs/shadow-LOG].")
 @JSON
 def shadow(
     log: Path,
@@ -259,7 +261,7 @@ FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; rep
 
 
 @click.command(cls=Command, example="whatif runs/circle --at 12.4 --set controller.kind=lqr")
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=PATH)
 @click.option("--at", type=float, required=True, help="Moment from which it goes on, s.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a key.")
 @click.option("--branch", "branches", multiple=True, metavar="'KEY=VALUE; ...'", help=FURTHER)
@@ -272,7 +274,7 @@ FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; rep
     help="How long it goes on, s.",
 )
 @click.option("--scenario", help="What ran, for a log that does not say: a name or a TOML file.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [runs/whatif-RUN].")
+@click.option("--out", type=PATH, help="Folder [runs/whatif-RUN].")
 @JSON
 def whatif(
     run: Path,

@@ -22,8 +22,8 @@ class PoweredServos(Servos, FaultSource, Protocol):
     the idle time that is left, ``settle``.
     """
 
-    def start(self) -> None:
-        """Connect, check and configure; no torque yet; may block."""
+    def start(self, *, reset: bool = False) -> None:
+        """Connect, check and configure, on request also reset faults; no torque yet; may block."""
 
     def stop(self) -> None:
         """Zero, stop, disable, disconnect; may block; idempotent, never raises."""
@@ -33,9 +33,6 @@ class PoweredServos(Servos, FaultSource, Protocol):
 
     def quick_stop(self) -> None:
         """Request the fastest stop, then no torque."""
-
-    def reset_faults(self) -> None:
-        """Request, explicitly, that faults be reset; never enables."""
 
     def receive(self) -> None:
         """Take in what has arrived; never waits."""

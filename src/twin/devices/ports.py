@@ -1,9 +1,11 @@
-"""A port is for one program at a time."""
+"""A port is for one program at a time, and why it cannot be opened."""
 
 from __future__ import annotations
 
 import errno
 import os
+
+from twin.data_file import packaged
 
 
 def claim(path: str, flags: int) -> int:
@@ -26,3 +28,17 @@ def claim(path: str, flags: int) -> int:
         os.close(handle)
         raise OSError(errno.EBUSY, "port is locked") from error
     return handle
+
+
+def in_words(device: str, number: int, **about: str) -> str | None:
+    """What an error of the operating system means, by ``ports.toml``; None if it is not there.
+
+    Args:
+        device: ``bus`` or ``screen``.
+        number: Of the error.
+        about: What its words name.
+    """
+    known = packaged("twin.devices", "ports.toml")[device].items()
+    found = (words for name, words in known if getattr(errno, name, None) == number)
+    words = next(found, None)
+    return None if words is None else str(words.format(**about))

@@ -88,7 +88,8 @@ class HardwareRig(Rig):
         self.clock = clock
         self._home = np.array([home])
         self._patience = patience
-        self._reset = reset
+        self.reset = reset
+        """A person's request: reset the faults in the drives when the rig is switched on next."""
         self._relaxed = tuple(relaxed)
         self._scheduling = scheduling
         self._on = ExitStack()
@@ -106,11 +107,10 @@ class HardwareRig(Rig):
             self.screen.start()
             on.callback(self.screen.stop)
             on.callback(self.servos.stop)
-            self.servos.start()
+            reset, self.reset = self.reset, False
+            self.servos.start(reset=reset)
             self.clock.start()
-            reset, self._reset = self._reset, False
             if reset:
-                self.servos.reset_faults()
                 self._idle(lambda: False, 0.1)
             self._torque()
             self.servos.home(self._home, self._transmission.motor(self._home))
@@ -146,10 +146,6 @@ class HardwareRig(Rig):
             self.supervisor.report(fault)
             note = self.supervisor.notes.pop()
             self.journal.append(Entry(self.clock.since_start(fault.at), note))
-
-    def ask_reset(self) -> None:
-        """A person's request: reset the faults in the drives when the rig is switched on next."""
-        self._reset = True
 
     def read(self) -> Measurement:
         """The present measurement; a rig past a limit, or with a fault, is stopped here."""

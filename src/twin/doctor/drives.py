@@ -82,14 +82,8 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     else:
         seen = f"the drives stopped by themselves {1e3 * took:.0f} ms after it ended"
         yield passed("heartbeat", f"{seen} (set: {1e3 * silence:.0f} ms)")
-    servos.heartbeat = True
-    exchange(servos, 0.05)
-    servos.reset_faults()
+    servos.start(reset=True)
     exchange(servos, 0.2)
-    if servos.needs_restart:
-        servos.start()
-        servos.reset_faults()
-        exchange(servos, 0.2)
     servos.faults()
 
 

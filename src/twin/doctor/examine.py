@@ -54,7 +54,7 @@ def _drives(
 ) -> Iterator[CheckResult]:
     good = yield from _judged(drives.bus(servos.config, servos))
     if reset and servos.axes:
-        servos.reset_faults()
+        servos.start(reset=True)
         exchange(servos, 0.2)
     if not (move and servos.axes and (reset or good)):
         return

@@ -44,32 +44,39 @@ class When(TypedDict, total=False):
     towards: Towards
 
 
+def _same(data: bytes, _: random.Random) -> bytes:
+    return data
+
+
 @dataclass(frozen=True)
 class Rule:
     """One kind of damage to some frames for some time.
 
     Attributes:
-        change: New bytes for the frame's, or None to lose the frame.
         cob_ids: Which frames; None for every one.
-        towards: Which way.
-        begins: Bus time in s.
-        ends: Bus time in s.
-        share: Probability with which each of these frames is hit.
+        change: New bytes for the frame's, or None to lose the frame.
         delays: One copy per delay, in s after the frame; (0,) is the frame itself.
+        added: Bus time in s at which it was added.
+        after: When it begins, s from then.
+        lasting: For how long, s.
+        share: Probability with which each of these frames is hit.
+        towards: Which way.
     """
 
-    change: Bytes | None
     cob_ids: frozenset[int] | None
-    towards: Towards
-    begins: float
-    ends: float
-    share: float
+    change: Bytes | None
     delays: tuple[float, ...]
+    added: float
+    after: float = 0.0
+    lasting: float = math.inf
+    share: float = 1.0
+    towards: Towards = Towards.BOTH
 
     def hits(self, frame: Frame, towards: Towards, time: float) -> bool:
         """Whether a frame is one of those, chance aside."""
         known = self.cob_ids is None or frame.cob_id in self.cob_ids
-        return known and bool(towards & self.towards) and self.begins <= time < self.ends
+        begins = self.added + self.after
+        return known and bool(towards & self.towards) and begins <= time < begins + self.lasting
 
 
 class BusFaults:
@@ -115,24 +122,24 @@ class BusFaults:
 
     def drop(self, cob_id: Ids = None, **when: Unpack[When]) -> None:
         """Lose frames."""
-        self._add(None, (0.0,), cob_id, **when)
+        self._add(cob_id, None, **when)
 
     def delay(self, cob_id: Ids = None, *, by: float, **when: Unpack[When]) -> None:
         """Deliver frames later by a time in s."""
-        self._add(_same, (by,), cob_id, **when)
+        self._add(cob_id, delays=(by,), **when)
 
     def duplicate(self, cob_id: Ids = None, *, apart: float = 0.0, **when: Unpack[When]) -> None:
         """Deliver frames twice, a time in s apart."""
-        self._add(_same, (0.0, apart), cob_id, **when)
+        self._add(cob_id, delays=(0.0, apart), **when)
 
     def truncate(self, cob_id: Ids = None, *, to: int, **when: Unpack[When]) -> None:
         """Cut frames to some bytes."""
-        self._add(lambda data, _: data[:to], (0.0,), cob_id, **when)
+        self._add(cob_id, lambda data, _: data[:to], **when)
 
     def overwrite(self, cob_id: Ids, *, at: int, data: bytes, **when: Unpack[When]) -> None:
         """Put other bytes into a part of frames, from byte ``at`` on."""
         end = at + len(data)
-        self._add(lambda old, _: old[:at] + data + old[end:], (0.0,), cob_id, **when)
+        self._add(cob_id, lambda old, _: old[:at] + data + old[end:], **when)
 
     def silence(self, node: int, **when: Unpack[When]) -> None:
         """Lose everything a node says."""
@@ -159,20 +166,11 @@ class BusFaults:
 
     def _add(
         self,
-        change: Bytes | None,
-        delays: tuple[float, ...],
         cob_id: Ids,
-        *,
-        after: float = 0.0,
-        lasting: float = math.inf,
-        share: float = 1.0,
-        towards: Towards = Towards.BOTH,
+        change: Bytes | None = _same,
+        delays: tuple[float, ...] = (0.0,),
+        **when: Unpack[When],
     ) -> None:
         ids = [cob_id] if isinstance(cob_id, int) else cob_id
         chosen = None if ids is None else frozenset(ids)
-        begins = self.time + after
-        self._rules.append(Rule(change, chosen, towards, begins, begins + lasting, share, delays))
-
-
-def _same(data: bytes, _: random.Random) -> bytes:
-    return data
+        self._rules.append(Rule(chosen, change, delays, self.time, **when))

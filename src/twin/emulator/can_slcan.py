@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 from twin.devices.realtime import LatencyHistogram, Paused, never
 from twin.emulator.can_bus import EmulatedBus
@@ -80,17 +80,9 @@ def check_pseudo_terminals() -> None:
         ) from None
 
 
-BITRATES = {
-    b"S0": 10_000,
-    b"S1": 20_000,
-    b"S2": 50_000,
-    b"S3": 100_000,
-    b"S4": 125_000,
-    b"S5": 250_000,
-    b"S6": 500_000,
-    b"S7": 800_000,
-    b"S8": 1_000_000,
-}
+_KBIT_PER_S = (10, 20, 50, 100, 125, 250, 500, 800, 1000)
+BITRATES = {b"S%d" % code: 1000 * rate for code, rate in enumerate(_KBIT_PER_S)}
+"""Bit rates by the commands that set them."""
 
 Passing = Callable[[float], None]
 
@@ -251,7 +243,11 @@ class SlcanPort:
             select.select(ports, [], [], seconds)
 
     def pump(self, passing: Passing = nothing) -> None:
-        """Pass on what has arrived either way; never waits."""
+        """Pass on what has arrived either way; never waits.
+
+        Args:
+            passing: Is told after each SYNC of those that have waited which share of them that was.
+        """
         if self.handle < 0 or self.stalled:
             self._bus.to_host()
             return
@@ -293,20 +289,6 @@ def _read(line: bytes) -> Frame | None:
     return Frame(cob_id, data, remote)
 
 
-class CanPort(Protocol):
-    """Where the host's adapter is."""
-
-    def wait(self, seconds: float) -> None:
-        """Wait until the host sends something, at most for a time in s."""
-
-    def pump(self, passing: Passing = nothing) -> None:
-        """Pass on what has arrived either way; never waits.
-
-        Args:
-            passing: Is told after each SYNC of those that have waited which share of them that was.
-        """
-
-
 class BusServer:
     """Pumps a port and steps its bus in real time; a context manager that does so in a thread.
 
@@ -315,14 +297,14 @@ class BusServer:
 
     Args:
         bus: What is emulated.
-        port: Where the host is.
+        port: Where the host's adapter is.
         step: Step in s.
     """
 
     BACKLOG = 0.1
     """Longest lag in s that is made up for."""
 
-    def __init__(self, bus: EmulatedBus, port: CanPort, *, step: float = 0.0005) -> None:
+    def __init__(self, bus: EmulatedBus, port: SlcanPort, *, step: float = 0.0005) -> None:
         self.bus = bus
         self.port = port
         self.lock = threading.Lock()

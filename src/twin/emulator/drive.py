@@ -17,7 +17,7 @@ from functools import partial
 
 from twin.emulator.can_faults import Frame
 from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
-from twin.emulator.drive_objects import ObjectStore
+from twin.emulator.drive_objects import ObjectStore, emergency_code
 from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30
@@ -29,17 +29,6 @@ COASTING = 0.2
 """Time constant in s with which the motor runs out without power."""
 STOP_RAMP = 1000.0
 """Deceleration of quick stop and fault reaction in rad/s^2; assumed."""
-EMERGENCY_CODES = {
-    129: 0x8130,
-    234: 0x4210,
-    235: 0x4310,
-    247: 0x3120,
-    501: 0x3210,
-    502: 0x3220,
-    503: 0x3130,
-}
-"""Emergency code for a fault number; others give 1081h. That of F129 is CiA 301's for a heartbeat;
-AKD's own was not found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,17 +40,12 @@ class DriveSettings:
         motor_counts: Counts per motor revolution, a power of 2.
         start_counts: Motor position at power-up; near 2^31 it soon wraps.
         parameter_count: One count of velocity limits and ramps, in the units of 365Fh and 3659h.
-        coarse: Counts to a multiple of which velocity limits and ramps are kept, as those are
-            floating-point numbers inside.
-        shows_bit_30: Whether COB-IDs are shown with bit 30 set.
     """
 
     node: int
     motor_counts: int = 1 << 20
     start_counts: int = 0
     parameter_count: float = 0.001
-    coarse: int = 1
-    shows_bit_30: bool = False
 
 
 TURN = 2 * math.pi
@@ -327,9 +311,7 @@ class EmulatedDrive:
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
         settings = self.settings
-        self.store = ObjectStore(
-            settings.node, coarse=settings.coarse, shows_bit_30=settings.shows_bit_30
-        )
+        self.store = ObjectStore(settings.node)
         self.power = PowerStage()
         self.motor = Motor(settings)
         self.pdos = Pdos(self.store, self._written)
@@ -496,7 +478,7 @@ class EmulatedDrive:
 
     def _failed(self, numbers: list[int]) -> None:
         for number in numbers:
-            self.emergency(EMERGENCY_CODES.get(number, 0x1081), 0x01, f"F{number}".encode())
+            self.emergency(emergency_code(number), 0x01, f"F{number}".encode())
 
     def _move(self, dt: float) -> None:
         settings, store, motor = self.settings, self.store, self.motor

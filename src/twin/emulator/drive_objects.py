@@ -5,11 +5,11 @@ It is the drive's own, read from ``drive_objects.toml``; the host's list is anot
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from functools import cache
-from importlib import resources
 from typing import Any, NamedTuple
+
+from twin.data_file import packaged
 
 NO_OBJECT = 0x06020000
 NO_SUB = 0x06090011
@@ -26,9 +26,7 @@ MODES = {-3, -2, -1, 1, 3, 4, 6, 7, 8}
 PDO_ENTRIES = 8
 """Most entries of a PDO."""
 
-_INVALID, _BIT_30 = 1 << 31, 1 << 30
-_FLOATS = {0x207F, 0x3622, 0x3623, 0x6083, 0x6084}
-"""Parameters that the drive keeps as floating-point numbers."""
+_INVALID = 1 << 31
 _PARAMETERS = {base + number for base in (0x1400, 0x1800) for number in range(4)}
 _FIRST_TRANSMIT = 0x1800
 
@@ -87,10 +85,14 @@ def drive_objects(node: int) -> dict[tuple[int, int], DriveObject]:
     return found
 
 
+def emergency_code(fault: int) -> int:
+    """The emergency code for a fault number."""
+    return int(_table()["emergency_codes"].get(str(fault), 0x1081))
+
+
 @cache
 def _table() -> dict[str, dict[str, Any]]:
-    file = resources.files("twin.emulator") / "drive_objects.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    return packaged("twin.emulator", "drive_objects.toml")
 
 
 class ObjectStore:
@@ -98,12 +100,9 @@ class ObjectStore:
 
     Args:
         node: The drive's node, for its default COB-IDs.
-        coarse: Counts to a multiple of which floating-point parameters are kept.
-        shows_bit_30: Whether COB-IDs are read with bit 30 set.
     """
 
-    def __init__(self, node: int, *, coarse: int = 1, shows_bit_30: bool = False) -> None:
-        self._coarse, self._shows_bit_30 = coarse, shows_bit_30
+    def __init__(self, node: int) -> None:
         self._objects = drive_objects(node)
         self._indices = {index for index, _ in self._objects}
         self._values = {key: each.default for key, each in self._objects.items()}
@@ -143,10 +142,7 @@ class ObjectStore:
             AbortError: If it does not exist.
         """
         size = self.size(index, sub)
-        shown = self.get(index, sub)
-        if self._shows_bit_30 and (index == 0x1005 or (index in _PARAMETERS and sub == 1)):
-            shown |= _BIT_30
-        return (shown & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+        return (self.get(index, sub) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
     def write(self, index: int, sub: int, data: bytes, *, at_rest: bool = True) -> None:
         """Write an object from outside.
@@ -172,8 +168,6 @@ class ObjectStore:
             if value != self.get(0x6060) and not at_rest:
                 raise AbortError(NOT_NOW)
         self._check_pdo(index, sub, value)
-        if index in _FLOATS:
-            value -= value % self._coarse
         if (index, sub) not in self.stuck:
             self._values[index, sub] = value
 

@@ -197,6 +197,10 @@ class LockstepDrives:
         self.adapter = DirectBus(self.bus, self.config.period / self.STEPS)
         return self.adapter
 
+    def add_drive(self, node: int) -> None:
+        """Put another drive with a node on the bus."""
+        self.bus.drives.append(EmulatedDrive(DriveSettings(node=node)))
+
     def __enter__(self) -> Self:
         return self
 

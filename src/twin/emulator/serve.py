@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from twin.data_file import packaged
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import BusServer, SlcanPort
 from twin.emulator.drive import DriveSettings, EmulatedDrive
@@ -216,21 +217,14 @@ class VirtualRig:
     def tables(self) -> Tables:
         """The rig file that a host needs to find it."""
         serial = self.screen.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
-        return {
-            "title": "emulated",
-            "bus": {
-                "interface": "slcan",
-                "channel": str(self.adapter.channel),
-                "options": {"sleep_after_open": 0.0},
-            },
-            # A process answers as its computer lets it: unsteady answers say nothing of a drive.
-            "drives": {"silence": 0.2, "watch": {"unsteady": 51, "stale": 25}},
-            "touch": {
-                "port": str(self.screen.path),
-                "transport": "serial" if serial else "hidraw",
-                "protocol": str(self.screen.protocol),
-            },
+        tables = packaged("twin.emulator", "rig.toml")
+        tables["bus"]["channel"] = self.adapter.channel
+        tables["touch"] |= {
+            "port": str(self.screen.path),
+            "transport": "serial" if serial else "hidraw",
+            "protocol": str(self.screen.protocol),
         }
+        return tables
 
     def obey(self, word: str) -> str:
         """Do something to it while it runs: press its STO button, take the ball away, ...

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from controllers.arrays import Arithmetic, Array, Mask, Number, column, elementwise
+from twin.data_file import packaged
 from twin.settings import Unit, setting
 
 
@@ -38,7 +39,6 @@ class Condition(NamedTuple):
         within: Longest time in s from its start to its detection.
         reaction: What is done, in words.
         recovery: What a person does to go on, in words.
-        restart: Whether a reset cannot end it, only switching off and on again.
         device: Whether a device has a fault then; that there is no ball is none.
     """
 
@@ -47,8 +47,22 @@ class Condition(NamedTuple):
     within: float
     reaction: str
     recovery: str
-    restart: bool = False
     device: bool = True
+
+
+def conditions(package: str) -> dict[str, Condition]:
+    """The conditions in ``conditions.toml`` of a package, by what programs call them.
+
+    A reaction or recovery that stands among the words of that file is what it says there.
+
+    Args:
+        package: Its full name.
+    """
+    table, found = packaged(package, "conditions.toml"), {}
+    for name, row in table["conditions"].items():
+        said = {key: table["words"].get(row[key], row[key]) for key in ("reaction", "recovery")}
+        found[name] = Condition(**row | said | {"severity": Severity(row["severity"])})
+    return found
 
 
 class Fault(NamedTuple):

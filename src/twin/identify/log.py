@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from controllers.arrays import Array, Mask
 from controllers.ballplate import BallPlate
+from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.run.files import is_record, log_file
 from twin.run.logs import read_columns
@@ -35,20 +36,8 @@ class LogColumn:
     required: bool = False
 
 
-COLUMNS = {
-    "time": LogColumn("s", "time of the row", required=True),
-    "measured_x": LogColumn("m", "ball on the screen, along x", required=True),
-    "measured_y": LogColumn("m", "ball on the screen, along y", required=True),
-    "measured_phi": LogColumn("rad", "plate encoder about y", required=True),
-    "measured_theta": LogColumn("rad", "plate encoder about x", required=True),
-    "age": LogColumn("s", "time since the ball's position arrived"),
-    "touched": LogColumn("1", "whether the screen detected the ball, 0 or 1"),
-    "applied_phi_acc": LogColumn("rad/s^2", "commanded plate acceleration from this row on"),
-    "applied_theta_acc": LogColumn("rad/s^2", "commanded plate acceleration from this row on"),
-    "applied_phi_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
-    "applied_theta_rate": LogColumn("rad/s", "commanded plate rate from this row on"),
-    "lateness": LogColumn("s", "how long after its time the row was taken"),
-}
+_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
+COLUMNS = {name: LogColumn(**about) for name, about in _TABLES.items()}
 """What ``identify`` reads; a log may have more columns."""
 UNITS = {name: column.unit for name, column in COLUMNS.items()}
 NEEDED = tuple(name for name, column in COLUMNS.items() if column.required)

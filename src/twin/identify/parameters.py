@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin.data_file import read_toml
 from twin.errors import LogError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class IdentifiedParameter:
         return self.key.removeprefix("plant.").removeprefix("sensors.")
 
 
-_TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+_TABLES = read_toml(Path(__file__).with_suffix(".toml"))
 BALL = {name: IdentifiedParameter(**about) for name, about in _TABLES["ball"].items()}
 """What shows in the ball's motion, by the name the command line uses (level: both)."""
 SERVO = IdentifiedParameter(**_TABLES["servo"])

@@ -16,35 +16,24 @@ from nicegui.element import Element
 from controllers.interfaces import DelayedObserver, Law, Observer
 from twin.hal.interface import SCREEN
 from twin.play.driven import drivable
-from twin.play.session import COLUMNS, Back, Errors, Event, Goal, Pause, Push, Settings, Status
+from twin.play.session import (
+    COLUMNS,
+    PAGE,
+    Back,
+    Errors,
+    Event,
+    Goal,
+    Pause,
+    Push,
+    Settings,
+    Status,
+)
 from twin.scenario.describe import every_kind
 from twin.scenario.schema import choices
 
-RIG, CLEAN, PHI, THETA, EFFORT = "#0072b2", "#009e73", "#7a4fa3", "#b5651d", "#555555"
-STRIPS = [
-    dict(zip(("title", "curves", "factor", "least", "signed"), each, strict=True))
-    for each in (
-        (
-            "Tracking error, mm",
-            [("error", "rig", RIG), ("ghost_error", "clean model", CLEAN)],
-            *(1000, 5, False),
-        ),
-        (
-            "Plate angle, deg",
-            [("phi", "phi (moves x)", PHI), ("theta", "theta (moves y)", THETA)],
-            *(180 / math.pi, 1, True),
-        ),
-        ("Plate acceleration (RMS), rad/s²", [("effort", "", EFFORT)], 1, 1, False),
-    )
-]
+STRIPS = PAGE["strips"]
 """Title, columns with name and colour, scale, least height of the axis, whether it is about 0."""
-SIDES = [
-    dict(zip(("title", "axis", "angle", "lowers", "half", "colour"), each, strict=True))
-    for each in (
-        ("seen from the lower edge", "x", "phi", 1, 500 * SCREEN[0], PHI),
-        ("seen from the right edge", "y", "theta", -1, 500 * SCREEN[1], THETA),
-    )
-]
+SIDES = [each | {"half": 500 * side} for each, side in zip(PAGE["sides"], SCREEN, strict=True)]
 """The plate's side along an axis: positive phi lowers its end at +x, positive theta lifts that at
 +y; half its length in mm."""
 
@@ -135,19 +124,10 @@ class Slider(NamedTuple):
     help: str
 
 
-DELAY = ("ms", 1000, 0, 150, 1)
-"""Unit, scale and range of a delay."""
-ARM = "Lever arm of the rolling resistance: the larger, the harder the ball is to set rolling."
-LATE = "How late the controller learns where the ball is."
-LEVEL = "The rig does not stand level: the ball rolls although the plate seems to be level."
-PLANT = (
-    Slider("plant.friction.rolling_mm", None, "rolling friction", "mm", 1, 0, 0.5, 0.01, ARM),
-    Slider("sensors.touch.dead_time", None, "dead time of the touch screen", *DELAY, LATE),
-    Slider("plant.level_deg", 0, "tilted base, along x", "deg", 1, -2, 2, 0.05, LEVEL),
-    Slider("plant.level_deg", 1, "tilted base, along y", "deg", 1, -2, 2, 0.05, LEVEL),
+PLANT, (PREDICTOR,) = (
+    [Slider(**{"entry": None} | about) for about in PAGE["sliders"][of]]
+    for of in ("plant", "predictor")
 )
-ASSUMED = "What the controller takes the dead time to be."
-PREDICTOR = Slider("predictor.delay", None, "dead time that is assumed", *DELAY, ASSUMED)
 
 
 class Gain(NamedTuple):
@@ -310,15 +290,8 @@ class Page:
 
     def _legend(self) -> None:
         sign = "display:inline-block;width:.9rem;height:.9rem;border-radius:50%;margin-right:.3rem"
-        marks = (
-            (f"background:{RIG}", "ball: drag from it to push it"),
-            (f"border:2px dashed {CLEAN}", "the clean model's ball"),
-            ("border:2px solid #d55e00", "goal: drag it, or click"),
-            ("background:#333;transform:scale(.5)", "where the ball shall be now"),
-            ("background:#37474f;border-radius:0;height:.25rem", "downhill (30 mm a degree)"),
-        )
         with ui.row().style("gap:.2rem 1.1rem;font-size:.85rem;color:#37424a"):
-            for style, text in marks:
+            for style, text in PAGE["legend"]:
                 html = f'<span style="{sign};{style}"></span>{text}'
                 ui.html(html, sanitize=False).style("display:flex;align-items:center")
 

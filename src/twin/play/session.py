@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from controllers.interfaces import Measurement
+from twin.data_file import read_toml
 from twin.errors import TwinError
 from twin.play.driven import LONGEST, Driven, DrivenRig, States
 from twin.play.saving import Part, Write, rows_of, save_driven, worth_keeping
@@ -122,23 +123,9 @@ class Pace:
         return (time_now - time) / (wall_now - wall)
 
 
-COLUMNS = (
-    "time",
-    "x",
-    "y",
-    "phi",
-    "theta",
-    "goal_x",
-    "goal_y",
-    "desired_x",
-    "desired_y",
-    "ghost_x",
-    "ghost_y",
-    "error",
-    "ghost_error",
-    "effort",
-    "factor",
-)
+PAGE = read_toml(Path(__file__).with_name("page.toml"))
+"""What the page shows, and of what."""
+COLUMNS = tuple(PAGE["columns"])
 """Numbers of one picture: s, m, rad; the effort is the RMS of the plate's acceleration, rad/s^2,
 since the picture before; ``factor`` is the simulated seconds a second of the clock."""
 

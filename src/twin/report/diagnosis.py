@@ -63,7 +63,9 @@ class Diagnosis:
     def of(cls, run: Run) -> Diagnosis:
         """Look through a run's record."""
         motion, rows = run.motion, run.rows
-        late = motion.time >= min(run.scenario.metrics.start, motion.time[-1]) - 1e-9
+        end = min(motion.time[-1], run.metrics.get("outcome_time") or motion.time[-1])
+        begin = run.scenario.metrics.start if run.scenario.metrics.start < end else 0.0
+        late = (motion.time >= begin - 1e-9) & (motion.time <= end + 1e-9)
         time, ball = motion.time[late], motion.ball[late]
         lag, gain, rest = _timing(run, time, ball)
         estimation = None

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.page import Block, Code, Picture, Table, Text, Verdict
 from twin.page import html as html_of
 from twin.report.diagnosis import Diagnosis, spectrum
@@ -16,23 +18,8 @@ from twin.report.summary import summary, verdict
 from twin.run.finished import Run, columns
 from twin.run.picture import MOST, drawn, picture, style
 
-DETAILS: dict[str, tuple[str, str, str, tuple[float | None, float | None]]] = {
-    "spectrum": (
-        "Spectrum of the error (RMS of x, y)",
-        "frequency [Hz]",
-        "amplitude [mm]",
-        (1e-5, None),
-    ),
-    "estimate": ("Error of the estimated position", "time [s]", "distance [mm]", (0, None)),
-    "share": (
-        "How often the error was smaller",
-        "distance from reference [mm]",
-        "share of time [%]",
-        (0, 100),
-    ),
-    "late": ("How late the periods began", "lateness [us]", "periods", (None, None)),
-}
-"""Of each panel title, labels and range."""
+DETAILS = read_toml(Path(__file__).with_name("details.toml"))
+"""Of each panel title, labels, and where its axis begins and ends if that is known."""
 
 
 def overview(runs: Sequence[Run]) -> Figure:
@@ -69,8 +56,8 @@ def details(runs: Sequence[Run]) -> Figure:
             edges = np.linspace(0, max(top, 1.0), 60).tolist()
             panels["late"].hist(each, edges, histtype="step", log=True, **style(index))
         for name, panel in panels.items():
-            title, below, beside, limits = DETAILS[name]
-            panel.set(title=title, xlabel=below, ylabel=beside, ylim=limits)
+            panel.set(**DETAILS[name]["words"])
+            panel.set_ylim(**DETAILS[name].get("limits", {}))
         if 1 < len(runs) <= MOST:
             entries = panels["spectrum"].get_legend_handles_labels()
             figure.legend(*entries, loc="outside lower center", ncols=4, fontsize=9)
@@ -124,12 +111,13 @@ def html(runs: Sequence[Run]) -> str:
         differ = [(key, *values) for key, values in differing(runs)]
         what = "Settings that differ; the others are those of the first run, below"
         blocks.append(Table(what, ("key", *names), differ, words=range(1 + len(runs))))
-    settings = [*in_json(runs[0].settings).items()]
-    blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1)))
     blocks += [
         Code(file or "Typed at a prompt", text, f"Of {whose}." if several else "")
         for whose, file, text in _sources(runs)
     ]
+    settings = [*in_json(runs[0].settings).items()]
+    folded = f"all {len(settings)}"
+    blocks.append(Table("Settings", ("key", "value"), settings, words=(0, 1), folded=folded))
     versions = [
         ", ".join(f"{name} {version}" for name, version in run.versions.items()) for run in runs
     ]
@@ -150,8 +138,8 @@ def _sources(runs: Sequence[Run]) -> list[tuple[str, str, str]]:
 
 
 def _title(runs: Sequence[Run]) -> str:
-    """One run's own, that of a what-if, or how many are compared."""
-    if len(runs) == 1:
+    """What all have in common, that of a what-if, or how many are compared."""
+    if len({run.scenario.title for run in runs}) == 1 and not runs[0].branch:
         return runs[0].scenario.title
     moments = {(run.branch.get("of"), run.branch.get("at")) for run in runs}
     if len(moments) == 1 and all(run.branch for run in runs):

@@ -7,41 +7,23 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.page import Table, digits
-from twin.run.indicators import LEFT
+from twin.run.indicators import INDICATORS
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from twin.run.finished import Run
 
-LABELS = {
-    "outcome": ("outcome", ""),
-    "outcome_time": ("ended at", "s"),
-    "tracking_error_percent": ("tracking error e_tt", "%"),
-    "rms_error": ("RMS error, x", "mm"),
-    "mean_error": ("mean error, x", "mm"),
-    "max_steady_error": ("largest steady error, x", "mm"),
-    "rms_distance": ("RMS distance, steady", "mm"),
-    "overshoot_percent": ("overshoot, x", "%"),
-    "settling_time": ("settling time, x", "s"),
-    "steady_error": ("steady error, x", "mm"),
-    "phi_max_deg": ("largest |phi|", "deg"),
-    "theta_max_deg": ("largest |theta|", "deg"),
-    "u1_max": ("largest plate acc. |phi''|", "rad/s²"),
-    "u2_max": ("largest plate acc. |theta''|", "rad/s²"),
-    "u_rms": ("RMS control effort", "rad/s²"),
-}
+TIMES = ("judged_from", "real_time_factor")
+"""What a table of runs just made has besides."""
+_ALL = {name: (about["words"], about["printed"]) for name, about in INDICATORS.items()}
+LABELS = {name: label for name, label in _ALL.items() if name not in TIMES}
 """Indicator to the words and the unit it is printed with."""
 
 FIRST = (
     "tracking_error_percent", "rms_error", "overshoot_percent", "settling_time", "steady_error",
 )  # fmt: skip
 """What is asked for first, of a reference that moves and of one that comes to rest."""
-TIMES = {
-    "judged_from": ("steady tracking from", "s"),
-    "real_time_factor": ("faster than real time", "×"),
-}
-"""What a table of runs just made has besides."""
 
 
 class IndicatorRow(NamedTuple):
@@ -64,7 +46,7 @@ def first_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
 
 def all_rows(summaries: Sequence[Mapping[str, Any]]) -> list[IndicatorRow]:
     """The same, then all the others."""
-    return _rows(summaries, {key: LABELS[key] for key in FIRST} | LABELS | TIMES)
+    return _rows(summaries, {key: LABELS[key] for key in FIRST} | _ALL)
 
 
 def differing(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
@@ -136,11 +118,13 @@ def _rows(
         if any(value is not None for value in values):
             texts = (
                 each["outcome"]
-                if value is None and each.get("outcome") in LEFT
+                if value is None and each.get("outcome", "finished") != "finished"
                 else digits(value, unit)
                 for value, each in zip(values, summaries, strict=True)
             )
             found.append(IndicatorRow(label, unit, tuple(texts)))
+    if not found and summaries:  # all ended before there was anything to judge
+        found.append(IndicatorRow("outcome", "", tuple(each["outcome"] for each in summaries)))
     return found
 
 

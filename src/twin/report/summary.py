@@ -202,7 +202,8 @@ def _mm(distance: float) -> str:
 
 def _error(run: Run, found: Diagnosis) -> str:
     start = run.scenario.metrics.start
-    since = f"From {start:.4g} s on the" if start else "The"
+    judged = 0 < start < (run.metrics.get("outcome_time") or run.scenario.duration)
+    since = f"From {start:.4g} s on the" if judged else "The"
     percent = run.metrics.get("tracking_error_percent")
     share = f", {percent:.3g} % of the reference (e_tt)" if percent is not None else ""
     return f"{since} ball was {_mm(found.rms)} (RMS) from its reference{share}."
@@ -217,7 +218,7 @@ def _rested(found: Diagnosis) -> list[str]:
 
 def _estimated(found: Diagnosis) -> list[str]:
     """How far off the observer was."""
-    if found.estimation is None or found.rms <= 0:
+    if found.estimation is None or found.estimation < LEAST:
         return []
     size = "large" if found.estimation > 0.5 * found.rms else "small"
     return [

@@ -18,6 +18,7 @@ from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
     from controllers.arrays import Array
 
@@ -281,8 +282,6 @@ def export(path: Path, columns: Columns, units: Units) -> None:
     write = WRITERS.get(path.suffix)
     if write is None:
         known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
-        if path.suffix == ".mp4":
-            moves += "; a folder of their frames, without ending, is what ffmpeg makes .mp4 of"
         raise RecordError(
             f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
         )
@@ -318,11 +317,16 @@ def _parquet(path: Path, columns: Columns, units: Units) -> None:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    fields = [
-        pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in columns
-    ]
     arrays = [pa.array(values.tolist(), pa.float64()) for values in columns.values()]
-    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path)
+    schema = pa.schema(arrow_fields({name: units.get(name, "") for name in columns}))
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
+
+
+def arrow_fields(units: Units) -> list[pa.Field]:
+    """Columns of numbers as Arrow names them, each with its unit."""
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+
+    return [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
 
 
 WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
@@ -333,7 +337,7 @@ WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
 """Ending of a file to what writes it."""
 
 
-MOVING = (".webp", ".gif", ".apng", "")
+MOVING = (".webp", ".gif", ".apng", ".mp4", "")
 """Endings of moving pictures of runs, see ``twin.run.film``; none is a folder of their frames."""
 
 

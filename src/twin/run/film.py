@@ -1,7 +1,8 @@
 """A run as a moving picture: the ball on the plate, the plate's tilt, and the error over time.
 
 Drawn in software, with the fonts that matplotlib brings: no screen and no OpenGL are needed, and
-the same run gives the same bytes each time.
+the same run gives the same bytes each time. Only ``render="mujoco"`` shows the mechanism in 3D, by
+MuJoCo's own renderer, which needs EGL or OSMesa.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
@@ -45,6 +47,7 @@ FACTORS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60)
 """How many times as steep as it is the tilt may be drawn."""
 MOST_FRAMES, MOST_FPS = 2000, 50
 SIZES = (300, 1200)
+RENDERERS = ("plate", "mujoco")
 
 HALF = 0.475 * np.array(SCREEN)[:, None] * (-1, 1)
 """The plate's ends as its views draw it, along x and y in m."""
@@ -63,6 +66,7 @@ class Cut:
         until: Time at which it ends, s; None for the last of the longest run.
         seconds: How long the picture lasts, s; None for as long as what it shows.
         size: Its width in pixels.
+        render: ``plate``: from above; ``mujoco``: of the first run the mechanism in 3D instead.
 
     Raises:
         RecordError: If one of them is out of range.
@@ -73,9 +77,12 @@ class Cut:
     until: float | None = None
     seconds: float | None = None
     size: int = WIDE
+    render: str = "plate"
 
     def __post_init__(self) -> None:
         """Refuse what no picture can be."""
+        if self.render not in RENDERERS:
+            raise RecordError(f"render {self.render}: must be {' or '.join(RENDERERS)}")
         for name, value, (least, most) in (
             ("fps", self.fps, (1, MOST_FPS)),
             ("size", self.size, SIZES),
@@ -161,6 +168,109 @@ class Actor:
         return self.run.outcome, ""
 
 
+class Stage:
+    """The mechanism of a run in 3D, drawn by MuJoCo's renderer.
+
+    Args:
+        run: The run.
+        size: Width and height in pixels.
+
+    Raises:
+        RecordError: If there is neither EGL nor OSMesa.
+    """
+
+    CAMERA = {"azimuth": 112.0, "elevation": -26.0, "distance": 1.0, "lookat": (0.0, 0.0, -0.02)}  # noqa: RUF012
+    CLEAR = (0.73, 0.76, 0.80, 1.0)
+    """Colour of the reference's path."""
+
+    def __init__(self, run: Run, size: tuple[int, int]) -> None:
+        import mujoco  # noqa: PLC0415  heavy, as are the others: a picture from above needs none
+
+        from twin.hal.cams import CamTable  # noqa: PLC0415
+        from twin.settings import changed  # noqa: PLC0415
+        from twin.sim.plant.mechanism import Addresses  # noqa: PLC0415
+        from twin.sim.plant.model import load_model  # noqa: PLC0415
+        from twin.sim.plant.parts import Parts  # noqa: PLC0415
+
+        self._gl, self._cams = mujoco, CamTable.packaged()
+        self._model = load_model(parts=changed(Parts, run.scenario))
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
+        self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)
+        self._size = size
+        self._opened = _offscreen(size)
+        self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=1000)
+        self._camera = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(self._model, self._camera)
+        for name, value in self.CAMERA.items():
+            setattr(self._camera, name, value)
+        self._option = mujoco.MjvOption()
+        mujoco.mj_resetDataKeyframe(self._model, self._data, self._at.level)
+        self._height = float(self._data.qpos[self._at.ball_pose][2])
+
+    def drawn(self, ball: Array, tilt: Array, path: Array) -> Image.Image:
+        """One instant.
+
+        Args:
+            ball: Its place in plate axes, m, shape (2,); NaN leaves it out of sight.
+            tilt: Plate angles phi, theta in rad, shape (2,).
+            path: The reference in plate axes, m, shape (N, 2).
+        """
+        from twin.sim.plant.kinematics import from_plate  # noqa: PLC0415
+
+        gl, data, at = self._gl, self._data, self._at
+
+        def placed(points: Array, height: float) -> Array:
+            lifted = np.column_stack((points, np.full(len(points), height)))
+            return from_plate(lifted, *tilt)
+
+        data.qpos[at.poses[:2]], data.qpos[at.shaft] = tilt, self._cams.motor(tilt)
+        (centre,) = placed(ball[None], self._height)
+        data.qpos[at.ball_pose] = np.where(np.isfinite(centre), centre, 9.0)
+        gl.mj_forward(self._model, data)
+        everything = gl.mjtCatBit.mjCAT_ALL
+        gl.mjv_updateScene(
+            self._model, data, self._option, None, self._camera, everything, self._scene
+        )
+        radius = self._model.geom("ball").size[0]
+        for one, other in pairwise(
+            placed(path[:: max(1, len(path) // 200)], self._height - radius)
+        ):
+            if np.isfinite((one, other)).all():
+                geom = self._scene.geoms[self._scene.ngeom]
+                kind = gl.mjtGeom.mjGEOM_CAPSULE
+                gl.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), self.CLEAR)
+                gl.mjv_connector(geom, kind, 0.0012, one, other)
+                self._scene.ngeom += 1
+        width, height = self._size
+        whole, pixels = gl.MjrRect(0, 0, width, height), np.empty((height, width, 3), np.uint8)
+        gl.mjr_setBuffer(gl.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        gl.mjr_render(whole, self._scene, self._context)
+        gl.mjr_readPixels(pixels, None, whole, self._context)
+        return Image.fromarray(pixels[::-1])
+
+
+def _offscreen(size: tuple[int, int]) -> Any:
+    """OpenGL without a screen, now that of this thread.
+
+    Raises:
+        RecordError: If there is neither EGL nor OSMesa.
+    """
+    why = []
+    for name in ("egl", "osmesa"):
+        try:
+            context = import_module(f"mujoco.{name}").GLContext(*size)
+            context.make_current()
+        except Exception as error:  # noqa: BLE001  whatever a missing driver raises
+            why.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
+        else:
+            return context
+    raise RecordError(
+        f"render mujoco: needs EGL or OSMesa (libegl1 or libosmesa6) ({'; '.join(why)}); "
+        "without them the picture from above is drawn"
+    )
+
+
 class Film:
     """Draws the frames of runs, one after the other.
 
@@ -216,6 +326,16 @@ class Film:
         steepest = float(tilts[np.isfinite(tilts)].max(initial=1e-3))
         room = (SIDE / 2 - 8) / (PLATE / 2)
         self._steep = max([f for f in FACTORS if math.sin(min(1.5, f * steepest)) <= room] or [1])
+        self._stage = None
+        if cut.render == "mujoco":
+            left, top, right, bottom = self._pixels(self._plate)
+            self._stage = Stage(self._actors[0].run, (right - left, bottom - top))
+
+    def _pixels(self, edges: ink.Box) -> tuple[int, int, int, int]:
+        """The pixels of a part of the picture, outwards to whole ones."""
+        left, top = (math.floor(edge * self._scale) for edge in edges[:2])
+        right, bottom = (math.ceil(edge * self._scale) for edge in edges[2:])
+        return left, top, right, bottom
 
     def frames(self) -> Iterator[Image.Image]:
         """The frames in their order, with one palette of less than 256 colours."""
@@ -230,8 +350,12 @@ class Film:
                 still.line(curve[max(0, k - 1) : k + 1], each.colour, 2)
             frame = blank.copy()
             for edges, play in self._windows:
-                left, top = (math.floor(edge * self._scale) for edge in edges[:2])
-                right, bottom = (math.ceil(edge * self._scale) for edge in edges[2:])
+                left, top, right, bottom = self._pixels(edges)
+                if self._stage is not None and edges is self._plate:
+                    main = self._actors[0]
+                    shown = self._stage.drawn(main.ball[k], main.tilt[k], main.goal)
+                    frame.paste(shown, (left, top))
+                    continue
                 image = base.crop(
                     (ink.FINE * left, ink.FINE * top, ink.FINE * right, ink.FINE * bottom)
                 )
@@ -239,6 +363,8 @@ class Film:
                 frame.paste(image.reduce(ink.FINE), (left, top))
             clock = f"{self.times[k]:.1f} s"
             ink.Pen(frame, self._scale).write(CLOCK, clock, 16, ink.DARK, "rs")
+            if self._stage is not None and k == 0:
+                colours = frame.quantize(256 - ink.ALPHAS, Image.Quantize.FASTOCTREE)
             yield frame.quantize(palette=colours, dither=Image.Dither.NONE)
 
     @property
@@ -409,7 +535,8 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
     """Write a moving picture; the same runs give the same bytes.
 
     Args:
-        path: ``.webp``, ``.gif``, ``.apng``, or a new folder for a .png of each frame.
+        path: ``.webp``, ``.gif``, ``.apng``, ``.mp4`` (by the extra ``video``), or a new folder for
+            a .png of each frame.
         film: Its frames.
         progress: Is told how many of them are drawn.
 
@@ -418,7 +545,7 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
     """
     # pixels of a .gif are seen through or not: round corners would have steps
     drawn = film.frames()
-    if path.suffix != ".gif":
+    if path.suffix not in {".gif", ".mp4"}:
         drawn = ink.rounded(drawn, ink.FINE * CORNER * film.size[0] / WIDE)
 
     def frames() -> Iterator[Image.Image]:
@@ -439,10 +566,28 @@ def moving(path: Path, film: Film, progress: Callable[[float], None] = lambda _:
         animated: dict[str, Any] = {"save_all": True, "append_images": others, "loop": 0}
         first.save(target, duration=lasting, **animated, **KINDS[path.suffix])
 
-    if path.suffix:
+    if path.suffix == ".mp4":
+        write_whole(path, partial(_video, film=film, frames=frames()))
+    elif path.suffix:
         write_whole(path, file)
     else:
         write_folder(path, folder)
+
+
+def _video(target: Path, film: Film, frames: Iterator[Image.Image]) -> None:
+    """Write frames as H.264, which takes an even number of pixels along x and y."""
+    try:
+        import av  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise RecordError(".mp4: needs the extra video: pip install 'ballplate[video]'") from error
+    wide, high = (side - side % 2 for side in film.size)
+    with av.open(str(target), "w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=film.fps)
+        stream.width, stream.height, stream.pix_fmt = wide, high, "yuv420p"
+        for frame in frames:
+            image = frame.convert("RGB").crop((0, 0, wide, high))
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(image))))
+        file.mux(stream.encode(None))
 
 
 def _above(value: float) -> float:

@@ -1,23 +1,12 @@
-"""The units of the indicators of a run; nothing heavy is imported with them."""
+"""The indicators of a run, their units and words; nothing heavy is imported with them."""
 
-UNITS = {
-    "outcome_time": "s",
-    "tracking_error_percent": "%",
-    "rms_error": "m",
-    "mean_error": "m",
-    "max_steady_error": "m",
-    "rms_distance": "m",
-    "overshoot_percent": "%",
-    "settling_time": "s",
-    "steady_error": "m",
-    "phi_max_deg": "deg",
-    "theta_max_deg": "deg",
-    "u1_max": "rad/s^2",
-    "u2_max": "rad/s^2",
-    "u_rms": "rad/s^2",
-    "judged_from": "s",
-    "real_time_factor": "1",
-}
+from pathlib import Path
+
+from twin.data_file import read_toml
+
+INDICATORS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_suffix(".toml"))
+"""Every indicator with ``unit``, ``words`` and the unit it is ``printed`` with."""
+UNITS = {name: about["unit"] for name, about in INDICATORS.items() if "unit" in about}
 """Unit of every indicator as JSON has it."""
 LEFT = ("fell", "lost", "diverged")
 """Endings after which no error is told: that of a ball that is gone would flatter its run."""

@@ -157,8 +157,9 @@ def measure(
     }
     if len(motion.time) == 0:
         return Metrics(**ended)
+    before = motion.time <= outcome.time + 1e-9  # what a stopped rig does then is no tracking
     error = motion.error
-    steady = motion.time >= start - 1e-9
+    steady = (motion.time >= start - 1e-9) & before
     found: dict[str, Any] = {
         "phi_max_deg": float(np.degrees(np.abs(motion.plate[:, 0]).max())),
         "theta_max_deg": float(np.degrees(np.abs(motion.plate[:, 1]).max())),
@@ -168,7 +169,8 @@ def measure(
     }
     if outcome.ending.value in LEFT:
         return Metrics(**ended, **found)
-    found |= {"rms_error": _rms(error[:, 0]), "mean_error": float(np.abs(error[:, 0]).mean())}
+    along = error[before, 0]
+    found |= {"rms_error": _rms(along), "mean_error": float(np.abs(along).mean())}
     if steady.any():
         found["tracking_error_percent"] = tracking_error(error[steady], motion.reference[steady])
         if start > 0:  # from the beginning on, it would be that of the transient

@@ -22,6 +22,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.transforms import offset_copy
 
 from controllers.arrays import Array, Mask
+from twin.data_file import read_toml
 from twin.hal.interface import SCREEN
 from twin.run.metrics import Motion
 from twin.writing import write_whole
@@ -112,14 +113,8 @@ BELOW, ABOVE = 39.0, 22.0
 """Room below the lowest panel, for ticks and label, and above the highest, for its title."""
 LABEL = -44.0
 """From a panel to the label of its vertical axis: past a tick of five digits and a sign."""
-PLACES = {
-    "plate": (62.0, 218.0, 380.0, 216.0),
-    "error": (62.0, 0.0, 380.0, 160.0),
-    "x": (512.0, 344.0, 340.0, 90.0),
-    "y": (512.0, 240.0, 340.0, 90.0),
-    "angle": (512.0, 113.0, 340.0, 90.0),
-    "effort": (512.0, 0.0, 340.0, 90.0),
-}
+_ABOUT = read_toml(Path(__file__).with_suffix(".toml"))
+PLACES = {name: about["place"] for name, about in _ABOUT.items()}
 """Left, bottom, width and height of each panel. To have matplotlib find them costs half as much
 again as the whole picture: it draws every text to see how large it is."""
 
@@ -292,9 +287,7 @@ def _plate(panel: Axes, area: tuple[float, float]) -> None:
         panel.add_patch(Rectangle(corner, *size, fill=False, ec="0.55", ls=style, lw=1))
     panel.text(-343, 186, "screen", color="0.4", va="top", fontsize=8)
     panel.text(-990 * area[0], 985 * area[1], "operating area", color="0.4", va="top", fontsize=8)
-    panel.set(
-        aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="Ball on the screen, from above"
-    )
+    panel.set(aspect="equal")
     panel.grid(visible=False)
 
 
@@ -344,25 +337,14 @@ def _label(panels: Mapping[str, Axes], *, smooth: bool) -> None:
     error = panels["error"]
     lines = [np.asarray(line.get_ydata(), float) for line in error.lines]
     top = max((float(each[np.isfinite(each)].max(initial=0.0)) for each in lines), default=0.0)
-    error.set(
-        ylabel="distance from reference [mm]",
-        xlabel="time [s]",
-        title="Tracking error",
-        ylim=(0, max(1.05 * top, LEAST_ERROR)),
-    )
-    for name in ("x", "y"):
-        panels[name].set_ylabel(f"{name} [mm]")
-    panels["x"].set_title("Position (dotted: reference)")
-    panels["angle"].set(
-        ylabel="angle [deg]", title="Plate angle (solid: φ about y, dashed: θ about x)"
-    )
-    over = f" (RMS over {WINDOW:g} s)" if smooth else ""
-    panels["effort"].set(
-        ylabel="acc. [rad/s²]", xlabel="time [s]", title=f"Plate acceleration{over}"
-    )
+    for name, panel in panels.items():
+        panel.set(**_ABOUT[name]["words"])
+    error.set(ylim=(0, max(1.05 * top, LEAST_ERROR)))
+    if smooth:
+        panels["effort"].set(title=f"{panels['effort'].get_title()} (RMS over {WINDOW:g} s)")
     for name in ("x", "angle"):
         panels[name].tick_params(labelbottom=False)  # those of the panel below serve it
-    for name, least in (("x", 1.0), ("y", 1.0), ("angle", 0.05), ("effort", 0.05)):
+    for name, least in ((name, about.get("least", 0.0)) for name, about in _ABOUT.items()):
         low, high = map(float, panels[name].get_ylim())
         if high - low < least:
             middle = (low + high) / 2

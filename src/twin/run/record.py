@@ -24,12 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from controllers.ballplate import STATES
 from controllers.catalog import origin
 from controllers.interfaces import Quantity
-from twin.data_file import DataError, parse_json
+from twin.data_file import DataError, parse_json, read_toml
 from twin.errors import RecordError
-from twin.run.files import STREAM
+from twin.run.files import STREAM, arrow_fields
 from twin.scenario.schema import KINDS, Scenario, choices, with_settings
 from twin.writing import write_whole
 
@@ -48,22 +47,9 @@ class Channel:
     units: tuple[str, ...]
 
 
-_STATE_UNITS = ("m", "m/s", "rad", "rad/s", "m", "m/s", "rad", "rad/s")
-
 CHANNELS = {
-    "state": Channel(tuple(f"true_{name}" for name in STATES), _STATE_UNITS),
-    "measured": Channel(
-        ("measured_x", "measured_phi", "measured_y", "measured_theta"), ("m", "rad", "m", "rad")
-    ),
-    "age": Channel(("age",), ("s",)),
-    "touched": Channel(("touched",), ("1",)),
-    "estimate": Channel(tuple(f"estimated_{name}" for name in STATES), _STATE_UNITS),
-    "requested": Channel(("requested_phi_acc", "requested_theta_acc"), ("rad/s^2", "rad/s^2")),
-    "applied": Channel(("applied_phi_acc", "applied_theta_acc"), ("rad/s^2", "rad/s^2")),
-    "supervisor": Channel(("supervisor",), ("1",)),
-    "timing": Channel(("lateness", "round_trip", "drive_age"), ("s", "s", "s")),
-    "reference": Channel(("reference_x", "reference_y"), ("m", "m")),
-    "laid": Channel(("laid_x", "laid_y"), ("m", "m")),
+    name: Channel(tuple(columns), tuple(columns.values()))
+    for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
@@ -264,28 +250,26 @@ def write_run(
 @contextmanager
 def stream(
     file: Path, columns: Sequence[str], units: Mapping[str, str], metadata: Mapping[str, Any]
-) -> Iterator[Callable[[Array], None]]:
-    """Write a record while its run lasts; what is given rows, shape (K, columns), keeps them.
+) -> Iterator[Callable[[Mapping[str, Array]], None]]:
+    """Write a record while its run lasts; what is given columns, shape (K,) each, keeps them.
 
     When it returns they are on the disk, whatever becomes of this process or of the computer.
 
     Args:
         file: A new file; its folder is made if missing.
-        columns: Their names in the order of the rows, ``time`` first.
+        columns: Their names, ``time`` first.
         units: Name to unit.
         metadata: Of the run; JSON.
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    fields = [
-        pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in columns
-    ]
+    fields = arrow_fields({name: units.get(name, "") for name in columns})
     schema = pa.schema(fields, metadata={"ballplate": json.dumps(metadata, sort_keys=True)})
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb", buffering=0) as sink, pa.ipc.new_stream(sink, schema) as writer:
 
-        def append(rows: Array) -> None:
-            arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.T]
+        def append(rows: Mapping[str, Array]) -> None:
+            arrays = [_arrow(np.ascontiguousarray(column)) for column in rows.values()]
             writer.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema))
             os.fsync(sink.fileno())
 
@@ -304,11 +288,9 @@ def table(
     """
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
-    fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
-    arrays = [_arrow(recorder.time)]
-    for column, unit, values in recorder.columns():
-        fields.append(pa.field(column, pa.float64(), metadata={"unit": unit}))
-        arrays.append(_arrow(values))
+    columns = [("time", "s", recorder.time), *recorder.columns()]
+    fields = arrow_fields({name: unit for name, unit, _ in columns})
+    arrays = [_arrow(values) for *_, values in columns]
     encoded: dict[str, str | bytes] = {"ballplate": json.dumps(metadata, sort_keys=True)}
     encoded |= beside or {}
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encoded))

@@ -1,4 +1,4 @@
-"""What is done to a rig, each as a function: rows of the fault matrix name them.
+"""What is done to a rig that takes a function: rows of the fault matrix name them.
 
 A row without a name of its own is called what its function's docstring says.
 """
@@ -16,18 +16,15 @@ from twin.devices.akd import conditions as akd
 from twin.emulator.can_faults import Frame, Towards
 from twin.emulator.lockstep import LockstepRig
 from twin.emulator.screen import ScreenFault
-from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Limits, Transmission
-from twin.safety import drive_causes
 from twin.safety.case import Act
+from twin.safety.causes import OF_DRIVES, OF_RIG
 from twin.safety.limits import BEYOND
 
 _RPDO1, _CONTROL, _TARGET = 0x200, 0, 2
 _ENABLE = struct.pack("<H", 0x0F)
 _COUNT = 0.001 * math.pi / 30
 """Of a target rate, rad/s."""
-_HANG = 3.0
-"""Time in s that a host hangs: until after the run's end."""
 _LIMITS = Limits()
 _EDGE = np.add(_LIMITS.area, _LIMITS.margin)
 """Where the ball may be at most, x and y, m."""
@@ -41,58 +38,16 @@ def nothing(_: LockstepRig) -> None:
     """The ball rests."""
 
 
-def wrong_bit_rate(rig: LockstepRig) -> None:
-    """The bit rate is wrong."""
-    rig.lockstep.bus.faults.drop()
-    rig.lockstep.bus.faults.make_passive()
-
-
-def absent(rig: LockstepRig) -> None:
-    """Drive theta is absent."""
-    rig.lockstep.bus.drives.pop()
-
-
-def foreign(rig: LockstepRig) -> None:
-    """Node 1 is no AKD."""
-    rig.lockstep.drives[0].store.set(0x1018, 1, 0x123)
-
-
-def no_ball(rig: LockstepRig) -> None:
-    """There is no ball."""
-    rig.plant.present = False
-
-
-def no_screen(rig: LockstepRig) -> None:
-    """The touch screen is unplugged."""
-    rig.port.plugged = False
-
-
 def no_adapter(rig: LockstepRig) -> None:
     """The CAN adapter is absent."""
     bad = akd.DriveError(akd.BAD_BUS, "CAN emulated", "no channel 'emulated'")
     rig.lockstep.missing = bad
 
 
-def stick(rig: LockstepRig) -> None:
-    """Drive phi keeps its own torque limit."""
-    rig.lockstep.drives[0].store.stuck.add((0x356E, 0))
-
-
-def lasting_fault(rig: LockstepRig) -> None:
-    """Drive phi refuses the reset of its fault."""
-    rig.lockstep.drives[0].fail(235, lasting=True)
-    rig.lockstep.drives[0].power.refuse_reset = True
-
-
 def refused_reset(rig: LockstepRig) -> None:
     """Drive phi refuses the reset of its fault when switched on."""
-    lasting_fault(rig)
-    rig.ask_reset()
-
-
-def speak_elo(rig: LockstepRig) -> None:
-    """The screen speaks another protocol."""
-    rig.line.protocol = Protocol.ELO
+    OF_DRIVES["lasting_fault"](rig.lockstep)
+    rig.reset = True
 
 
 def damage(rig: LockstepRig, fault: str, lasting: float = 0.06) -> None:
@@ -114,23 +69,7 @@ def uneven(rig: LockstepRig) -> None:
 def uneven_missing(rig: LockstepRig) -> None:
     """Every other command comes late, and half of the PDOs of drive phi are missing."""
     uneven(rig)
-    drive_causes.pdo_unsteady(rig.lockstep)
-
-
-def silence(rig: LockstepRig) -> None:
-    """The host falls silent."""
-    rig.lockstep.bus.faults.drop(towards=Towards.DRIVES)
-
-
-def wrap(rig: LockstepRig) -> None:
-    """The motor positions wrap."""
-    for drive in rig.lockstep.drives:
-        drive.motor.jump(2**31 - 2000)
-
-
-def unreadable(rig: LockstepRig) -> None:
-    """The adapter garbles lines."""
-    rig.lockstep.adapter.unreadable_lines += 3
+    OF_DRIVES["pdo_unsteady"](rig.lockstep)
 
 
 def another_sync(rig: LockstepRig) -> None:
@@ -181,45 +120,32 @@ def no_zero_rate(rig: LockstepRig) -> None:
 def level_alone(rig: LockstepRig) -> None:
     """The screen is unplugged, and no quick stop reaches the drives."""
     no_quick_stop(rig)
-    no_screen(rig)
+    OF_RIG["no_screen"](rig)
 
 
 def quick_stop_alone(rig: LockstepRig) -> None:
     """The motor encoder jumps, and no zero rate reaches the drives."""
     no_zero_rate(rig)
-    drive_causes.motor_jump(rig.lockstep)
+    OF_DRIVES["motor_jump"](rig.lockstep)
 
 
 def zero_rate_alone(rig: LockstepRig) -> None:
     """The motor encoder jumps, and no quick stop reaches the drives."""
     no_quick_stop(rig)
-    drive_causes.motor_jump(rig.lockstep)
+    OF_DRIVES["motor_jump"](rig.lockstep)
 
 
 def watch_alone(rig: LockstepRig) -> None:
     """The motor encoder jumps, and neither zero rate nor quick stop reaches the drives."""
     no_quick_stop(rig)
     no_zero_rate(rig)
-    drive_causes.motor_jump(rig.lockstep)
+    OF_DRIVES["motor_jump"](rig.lockstep)
 
 
 def zero_rate_in_turn(rig: LockstepRig) -> None:
     """The plate turns; then the motor encoder jumps, and no quick stop reaches the drives."""
     ask(rig, 2 * _QUICK, 2 * _QUICK)
     _once(rig, turns, zero_rate_alone)
-
-
-def hang(rig: LockstepRig) -> None:
-    """The host hangs."""
-    rig.hang = _HANG
-
-
-def sto_alone(rig: LockstepRig) -> None:
-    """The host hangs, the drives watch nobody, and STO is opened."""
-    for drive in rig.lockstep.drives:
-        drive.store.set(0x1016, 1, 0)
-        drive.open_sto()
-    hang(rig)
 
 
 def push(rig: LockstepRig, x_rate: float, y_rate: float) -> None:

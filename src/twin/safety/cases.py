@@ -5,12 +5,11 @@ They are written in ``cases.toml``.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
-from importlib.resources import files
 from itertools import chain
 from typing import Any
 
+from twin.data_file import packaged
 from twin.devices import realtime
 from twin.devices.akd import conditions as akd
 from twin.devices.akd.config import AkdConfig, MonitorConfig
@@ -22,8 +21,9 @@ from twin.emulator.lockstep import PATIENCE, LockstepRig
 from twin.emulator.screen_bytes import Protocol
 from twin.hal import supervisor
 from twin.hal.interface import Condition
-from twin.safety import acts, drive_causes
+from twin.safety import acts
 from twin.safety.case import BRING_UP, FaultCase, Stopper
+from twin.safety.causes import OF_DRIVES, OF_RIG
 
 SOURCES = {"drives": akd, "screen": lumio, "supervisor": supervisor, "loop": realtime}
 """Where conditions stand."""
@@ -43,18 +43,19 @@ def _condition(name: str) -> Condition:
     return found
 
 
-def _function(name: str) -> Callable[..., Any]:
-    found: Callable[..., Any] = getattr(acts, name, None) or getattr(drive_causes, name)
-    return found
-
-
 def _done(given: list[Any]) -> Callable[[LockstepRig], Any]:
-    """What a function does with a rig, or, if it is a cause of its drives, with those."""
+    """What a cause of the drives, of the rig, or a function does with a rig."""
     name, *arguments = given
-    function = _function(name)
-    if hasattr(acts, name):
-        return lambda rig: function(rig, *arguments)
-    return lambda rig: function(rig.lockstep)
+    if cause := OF_DRIVES.get(name):
+        return lambda rig: cause(rig.lockstep)
+    function = OF_RIG.get(name) or getattr(acts, name)
+    return lambda rig: function(rig, *arguments)
+
+
+def _words(name: str) -> str:
+    """What a cause or a function does, in words."""
+    cause = OF_DRIVES.get(name) or OF_RIG.get(name)
+    return cause.words if cause else (getattr(acts, name).__doc__ or "").rstrip(".")
 
 
 def _host(table: dict[str, Any]) -> AkdConfig:
@@ -77,17 +78,12 @@ READ: dict[str, Callable[[Any], Any]] = {
 
 
 def _case(row: dict[str, Any]) -> FaultCase:
-    words = (_function(row["act"][0]).__doc__ or "").rstrip(".")
     given = {key: READ[key](value) if key in READ else value for key, value in row.items()}
-    return FaultCase(**{"name": words, "expected": None} | given)
+    return FaultCase(**{"name": _words(row["act"][0]), "expected": None} | given)
 
 
-GROUPS = {
-    name: tuple(map(_case, rows))
-    for name, rows in tomllib.loads(
-        (files("twin.safety") / "cases.toml").read_text(encoding="utf-8")
-    ).items()
-}
+_ROWS = packaged("twin.safety", "cases.toml")
+GROUPS = {name: tuple(map(_case, rows)) for name, rows in _ROWS.items()}
 """The rows by what they are about."""
 CASES = tuple(chain(*GROUPS.values()))
 """Every row of the matrix."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.controller import Controller
+from twin.data_file import packaged
 from twin.devices.akd.conditions import STOP_IGNORED, DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.lumio.conditions import UNPLUGGED
@@ -43,19 +44,10 @@ def tracking(duration: float, *, resting: bool) -> Scenario:
         duration: In s.
         resting: Whether the ball is held in the middle instead.
     """
-    circle = {"kind": "circle", "amplitude": 0.1, "omega": 1.5, "start": 1.0}
-    return check(
-        {
-            "title": "fault matrix",
-            "duration": duration,
-            "seed": 1,
-            "plant": {"kind": "lagrange", "friction": {"rolling_mm": 0.1765}},
-            "controller": {"kind": "afl"},
-            "predictor": {},
-            "reference": {"kind": "hold"} if resting else circle,
-        },
-        "fault matrix",
-    )
+    tables = packaged("twin.safety", "tracking.toml") | {"duration": duration}
+    if resting:
+        tables["reference"] = {"kind": "hold"}
+    return check(tables, "fault matrix")
 
 
 BEGIN = 2.0
@@ -278,7 +270,7 @@ class Trial:
 
     def _again(self) -> TrialRun:
         """Run once more, as a person does with ``--reset``."""
-        self.rig.ask_reset()
+        self.rig.reset = True
         return self._run(AGAIN, act=False)
 
 

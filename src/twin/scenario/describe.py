@@ -108,7 +108,7 @@ def described(name: str = "") -> list[Key]:
     if found or any(name in (kind, kind.partition(".")[2]) for kind in kinds):
         return found
     every = [*general, *chain.from_iterable(kinds.values())]
-    found = [key for key in every if key.key.endswith(f".{name}")]
+    found = [key for key in every if f".{key.key}".endswith(f".{name}")]
     # one setting of a kind, as reference.path.points
     full, _, leaf = name.rpartition(".")
     found += [key for key in kinds.get(full, ()) if key.key.endswith(f".{leaf}")]
@@ -160,7 +160,7 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
             yield _key(
                 f"{prefix}{name}",
                 schema["properties"][name],
-                _meanings(source).get(attribute, ""),
+                meanings(source).get(attribute, ""),
                 settings_of(source)[attribute] if name in sources else None,
             )
 
@@ -181,9 +181,9 @@ def _kind(table: str, field: FieldInfo) -> Key:
 def _settings(table: str, kind: str) -> Iterator[Key]:
     """The settings of a law, observer or reference."""
     cls = choices(table)[kind]
-    meanings = _meanings(cls)
+    said = meanings(cls)
     for name, schema in settings_model(cls).model_json_schema()["properties"].items():
-        yield replace(_key(f"{table}.{name}", schema, meanings.get(name, "")), kind=kind)
+        yield replace(_key(f"{table}.{name}", schema, said.get(name, "")), kind=kind)
 
 
 def _key(key: str, schema: Mapping[str, Any], meaning: str, about: Setting | None = None) -> Key:
@@ -238,7 +238,7 @@ def _table(annotation: object) -> type[BaseModel] | None:
 
 
 @cache
-def _meanings(cls: type) -> dict[str, str]:
+def meanings(cls: type) -> dict[str, str]:
     """What the fields of a dataclass or model mean, by their names."""
     return {
         item.args[1]: " ".join((item.description or "").split())

@@ -54,41 +54,17 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> Any: ...
 
 
-RAMPS = (
-    "plant.friction.rolling_mm",
-    "plant.friction.breakaway_ratio",
-    "plant.friction.stribeck_speed",
-    "plant.friction.dwell_time",
-    "plant.friction.viscous_mm",
-    "plant.level_deg",
-    "plant.servo.bandwidth_hz",
-    "plant.servo.backlash_deg",
-    "plant.servo.hysteresis_deg",
-    "plant.servo.resonance_hz",
-    "plant.servo.resonance_damping",
-    "plant.servo.vibration",
-    "disturbance.variance",
-    "sensors.touch.dead_time",
-    "sensors.touch.variance",
-    "sensors.encoders.variance",
-    "rig.cam_error_percent",
-    "rig.cam_coupling_percent",
-)
+_RIG = (Friction, Parts, DriveModel, TouchModel, EncoderModel, TransmissionError, SurfaceModel)
+
+
+def _changing(how: str) -> tuple[str, ...]:
+    every = (about for cls in _RIG for about in settings_of(cls).values())
+    return tuple(about.key for about in every if about.changes == how)
+
+
+RAMPS = _changing("ramp")
 """What may change at once or along a ramp."""
-JUMPS = (
-    "plant.ball.mass",
-    "plant.ball.inertia",
-    "plant.friction.sliding",
-    "plant.friction.spinning_mm",
-    "plant.servo.torque_limit",
-    "plant.servo.speed_limit",
-    "plant.surface.spread_percent",
-    "plant.surface.slope_deg",
-    "plant.surface.patch_mm",
-    "plant.surface.seed",
-    "plant.surface.relative",
-    "plant.surface.height_um",
-)
+JUMPS = _changing("jump")
 """What changes at once: another ball of the same size, another screen, other drives."""
 FOLLOWED = 0.02
 """Time in s in whose steps a ramp is followed."""
@@ -438,7 +414,8 @@ class MetricsTable(Section):
     """How a run is judged."""
 
     start: NotNegative = 0.0
-    """Time in s from which on steady tracking is judged."""
+    """Time in s from which on steady tracking is judged. A run that ``duration`` cuts short of it
+    is judged from the same share of itself on."""
     band_percent: Annotated[float, Field(gt=0, lt=100)] = 5.0
     """Settling band in % of the way to a constant goal."""
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers.arrays import Array
 from controllers.ballplate import BallPlate
+from twin.data_file import read_toml
 from twin.errors import LogError
 from twin.hal.interface import SCREEN
 from twin.identify.log import Log
@@ -32,29 +34,15 @@ PARAMETERS = (*BALL, *DRIVES, "noise")
 
 EXTRA = ("viscous", "stribeck", "dwell")
 """Further parameters of the friction, believed but not watched."""
-CONSTANT = {
-    "rolling": 0.005, "breakaway": 0.03, "delay": 2e-4, "level_phi": 2e-5, "level_theta": 2e-5,
-    "gain": 0.002, "lag": 5e-4, "narrow_play": 0.1, "wide_play": 0.02, "transmission": 0.02,
-    "noise": 0.03,
-}  # fmt: skip
-"""Standard deviations of what an identified twin may be wrong by: rolling relative, else SI."""
-CHANGING = {
-    "rolling": 0.003, "breakaway": 0.03, "delay": 1e-4, "level_phi": 1e-5, "level_theta": 1e-5,
-    "gain": 0.0015, "lag": 2e-4, "narrow_play": 0.3, "wide_play": 0.01, "transmission": 0.004,
-    "noise": 0.01,
-}  # fmt: skip
-"""The same of what differs from one window to the next, for reasons the twin does not know."""
-DRIFT = {
-    "rolling": 0.03, "breakaway": 0.1, "delay": 1e-4, "level_phi": 1e-4, "level_theta": 1e-4,
-    "gain": 0.005, "lag": 1e-3, "narrow_play": 0.3, "wide_play": 0.03, "transmission": 0.01,
-    "noise": 0.03,
-}  # fmt: skip
-"""The same of what a healthy rig changes by in the course of minutes, which is no alarm."""
-STOPPING = {
-    **CHANGING, "rolling": 0.03, "breakaway": 0.15, "level_phi": 3e-5, "level_theta": 3e-5,
-    "gain": 0.01,
-}  # fmt: skip
-"""The same of windows in which the ball comes to rest or begins there."""
+TABLES = read_toml(Path(__file__).with_suffix(".toml"))
+"""What is known of parameters and causes beforehand; the file says what is what."""
+CONSTANT, CHANGING, STOPPING, DRIFT = (
+    {name: float(about[kind]) for name, about in TABLES["parameters"].items()}
+    for kind in ("constant", "changing", "stopping", "drift")
+)
+"""Standard deviations of what an identified twin may be wrong by; of what differs from one window
+to the next while the ball rolls, and where it stops; of what changes in minutes: rolling relative,
+else SI."""
 
 UNEVEN_DELAY, UNEVEN_GAIN = 0.05, 0.15
 """Seconds by which the dead time, and share by which the tilt gain, seem others on a screen as

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.arrays import Array
-from twin.shadow.belief import PARAMETERS, Belief
+from twin.shadow.belief import PARAMETERS, TABLES, Belief
 from twin.shadow.plate import GAPS
 
-CAUSES: dict[str, dict[str, float]] = {
-    "rolling friction": {"rolling": 0.4},
-    "breakaway": {"breakaway": 0.6},
-    "level": {"level_phi": 2e-3, "level_theta": 2e-3},
-    "tilt gain": {"gain": 0.1},
-    "cams": {"transmission": 0.15},
-    "dead time": {"delay": 0.006},
-    "servo lag": {"lag": 0.015},
-    "lost motion": {"narrow_play": 1.0, "wide_play": 1.0},
-    "another ball": {"gain": 0.15, "rolling": 0.8},
-    "sensor noise": {"noise": 0.5},
-}
+CAUSES: dict[str, dict[str, float]] = TABLES["causes"]
 """What each may change, by how much (standard deviation, rolling friction relative, else SI)."""
 LEAST = 0.05
 """Probability below which a cause counts as ruled out."""
@@ -81,24 +70,19 @@ def words_of(name: str, moved: Array, belief: Belief) -> str:
         gap = sum(share * width for share, width in zip(at.values(), GAPS, strict=True))
         return f"{np.degrees(gap):+.2f} deg"
     parts = [
-        _WORDS[p](v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
+        _in_words(p, v / belief.values["rolling"] if p == "rolling" else v) for p, v in at.items()
     ]
     if name == "another ball":
         return f"tilt gain {parts[0]}, rolling friction {parts[1]}"
     return ", ".join(parts)
 
 
-_WORDS: dict[str, Callable[[float], str]] = {
-    "rolling": lambda v: f"{100 * v:+.0f} %",
-    "breakaway": lambda v: f"ratio {v:+.2f}",
-    "level_phi": lambda v: f"phi {np.degrees(v):+.3f} deg",
-    "level_theta": lambda v: f"theta {np.degrees(v):+.3f} deg",
-    "gain": lambda v: f"{100 * v:+.1f} %",
-    "transmission": lambda v: f"{100 * v:+.1f} %",
-    "delay": lambda v: f"{1000 * v:+.1f} ms",
-    "lag": lambda v: f"{1000 * v:+.1f} ms",
-    "noise": lambda v: f"x {np.exp(v):.2f}",
-}
+def _in_words(parameter: str, value: float) -> str:
+    """A change of a parameter in words, that of the rolling friction as a share."""
+    about = TABLES["parameters"][parameter]
+    size = np.exp(value) if parameter == "noise" else about["factor"] * value
+    text: str = about["words"].format(size)
+    return text
 
 
 def one_sided(belief: Belief) -> list[str]:

@@ -53,7 +53,7 @@ class Examined:
             RecordError: If a file cannot be written.
         """
         text = page(self.found, self.proposal)
-        write_whole(folder / "shadow.html", lambda path: path.write_text(text, encoding="utf-8"))
+        write_whole(folder / "shadow.html", text)
         write_json(folder / "shadow.json", self.numbers)
         if self.found.replays is not None:
             write_whole(folder / "shadow.parquet", lambda path: write_scores(self.found, path))

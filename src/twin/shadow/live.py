@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import time
 from collections.abc import Callable
 from contextlib import closing
 
@@ -38,7 +36,6 @@ def beside(scenario: Scenario, shown: Shown | None = None) -> LiveProcess:
 def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
     """Ask the twin until the writer has ended, or is gone; the body of the process."""
     step_back()
-    parent = os.getppid()
     tell: Tell = lambda _, __: None  # noqa: E731  nothing is drawn
     if shown is not None:
         from twin.shadow.report import drawing  # noqa: PLC0415  only where there is a viewer
@@ -46,16 +43,9 @@ def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
         tell = drawing(scenario, shown)
     commentary = Commentary(LiveFollower(scenario, "the run"), _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
-        done, taken = False, 0
-        while not done:
-            done = ring.done or os.getppid() != parent
-            if ring.columns:
-                rows = ring.take(MOST)
-                taken = len(rows)
-                done = done and taken < MOST
-                commentary.take(dict(zip(ring.columns, rows.T, strict=True)), tell)
-            if not done and taken < MOST:
-                time.sleep(EVERY)
+        for block in ring.blocks(EVERY, MOST):
+            if block:
+                commentary.take(block, tell)
         commentary.end(tell, ring.dropped)
 
 

@@ -127,5 +127,5 @@ def write(proposal: Proposal, folder: Path) -> Path:
     taken = [path.stem.rpartition("-")[2] for path in folder.glob("parameters-*.toml")]
     number = 1 + max((int(text) for text in taken if text.isdecimal()), default=0)
     file = folder / f"parameters-{number}.toml"
-    write_whole(file, lambda path: path.write_text(proposal.text, encoding="utf-8"))
+    write_whole(file, proposal.text)
     return file

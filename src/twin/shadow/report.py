@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from controllers.arrays import Array
 from twin.identify.replay import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.run.files import arrow_fields
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
 from twin.shadow.causes import likely
@@ -242,7 +243,7 @@ def write_scores(found: Shadow, path: Path) -> None:
         "log_likelihood_ratio": ("1", np.where(before >= 0, found.ratio[before], 0.0)),
         "dead_time_ratio": ("1", np.where(before >= 0, found.delayed[before], 0.0)),
     }
-    fields = [pa.field(name, pa.float64(), metadata={"unit": u}) for name, (u, _) in values.items()]
+    fields = arrow_fields({name: unit for name, (unit, _) in values.items()})
     paths = {name: run.path[..., axis].tolist() for axis, name in enumerate(("twin_x", "twin_y"))}
     listed = pa.list_(pa.float64())
     fields += [pa.field(name, listed, metadata={"unit": "m"}) for name in paths]

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from controllers.arrays import Array, Number, column, put
 from controllers.controller import Groups
 from twin.hal.interface import Transmission
-from twin.settings import Unit, setting
+from twin.settings import Unit, ramp, setting
 from twin.sim.sensors import Noise, Rigs
 
 
@@ -41,10 +41,10 @@ class TransmissionError:
         coupling: Share of one axis's angle that turns the other, too, dimensionless.
     """
 
-    slope: tuple[float, float] | Array = setting(
+    slope: tuple[float, float] | Array = ramp(
         "rig.cam_error_percent", (0.0, 0.0), Unit.PERCENT, ge=-20, le=20
     )
-    coupling: Number = setting("rig.cam_coupling_percent", 0.0, Unit.PERCENT, ge=-20, le=20)
+    coupling: Number = ramp("rig.cam_coupling_percent", 0.0, Unit.PERCENT, ge=-20, le=20)
 
     @property
     def any(self) -> bool:
@@ -303,15 +303,15 @@ class DriveModel:
             answer to the screen's noise, which the twin makes by itself.
     """
 
-    bandwidth: Number = setting("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
-    backlash: Number = setting("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
-    hysteresis: Number = setting("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
-    resonance: Number = setting("plant.servo.resonance_hz", 0.0, ge=0, le=100)
-    resonance_damping: Number = setting("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
-    vibration: Number = setting("plant.servo.vibration", 0.0, ge=0, le=100)
+    bandwidth: Number = ramp("plant.servo.bandwidth_hz", 0.0, ge=0, le=1000)
+    backlash: Number = ramp("plant.servo.backlash_deg", 0.0, Unit.DEG, ge=0, le=5)
+    hysteresis: Number = ramp("plant.servo.hysteresis_deg", 0.0, Unit.DEG, ge=0, le=5)
+    resonance: Number = ramp("plant.servo.resonance_hz", 0.0, ge=0, le=100)
+    resonance_damping: Number = ramp("plant.servo.resonance_damping", 0.05, ge=0, lt=1)
+    vibration: Number = ramp("plant.servo.vibration", 0.0, ge=0, le=100)
     vibration_frequency: Number = setting("plant.servo.vibration_hz", 13.0, gt=0, le=250)
     vibration_wander: Number = setting("plant.servo.vibration_wander", 0.0, ge=0, le=1000)
-    disturbance: tuple[float, float] | Array = setting("disturbance.variance", (0.0, 0.0), ge=0)
+    disturbance: tuple[float, float] | Array = ramp("disturbance.variance", (0.0, 0.0), ge=0)
 
 
 class SimulatedDrives:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.arrays import Array, Mask, Number, column, constant, put
 from twin.hal.interface import SCREEN, Touch
-from twin.settings import Unit, setting
+from twin.settings import Unit, ramp, setting
 
 Rigs = NDArray[np.integer]
 """Numbers of some rigs of a batch, shape (k,)."""
@@ -122,7 +122,7 @@ class EncoderModel:
     """
 
     counts: Number = setting("sensors.encoders.counts", COUNTS, ge=0)
-    variance: tuple[float, float] | Array = setting(
+    variance: tuple[float, float] | Array = ramp(
         "sensors.encoders.variance", (1.5433e-10, 1.1580e-10), otherwise=(0.0, 0.0), ge=0
     )
 
@@ -170,21 +170,21 @@ class TouchModel:
     Fields may be arrays with one entry per rig.
 
     Attributes:
-        dead_time: Seconds from a touch to its arrival.
-        frame_rate: Frames per second; 0 for a fresh sample every control period.
-        grid: Positions the screen tells apart along each side.
+        dead_time: From a touch to its arrival, in s.
+        frame_rate: Frames a second, in Hz; 0 for a fresh sample every control period.
+        grid: Positions the screen tells apart along each of its sides, 0.70 m and 0.395 m.
         variance: Noise variance of x and y in m^2; Table B.1.
         spread: Standard deviation in s of the dead time from sample to sample; Table 7.2 has
             0.00187.
         rotation: Angle in rad by which the screen is mounted turned about the plate's normal.
     """
 
-    dead_time: Number = setting("sensors.touch.dead_time", 0.042, ge=0, le=1)
+    dead_time: Number = ramp("sensors.touch.dead_time", 0.042, ge=0, le=1)
     spread: Number = setting("sensors.touch.dead_time_spread", 0.0, ge=0, le=0.1)
     rotation: Number = setting("sensors.touch.rotation_deg", 0.0, Unit.DEG, ge=-45, le=45)
     frame_rate: Number = setting("sensors.touch.frame_rate", 0.0, ge=0, le=10_000)
     grid: Number = setting("sensors.touch.grid", 4096, ge=0)
-    variance: tuple[float, float] | Array = setting(
+    variance: tuple[float, float] | Array = ramp(
         "sensors.touch.variance", (7.2538e-7, 1.7721e-7), otherwise=(0.0, 0.0), ge=0
     )
 

@@ -49,14 +49,17 @@ class Store:
     none; what is in no file is run again.
 
     Args:
-        folder: Where; made for the first chunk.
+        folder: Where; made for the first chunk. None keeps them in memory alone.
 
     Raises:
         RecordError: If it cannot be read.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder / "chunks"
+    def __init__(self, folder: Path | None) -> None:
+        self._chunks: list[pa.Table] = []
+        self.folder = None if folder is None else folder / "chunks"
+        if self.folder is None:
+            return
         if self.folder.exists() and not self.folder.is_dir():
             raise RecordError(f"{self.folder}: is no folder")
         self._chunks = [_read(path) for path in sorted(self.folder.glob("[!.]*.parquet"))]
@@ -65,7 +68,8 @@ class Store:
         """Keep a chunk of finished runs."""
         name = hashlib.sha256("".join(row["key"] for row in rows).encode()).hexdigest()[:32]
         table = pa.Table.from_pylist(list(rows), SCHEMA)
-        write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
+        if self.folder is not None:
+            write_whole(self.folder / f"{name}.parquet", lambda path: pq.write_table(table, path))
         self._chunks.append(table)
 
     def rows(self, keys: Sequence[str]) -> pa.Table:

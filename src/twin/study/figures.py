@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -10,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from twin.data_file import read_toml
 from twin.report.numbers import LABELS
 from twin.run.picture import LOOK, style
 from twin.study.answers import Answer, Curve, SensitivityIndex
@@ -17,12 +19,8 @@ from twin.study.design import Design
 from twin.study.family import Point
 from twin.study.schema import Study
 
-INDEX = {
-    "sobol": "share of the variance: total Sobol index (black line: without interactions)",
-    "morris": "mean size of an elementary effect, mu*",
-    "lhs": "rank correlation",
-    "montecarlo": "rank correlation",
-}
+WORDS = read_toml(Path(__file__).with_name("words.toml"))
+"""What figures and indices are called."""
 FAILED = "#B00000"
 ENOUGH = 20
 """Runs from which on there is a 5 % quantile, and a chance to fail worth a number."""
@@ -100,7 +98,7 @@ def _indices(study: Study, found: Sequence[Answer]) -> Figure:
         panel.barh(0, 0, color=style(k)["color"], label=answer.variant)
     panel.axvline(0, color="0.3", lw=0.8)
     panel.set(
-        xlabel=f"{INDEX[study.method]}; hollow: undecided",
+        xlabel=f"{WORDS['axis'][study.method]}; hollow: undecided",
         title=f"What the {LABELS[study.metrics[0]][0]} depends on",
         yticks=range(len(keys)),
         yticklabels=keys,

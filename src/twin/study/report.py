@@ -18,7 +18,7 @@ from twin.report.numbers import LABELS
 from twin.study.answers import Answer, Spread
 from twin.study.experiments import labelled
 from twin.study.family import Point
-from twin.study.figures import ENOUGH, figures, metric_label, parameter_label, where_label
+from twin.study.figures import ENOUGH, WORDS, figures, metric_label, parameter_label, where_label
 from twin.study.schema import Study
 from twin.study.work import Work
 from twin.writing import write_whole
@@ -43,7 +43,9 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
     if len(found) > 1 and best:
         few = [f"{each.variant} {each.whole.median:.3g}" for each in best]
         few = few if len(few) <= NAMED else [*few[:3], f"..., last {few[-1]}"]
-        words.append(f"By the median of {metric}, best first: {', '.join(few)}.")
+        lost = any(each.whole.failed for each in found)
+        how = "; a failed run is worse than any other" if lost else ""
+        words.append(f"By the median of {metric}, best first{how}: {', '.join(few)}.")
     if len(found) > 1:
         words += _common_importance(found, metric)
     for answer in found:
@@ -59,8 +61,13 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
 
 
 def in_order(found: Sequence[Answer]) -> list[Answer]:
-    """The variants by their median, the best first; those without one last."""
-    return sorted(found, key=lambda each: (math.isnan(each.whole.median), each.whole.median))
+    """The variants by the median of all runs, failed ones as the worst; the best first."""
+
+    def middle(answer: Answer) -> float:
+        every = sorted(math.inf if math.isnan(value) else value for value in answer.values.tolist())
+        return (every[(len(every) - 1) // 2] + every[len(every) // 2]) / 2 if every else math.inf
+
+    return sorted(found, key=middle)
 
 
 def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:
@@ -134,19 +141,6 @@ def _tolerances(study: Study, found: Sequence[Answer]) -> list[str]:
     ]
 
 
-HEADINGS = {
-    "spread": "How large it is, and how often runs fail",
-    "indices": "Which parameters matter",
-    "curves": "Over each parameter",
-    "map": "Over the two parameters that matter most, and where runs fail",
-}
-NAMES = {
-    "sobol": ("total index", "first-order index"),
-    "morris": ("mu*", "sigma"),
-    "lhs": ("rank correlation", ""),
-    "montecarlo": ("rank correlation", ""),
-}
-
 KNOWN = ("variant", "where", "parameter", "must be known within")
 
 
@@ -167,13 +161,13 @@ def write(work: Work, rows: pa.Table, found: Sequence[Answer], folder: Path) -> 
         Verdict(sentences(study, found), good),
         compared(study, found),
         *grids(study, found),
-        *(Picture(HEADINGS[name], picture) for name, picture in drawn.items()),
+        *(Picture(WORDS["figures"][name], picture) for name, picture in drawn.items()),
     ]
     ended = endings(work, rows)
     blocks += [Text(ended, "Runs that failed")] if ended else []
     ranks = [row for answer in found for row in _indices(answer)]
     if ranks:
-        first, second = NAMES.get(study.method, ("", ""))
+        first, second = WORDS["names"].get(study.method, ("", ""))
         heads = ("parameter", "variant", first, "± 95 %", second, "verdict")
         blocks.append(Table("Indices", heads, ranks, words=(0, 1, -1)))
     known = needed(study, found)

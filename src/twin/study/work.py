@@ -362,7 +362,9 @@ def sources() -> list[Path]:
     found += [path for room in ("sim", "hal") for path in (twin / room).rglob("*.py")]
     found += [twin / "run" / f"{name}.py" for name in RUN]
     found += [twin / "scenario" / f"{name}.py" for name in SCENARIO]
-    found += [twin / "settings.py", Path(__file__), model_path(), model_path("cams.json")]
+    found += [twin / "run" / f"{name}.toml" for name in ("channels", "indicators")]
+    found += [twin / "settings.py", Path(__file__)]
+    found += [model_path(), model_path("cams.json")]
     found += [Path(module.__file__) for module in outside() if module.__file__]
     return sorted(found)
 

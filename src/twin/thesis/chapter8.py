@@ -44,16 +44,13 @@ PERIOD = 0.002
 FINE, COARSE = 0.0005, 0.002
 """Physics steps of the mechanism in s: the steady errors of full state feedback, 0.1 mm and less,
 shrink with the step; with noise nothing changes by more than 0.01 % between 0.5 and 2 ms."""
-SILENT = (0.0, 0.0)
-IDEAL: dict[str, Any] = {
-    "title": "chapter 8",
-    "plant": {"friction": {"rolling_mm": 0.0}},
-    "sensors": {
-        "touch": {"dead_time": 0.0, "grid": 0, "variance": SILENT},
-        "encoders": {"counts": 0, "variance": SILENT},
-    },
-    "rig": {"limits": {"rate_deg": 5000.0, "acceleration": 1e4, "area": (10.0, 10.0)}},
-}
+
+
+def _read(name: str) -> str:
+    return files("twin.thesis").joinpath("data", name).read_text(encoding="utf-8")
+
+
+IDEAL: dict[str, Any] = tomllib.loads(_read("ideal.toml"))
 """A rig with the imperfections that a row gives, and no others; nothing saturates."""
 
 
@@ -116,10 +113,6 @@ class SimulatedTable:
     shared: tuple[str, ...]
     own: tuple[str, ...]
     rows: tuple[SimulatedRow, ...]
-
-
-def _read(name: str) -> str:
-    return files("twin.thesis").joinpath("data", name).read_text(encoding="utf-8")
 
 
 @cache

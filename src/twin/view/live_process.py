@@ -6,7 +6,7 @@ import json
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from multiprocessing.shared_memory import SharedMemory
 from time import monotonic
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.arrays import Array
-from twin.jobs import let_go, program_left_out, undisturbed
+from twin.jobs import let_go, orphaned, program_left_out, undisturbed, wait_until
 from twin.run.record import Recorder
 
 _NAMES = 16384
@@ -97,6 +97,25 @@ class SharedRingBuffer:
         self._counters[_DROPPED] += end - self._read - len(rows)
         self._read = self._counters[_TAKEN] = end
         return rows
+
+    def blocks(self, every: float, most: int | None = None) -> Iterator[dict[str, Array]]:
+        """Column to new values, shape (K,) each, until the writer has ended or its process is gone.
+
+        Nothing while no column is named, and K may be 0.
+
+        Args:
+            every: Seconds from one look for new rows to the next.
+            most: Rows taken at a time; if there are as many, the next look comes at once.
+        """
+        while True:
+            done = self.done or orphaned()
+            columns = self.columns
+            rows = self.take(most) if columns else np.empty((0, 0))
+            yield dict(zip(columns, rows.T, strict=True))
+            if most is None or len(rows) < most:
+                if done:
+                    return
+                wait_until(lambda: self.done or orphaned(), every, min(every, 0.05))
 
     @property
     def taken(self) -> int:

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
@@ -19,7 +18,6 @@ from rerun.experimental import ViewerClient
 from controllers.arrays import Array
 from twin.errors import ScenarioError, ViewError
 from twin.hal.interface import SCREEN
-from twin.jobs import orphaned
 from twin.run.finished import Run
 from twin.scenario.schema import Scenario
 from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
@@ -375,26 +373,19 @@ def work(
     with closing(SharedRingBuffer(*buffer)) as ring:
         stream, run = new_stream(name, recording), RunStream(name, scenario)
         begun, shown = False, -1
-        while True:
-            done = ring.done or orphaned()
-            columns = ring.columns
-            rows = ring.take(MOST) if columns else np.empty((0, 0))
-            if len(rows):
-                block = dict(zip(columns, rows.T, strict=True))
-                if not begun:
-                    _begin(stream, run, block, url, twin=twin)
-                    begun = True
-                for batch in run.batches(block):
-                    send(stream, batch)
-                if ring.dropped != shown:
-                    shown = ring.dropped
-                    missed = rr.Scalars.columns(scalars=[shown])
-                    send(stream, Batch(DROPPED, rows[-1:, 0], missed))
-                stream.flush()
-            elif done:
-                return
-            if len(rows) < MOST:
-                time.sleep(EVERY)
+        for block in ring.blocks(EVERY, MOST):
+            if not block or not len(block["time"]):
+                continue
+            if not begun:
+                _begin(stream, run, block, url, twin=twin)
+                begun = True
+            for batch in run.batches(block):
+                send(stream, batch)
+            if ring.dropped != shown:
+                shown = ring.dropped
+                missed = rr.Scalars.columns(scalars=[shown])
+                send(stream, Batch(DROPPED, block["time"][-1:], missed))
+            stream.flush()
 
 
 def _begin(

@@ -4,37 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from controllers.arrays import Array
+from twin.data_file import read_toml
 from twin.hal.interface import Limits
 from twin.run.finished import states_of
 
 Colour = tuple[int, int, int]
 
 # Okabe and Ito's colours: told apart with any colour vision.
-BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = (
-    (0, 114, 178),
-    (213, 94, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-    (150, 150, 150),
-    (235, 235, 235),
-)
-WORDS = {
-    BLUE: "blue",
-    VERMILION: "orange",
-    GREEN: "green",
-    PINK: "pink",
-    ORANGE: "gold",
-    SKY: "light blue",
-    GREY: "grey",
-    BLACK: "white",
+WORDS: dict[Colour, str] = {
+    (0, 114, 178): "blue",
+    (213, 94, 0): "orange",
+    (0, 158, 115): "green",
+    (204, 121, 167): "pink",
+    (230, 159, 0): "gold",
+    (86, 180, 233): "light blue",
+    (150, 150, 150): "grey",
+    (235, 235, 235): "white",
 }
 """What a person calls these, on the dark ground of the viewer."""
+BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, GREY, BLACK = WORDS
 
 
 AXES = ("phi", "theta")
@@ -73,30 +66,7 @@ def tinted(plot: Mapping[str, Signal], run: int) -> dict[str, Signal]:
     return found
 
 
-PLOTS = {
-    "ball and plate": {
-        "position_x_mm": "x [mm]",
-        "position_y_mm": "y [mm]",
-        "error_mm": "tracking error [mm]",
-        "angle_deg": "plate angles [deg]",
-        "twin_score": "score of the twin",
-        "twin_error_mm": "error of the twin [mm]",
-    },
-    "effort and forces": {
-        "rate_deg_per_s": "plate rates [deg/s]",
-        "effort_rad_per_s2": "plate acceleration [rad/s²]",
-        "wheel_force_N": "wheels on cams [N]",
-        "ball_force_N": "ball on screen [N]",
-        "torque_Nm": "motor torques [N m]",
-    },
-    "estimates and time": {
-        "estimation_error_mm": "estimation error [mm]",
-        "friction_mm_per_s2": "friction, disturbance [mm/s²]",
-        "tilt_gain_percent": "tilt gain error [%]",
-        "delay_ms": "touch screen [ms]",
-        "timing_ms": "loop timing [ms]",
-    },
-}
+PLOTS: dict[str, dict[str, str]] = read_toml(Path(__file__).with_name("plots.toml"))
 """Entity of each plot and its title with the unit, by the tab it stands in."""
 
 FORCES = (

@@ -16,7 +16,6 @@ from rich.table import Table
 
 from controllers.arrays import Array
 from twin.hal.supervisor import State
-from twin.jobs import orphaned, wait_until
 from twin.run.assemble import build_reference
 from twin.run.finished import states_of
 from twin.scenario.schema import Scenario
@@ -49,7 +48,7 @@ class Summary:
 
     def take(self, rows: Mapping[str, Array]) -> None:
         """Take in new rows, all columns equally long."""
-        if not len(rows["time"]):
+        if not rows or not len(rows["time"]):
             return
         if not self.rows:
             self._begun, self._first = time.monotonic(), float(rows["time"][-1])
@@ -100,12 +99,9 @@ def _print(ring: SharedRingBuffer, scenario: Scenario) -> None:
     every = SHOWN_EVERY if console.is_terminal else LINE_EVERY
     screen = Live(console=console, transient=True, auto_refresh=False)
     with screen if console.is_terminal else console:
-        while True:
-            done = ring.done or orphaned()
-            if ring.columns:
-                rows = ring.take()
-                summary.take(dict(zip(ring.columns, rows.T, strict=True)))
-                summary.dropped = ring.dropped
+        for block in ring.blocks(every):
+            summary.take(block)
+            summary.dropped = ring.dropped
             shown = summary.fields()
             if shown and console.is_terminal:
                 screen.update(_table(scenario.title, shown), refresh=True)
@@ -117,9 +113,6 @@ def _print(ring: SharedRingBuffer, scenario: Scenario) -> None:
                 )
                 sys.stderr.write(f"{line}\n")
                 sys.stderr.flush()
-            if done:
-                return
-            wait_until(lambda: ring.done or orphaned(), every, 0.05)
 
 
 def _table(title: str, shown: Mapping[str, str]) -> Table:

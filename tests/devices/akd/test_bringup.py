@@ -87,8 +87,11 @@ def kept(rig, monkeypatch):
 
 @pytest.mark.parametrize("key", WRITTEN, ids=lambda key: f"{key[0]:04X}h.{key[1]}")
 def test_a_drive_that_keeps_something_else_is_refused_by_object(rig, key, kept):
-    kept(key, WRITTEN[key] + max(1, abs(WRITTEN[key]) // 200))  # 0.5 % off
-    assert f"{key[0]:04X}h:{key[1]}" in refused(rig, c.WRONG_SETTING)
+    value = WRITTEN[key] + max(1, abs(WRITTEN[key]) // 200)  # 0.5 % off
+    kept(key, value)
+    text = refused(rig, c.WRONG_SETTING)
+    assert f"{key[0]:04X}h:{key[1]}" in text
+    assert f"keeps {value}, not {WRITTEN[key]}" in text
 
 
 SWITCHED_OFF = [key for key in WRITTEN if key[1] == 1 and key[0] >> 8 in (0x14, 0x18)]
@@ -296,7 +299,7 @@ def test_a_fault_from_before_is_named_with_its_number_and_the_way_to_reset_it(ri
     (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)
     assert "F129 CAN monitoring: the master went silent, F235" in fault.detail
     assert "--reset" in fault.condition.recovery
-    rig.servos.reset_faults()
+    rig.servos.start(reset=True)
     rig.run(0.1)
     drive.fail(501)  # a new one is not called by the old one's number
     (fault,) = (each for each in rig.run(0.02) if each.condition == c.DRIVE_FAULT)
@@ -311,7 +314,7 @@ def test_a_rig_that_is_switched_on_with_a_fault_says_which_in_one_line(scenario)
     assert "F129" in str(caught.value)
     assert "--reset" in str(caught.value)
     assert "\n" not in str(caught.value)
-    rig.ask_reset()
+    rig.reset = True
     with rig:
         assert rig.servos.enabled
 

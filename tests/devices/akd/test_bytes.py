@@ -4,14 +4,16 @@ import struct
 from dataclasses import fields
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.devices.akd import cia402, frames
+from twin.devices.akd import conditions as c
 from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
 from twin.devices.akd.cia402 import AxisRequest, DriveState
+from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
-from twin.devices.akd.sdo_poll import SdoReader, SdoRequest, SdoResponse
+from twin.devices.akd.sdo_poll import SdoPolling
 from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
@@ -98,11 +100,12 @@ def test_the_words_of_an_emergency_are_one_printable_line_that_begins_with_its_c
 
 
 def reading():
-    """A reader whose request for 1016h:1 of node 1 is on the wire since 0 s."""
-    reader = SdoReader(0.1)
-    reader.request(SdoRequest(1, 0x1016, 1))
-    assert reader.next_frame(0.0) == (0x601, bytes.fromhex("4016100100000000"))
-    return reader
+    """Polling whose request for 1016h:1 of node 2 is on the wire since 0.6 s, and its reports."""
+    reports = FaultReports(1.0)
+    polling = SdoPolling(AkdConfig(), reports, 0.0)
+    assert polling.next_frame(0.4) is None
+    assert polling.next_frame(0.6) == (0x602, bytes.fromhex("4016100100000000"))
+    return polling, reports
 
 
 HEADERS = st.builds(
@@ -114,36 +117,41 @@ ANSWERS = st.builds(bytes.__add__, HEADERS, st.binary(min_size=4, max_size=4))
 
 
 @given(ANSWERS | st.binary(max_size=10))
+@example(bytes.fromhex("4316100100000000"))
+@example(bytes.fromhex("431610013c007f00"))
 def test_any_answer_ends_the_request_it_answers_and_no_other(data):
-    reader = reading()
-    response = reader.receive(1, data)
+    polling, reports = reading()
+    polling.receive(2, data, 0.65)
     answered = len(data) == 8 and data[1:4] == b"\x16\x10\x01"
     sizes = {0x43: 4, 0x47: 3, 0x4B: 2, 0x4F: 1, 0x80: 4}  # CiA 301: 4 - n, and an abort's code
     if answered and data[0] in sizes:
         value = int.from_bytes(data[4 : 4 + sizes[data[0]]], "little")
-        assert response == SdoResponse(SdoRequest(1, 0x1016, 1), value, data[0] == 0x80)
-        assert reader.idle
-        assert reader.expired(1.0) is None
+        said = [(each.condition, f"{value:08X}h" in each.detail) for each in reports.take()]
+        watched = [] if value == 127 << 16 | 60 else [(c.MONITORING_OFF, True)]
+        assert said == ([(c.SDO_ABORT, True)] if data[0] == 0x80 else watched)
+        assert polling.next_frame(0.75) is None
+        assert not reports.take()
     else:
-        assert response is None
-        assert not reader.idle
-        assert reader.expired(0.1) is None
-        assert reader.expired(0.11) == SdoRequest(1, 0x1016, 1)
-        assert reader.idle
+        assert polling.next_frame(0.7) is None
+        assert not reports.take()
+        assert polling.next_frame(0.71) is None
+        (late,) = reports.take()
+        assert (late.condition, late.detail) == (c.SDO_TIMEOUT, "reading 1016h:1")
 
 
 def test_an_answer_of_another_node_answers_nothing():
-    reader = reading()
-    assert reader.receive(2, bytes.fromhex("4316100100000000")) is None
-    assert not reader.idle
+    polling, reports = reading()
+    polling.receive(1, bytes.fromhex("431610013c007f00"), 0.65)
+    polling.next_frame(0.71)
+    assert [each.condition for each in reports.take()] == [c.SDO_TIMEOUT]
 
 
 def test_one_request_is_on_the_wire_at_a_time():
-    reader = reading()
-    reader.request(SdoRequest(2, 0x2001, 1))
-    assert reader.next_frame(0.01) is None
-    reader.receive(1, bytes.fromhex("4316100100000000"))
-    assert reader.next_frame(0.02) == (0x602, bytes.fromhex("4001200100000000"))
+    polling, reports = reading()
+    reports.report(c.DRIVE_FAULT, AkdConfig().axes[0].where, "", 0.6)
+    assert polling.next_frame(0.61) is None
+    polling.receive(2, bytes.fromhex("431610013c007f00"), 0.62)
+    assert polling.next_frame(0.63) == (0x601, bytes.fromhex("4001200100000000"))
 
 
 def test_frames_are_laid_out_as_mapped_and_as_the_manual_prints_them():

@@ -20,7 +20,8 @@ class AlphaBeta(Observer):
     """The same of angle and rate."""
 
     def __post_init__(self) -> None:
-        """Take the linear model of one period."""
+        """Check the ranges of the settings and take the linear model of one period."""
+        super().__post_init__()
         A, B, _ = self.model.linear()
         self._step = np.eye(8) + self.period * A
         self._input = self.period * B

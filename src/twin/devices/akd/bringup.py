@@ -21,7 +21,7 @@ from twin.devices.akd.axis import difference
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig, AxisConfig
-from twin.devices.akd.dictionary import PDO_INVALID
+from twin.devices.akd.dictionary import PDO_INVALID, table
 from twin.devices.akd.network import Network, Remote, absent
 from twin.devices.akd.units import read_units
 
@@ -47,25 +47,6 @@ class Precondition(NamedTuple):
     advice: str
 
 
-FLAGS = (
-    (
-        0x3506,
-        "DRV.HWENMODE",
-        "the hardware enable clears no faults",
-        "an edge of the hardware enable clears faults, though nobody asked for --reset",
-        "set it to 1 in the drive",
-    ),
-    (
-        0x3498,
-        "FBUS.PROTECTION",
-        "other tools cannot write while the bus runs",
-        "WorkBench can write while the bus runs",
-        "set it to 1 in the drive, or keep WorkBench closed",
-    ),
-)
-"""Objects that must not be 0: index, name, what is so if they are not and if they are, advice."""
-
-
 def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition, ...]:
     """What the drive says; a setting that this drive does not have is left out.
 
@@ -76,7 +57,7 @@ def read_preconditions(remote: Remote, config: AkdConfig) -> tuple[Precondition,
     rate = remote.read_if_there(0x36E5)
     if rate is not None:
         found.append(_bit_rate(rate, config.bus.bitrate // 1000))
-    for index, name, well, badly, advice in FLAGS:
+    for index, name, well, badly, advice in table()["flags"]:
         value = remote.read_if_there(index)
         if value is not None:
             seen = (well, "") if value else (badly, advice)

@@ -31,7 +31,7 @@ from twin.devices.akd import frames
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
-from twin.devices.ports import claim
+from twin.devices.ports import claim, in_words
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -364,19 +364,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 def _reason(config: BusConfig, error: Exception) -> str:
     channel = config.channel
-    missing = f"no channel {channel!r}; {_nearest(channel, _channels(config))}"
-    reasons = {
-        errno.EACCES: f"no permission for {channel}; join the group that owns it (often dialout)",
-        errno.EPERM: f"no permission for {channel}",
-        errno.ENOTTY: f"{channel} is no serial port",
-        errno.EBUSY: f"{channel} is used by another program",
-        errno.EAFNOSUPPORT: "this kernel has no SocketCAN; use an slcan or vendor adapter",
-        errno.ENOENT: missing,
-        errno.ENODEV: missing,
-        errno.ENXIO: missing,
-        errno.ENETDOWN: f"{channel} is down; `ip link set {channel} up type can bitrate ...`",
-    }
-    known = reasons.get(_errno(error) or 0)
+    nearest = _nearest(channel, _channels(config))
+    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=nearest)
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Any
+
+from twin.data_file import packaged
 
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
@@ -58,8 +58,7 @@ def objects() -> dict[tuple[int, int], Object]:
 @cache
 def table() -> dict[str, Any]:
     """The tables of ``objects.toml`` by their names."""
-    text = (resources.files("twin.devices.akd") / "objects.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return packaged("twin.devices.akd", "objects.toml")
 
 
 def kept(index: int, written: int, read: int) -> bool:

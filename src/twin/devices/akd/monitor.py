@@ -6,7 +6,7 @@ from collections import deque
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
-from twin.devices.akd.axis import Axis, PdoTracker
+from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import PROFILE_VELOCITY
 from twin.devices.akd.cia402 import AxisRequest, DriveState, StatusBit
 from twin.devices.akd.conditions import FaultReports
@@ -68,16 +68,9 @@ class AxisMonitor:
             self._emergency(frames.decode_emergency(data), at)
 
     def request_reset(self, at: float) -> None:
-        """Request a fault reset, watch whether it succeeds, and forget what was counted."""
+        """Request a fault reset, and watch whether it succeeds."""
         self._resetting = at
-        self.stop_ignored = False
-        self._request = AxisRequest.DISABLE
         self._axis.request_reset()
-        self._axis.tpdo1, self._axis.tpdo2 = PdoTracker(), PdoTracker()
-        self._irregular.clear()
-        self._emergencies.clear()
-        self._travel = self._plate_travel = 0.0
-        self._was_enabled = False
 
     def cycle(self, at: float, synced: float) -> None:
         """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""

@@ -70,10 +70,14 @@ class AkdServos:
         self._polling = SdoPolling(config, self._reports, 0.0)
         self._cycle, self._synced, self._beat = 0, 0.0, 0.0
 
-    def start(self) -> None:
+    def start(self, *, reset: bool = False) -> None:
         """Open the bus and take both drives to operational, monitored and without torque.
 
         Blocks for some tenths of a second, and for as long as the adapter takes to open.
+
+        Args:
+            reset: Whether the drives' faults are then reset, as a person requests; what persists is
+                reported.
 
         Raises:
             DriveError: If anything is not as it should be; the bus is closed again then.
@@ -101,6 +105,8 @@ class AkdServos:
         self._polling = SdoPolling(config, self._reports, at)
         self._cycle, self._synced, self._beat = 0, at, at
         self.round_trip, self.heartbeat = None, True
+        for monitor in self._monitors.values() if reset else ():
+            monitor.request_reset(at)
         self._transport = transport
 
     def stop(self) -> None:
@@ -213,27 +219,10 @@ class AkdServos:
             axis.target = 0.0
             axis.request = AxisRequest.ENABLE
 
-    def reset_faults(self) -> None:
-        """Request, explicitly, the reset of all faults; never enables.
-
-        What persists is reported again; where ``needs_restart`` is set, only ``stop`` and
-        ``start`` help, and nothing is reset.
-        """
-        if self._up and not self.needs_restart:
-            self._reports.reset()
-            self._polling.reset()
-            for monitor in self._monitors.values():
-                monitor.request_reset(self.now())
-
     @property
     def enabled(self) -> bool:
         """Whether both drives follow their commands."""
         return self._up and all(axis.enabled for axis in self.axes)
-
-    @property
-    def needs_restart(self) -> bool:
-        """Whether a fault stands that only ``stop`` and ``start`` can clear."""
-        return self._reports.needs_restart
 
     def plate(self) -> Array:
         """Newest plate angles (phi, theta) in rad, shape (1, 2)."""

@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 from twin.devices.akd.config import RPM
+from twin.devices.akd.dictionary import table
 from twin.devices.akd.network import Remote
 
 PER_UNIT = 1000
@@ -79,15 +80,6 @@ SPEEDS = (9 * RPM, 20_000 * RPM)
 """Speed limits that a motor may have, rad/s; the host sets none below 1 rad/s."""
 RAMPS = (100 * RPM, 5e6 * RPM)
 """Ramps that a drive may have, rad/s^2."""
-_FOUND = {
-    "velocity": ((0x3622, "VL.LIMITP"), (0x3623, "VL.LIMITN")),
-    "acceleration": (
-        (0x3501, "DRV.ACC"),
-        (0x3522, "DRV.DEC"),
-        (0x6083, "6083h"),
-        (0x6084, "6084h"),
-    ),
-}
 
 
 def read_units(remote: Remote) -> DriveUnits:
@@ -137,7 +129,7 @@ def _check_plausible(
     """Compare what the drive has been set to with what a motor can have."""
     low, high = range_
     axis, unit = remote.axis, quantity.unit
-    for index, name in _FOUND[kind]:
+    for index, name in table()["scaled"][kind]:
         found = abs(remote.read(index))
         if not found or low <= found * quantity.scale <= high:
             continue

@@ -7,14 +7,13 @@ units, from which the size of a panel follows, or have a licence that does not g
 
 from __future__ import annotations
 
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from importlib import resources
 from typing import NamedTuple, Self
 
+from twin.data_file import packaged
 from twin.devices.lumio.protocols import STREAMS, Contact, Decoder, Report
 from twin.errors import TwinError
 
@@ -281,22 +280,11 @@ _FINGER = 0x000D_0022
 _TIP, _IDENTIFIER, _COUNT = 0x000D_0042, 0x000D_0051, 0x000D_0054
 _X, _Y = 0x0001_0030, 0x0001_0031
 
-APPLICATIONS = {
-    0x0001_0001: "pointer",
-    0x0001_0002: "mouse",
-    0x0001_0006: "keyboard",
-    0x000C_0001: "consumer control",
-    TOUCH_SCREEN: "touch screen",
-    0x000D_0005: "touch pad",
-    0x000D_000E: "device configuration",
-}
-"""What an interface can be, by the usage of its outermost collection."""
-
 
 def application(usage: int) -> str:
-    """What an interface of a usage is, in words."""
-    page, identifier = usage >> 16, usage & 0xFFFF
-    return APPLICATIONS.get(usage, f"usage {page:04x}:{identifier:04x}")
+    """What an interface can be, in words, by the usage of its outermost collection."""
+    key = f"{usage >> 16:04x}:{usage & 0xFFFF:04x}"
+    return str(_panels()["applications"].get(key, f"usage {key}"))
 
 
 class ContactFields(NamedTuple):
@@ -462,13 +450,15 @@ def _name(place: ContactFields, report: int) -> int:
 
 
 @cache
+def _panels() -> dict[str, dict[str, str]]:
+    return packaged("twin.devices.lumio", "panels.toml")
+
+
+@cache
 def _known_layouts() -> dict[str, TouchLayout]:
     """Layouts of the products in ``panels.toml``."""
-    text = (resources.files("twin.devices.lumio") / "panels.toml").read_text(encoding="utf-8")
-    found = {
-        name: TouchLayout.of(parse(bytes.fromhex(data)))
-        for name, data in tomllib.loads(text).items()
-    }
+    known = _panels()["descriptors"].items()
+    found = {name: TouchLayout.of(parse(bytes.fromhex(data))) for name, data in known}
     return {name: layout for name, layout in found.items() if layout is not None}
 
 

@@ -24,7 +24,7 @@ from twin.devices.lumio.hid import (
     parse,
 )
 from twin.devices.lumio.protocols import Decoder
-from twin.devices.ports import claim
+from twin.devices.ports import claim, in_words
 from twin.errors import TwinError
 
 if TYPE_CHECKING:
@@ -141,17 +141,6 @@ class ScreenError(TwinError, OSError):
     """A touch screen's port cannot be opened or has gone."""
 
 
-_REASONS = {
-    errno.ENOENT: "no such device; is it plugged in?",
-    errno.ENODEV: "no such device; is it plugged in?",
-    errno.ENXIO: "no such device; is it plugged in?",
-    errno.EAGAIN: "busy; another program has it open",
-    errno.EBUSY: "busy; another program has it open",
-    errno.EIO: "hung up; was it unplugged?",
-    errno.ENOTTY: "not a serial port",
-}
-
-
 class Transport(ABC):
     """A port to read bytes from, one opener at a time.
 
@@ -228,10 +217,7 @@ class Transport(ABC):
     def _in_words(self, error: OSError | ValueError) -> ScreenError:
         """The error in one line."""
         number = error.errno if isinstance(error, OSError) and error.errno else errno.EINVAL
-        if number in {errno.EACCES, errno.EPERM}:
-            reason = f"permission denied; {self.PERMISSION}"
-        else:
-            reason = _REASONS.get(number, os.strerror(number))
+        reason = in_words("screen", number, permission=self.PERMISSION) or os.strerror(number)
         return ScreenError(f"touch screen {self.port}: {reason}")
 
 

@@ -20,7 +20,7 @@ from controllers.arrays import ARRAYS, Arithmetic, Array, Number
 from controllers.ballplate import BallPlate
 from twin.errors import ModelError
 from twin.hal.interface import SCREEN
-from twin.settings import Unit, check, setting
+from twin.settings import Unit, check, jump, ramp, setting
 
 
 def bent(bend: Array, velocity: Array, time: float, distance: Array) -> Array:
@@ -69,7 +69,7 @@ class SurfaceMap:
 
     relative: Array | None = None
     height: Array | None = None
-    _grids: Array = field(init=False, repr=False)
+    grids: Array = field(init=False, repr=False)
     """Relative friction, slope along x and along y as one array, shape (N, n, m, 3)."""
     _steps: NDArray[np.integer] = field(init=False, repr=False)
     """Steps of each rig's grid along x and y, shape (N, 2); what lies beyond is not used."""
@@ -97,14 +97,14 @@ class SurfaceMap:
             across = [side / (lines - 1) for side, lines in zip(SCREEN, shape[-2:], strict=True)]
             slopes = np.gradient(np.asarray(self.height, float), *across, axis=(-2, -1))
             grids[..., 1], grids[..., 2] = slopes
-        object.__setattr__(self, "_grids", grids.reshape(-1, *shape[-2:], 3))
+        object.__setattr__(self, "grids", grids.reshape(-1, *shape[-2:], 3))
         steps = np.subtract(shape[-2:], 1)
-        object.__setattr__(self, "_steps", np.tile(steps, (len(self._grids), 1)))
+        object.__setattr__(self, "_steps", np.tile(steps, (len(self.grids), 1)))
 
     @property
     def sloping(self) -> bool:
         """Whether the surface is anywhere not flat."""
-        return bool(self._grids[..., 1:].any())
+        return bool(self.grids[..., 1:].any())
 
     def __call__(self, position: Array) -> tuple[Array, Array]:
         """Relative friction, shape (...), and slope (dz/dx, dz/dy), shape (..., 2).
@@ -112,14 +112,14 @@ class SurfaceMap:
         Args:
             position: Ball in plate axes in m, shape (..., 2); beside the screen its edge counts.
         """
-        rig = np.arange(len(self._grids)) if len(self._grids) > 1 else 0
+        rig = np.arange(len(self.grids)) if len(self.grids) > 1 else 0
         n, m = self._steps[rig, 0], self._steps[rig, 1]
         u = np.clip((position[..., 0] / SCREEN[0] + 0.5) * n, 0, n)
         v = np.clip((position[..., 1] / SCREEN[1] + 0.5) * m, 0, m)
         i = np.minimum(u.astype(int), n - 1)
         j = np.minimum(v.astype(int), m - 1)
         s, t = (u - i)[..., None], (v - j)[..., None]
-        g = self._grids
+        g = self.grids
         near = (1 - t) * g[rig, i, j] + t * g[rig, i, j + 1]
         far = (1 - t) * g[rig, i + 1, j] + t * g[rig, i + 1, j + 1]
         value = (1 - s) * near + s * far
@@ -143,7 +143,7 @@ class SurfaceMap:
         if slope == 0:
             return cls(relative=relative)
         waves = cls(height=rng.standard_normal(lines))
-        scale = slope / np.sqrt((waves._grids[..., 1:] ** 2).mean())
+        scale = slope / np.sqrt((waves.grids[..., 1:] ** 2).mean())
         assert waves.height is not None
         return cls(relative=relative, height=scale * waves.height)
 
@@ -157,11 +157,11 @@ class SurfaceMap:
         steps = np.concatenate([each._steps for each in given])
         grids = np.zeros((len(given), *(steps.max(axis=0) + 1), 3))
         for all_of_it, each in zip(grids, given, strict=True):
-            _, n, m, _ = each._grids.shape
-            all_of_it[:n, :m] = each._grids[0]
+            _, n, m, _ = each.grids.shape
+            all_of_it[:n, :m] = each.grids[0]
         stacked = copy(even)
         object.__setattr__(stacked, "relative", None)
-        object.__setattr__(stacked, "_grids", grids)
+        object.__setattr__(stacked, "grids", grids)
         object.__setattr__(stacked, "_steps", steps)
         return stacked
 
@@ -183,12 +183,12 @@ class SurfaceModel:
         height: Height in m over the same grid; empty for none.
     """
 
-    spread: float = setting("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
-    slope: float = setting("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
-    patch: float = setting("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
-    seed: int = setting("plant.surface.seed", 0, ge=0)
-    relative: Grid = setting("plant.surface.relative", (), type=Grid)
-    height: Grid = setting("plant.surface.height_um", (), Unit.UM, type=Grid)
+    spread: float = jump("plant.surface.spread_percent", 0.0, Unit.PERCENT, ge=0, le=100)
+    slope: float = jump("plant.surface.slope_deg", 0.0, Unit.DEG, ge=0, le=2)
+    patch: float = jump("plant.surface.patch_mm", 50.0, Unit.MM, ge=5, le=300)
+    seed: int = jump("plant.surface.seed", 0, ge=0)
+    relative: Grid = jump("plant.surface.relative", (), type=Grid)
+    height: Grid = jump("plant.surface.height_um", (), Unit.UM, type=Grid)
 
     def map(self) -> SurfaceMap | None:
         """The surface; None if it is even and level."""
@@ -254,13 +254,11 @@ class Friction:
         ModelError: If a number is out of range.
     """
 
-    rolling: Number = setting(
-        "plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0
-    )
-    breakaway_ratio: Number = setting("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
-    stribeck_speed: Number = setting("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
-    dwell_time: Number = setting("plant.friction.dwell_time", 0.0, ge=0)
-    viscous: Number = setting("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
+    rolling: Number = ramp("plant.friction.rolling_mm", 0.18, Unit.MM, ge=0, le=10, otherwise=0.0)
+    breakaway_ratio: Number = ramp("plant.friction.breakaway_ratio", 1.0, ge=1, le=20)
+    stribeck_speed: Number = ramp("plant.friction.stribeck_speed", 0.005, ge=1e-4, le=10)
+    dwell_time: Number = ramp("plant.friction.dwell_time", 0.0, ge=0)
+    viscous: Number = ramp("plant.friction.viscous_mm", 0.0, Unit.MM, ge=0, le=1000)
     presliding: Number = setting("plant.friction.presliding_um", 0.0, Unit.UM, ge=0, le=1000)
     map: SurfaceMap | None = None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from twin.settings import Unit, check, setting
+from twin.settings import Unit, check, jump, ramp, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ class Parts:
         ModelError: If a number is out of range.
     """
 
-    mass: float | None = setting("plant.ball.mass", 0.024, otherwise=None, gt=0)
+    mass: float | None = jump("plant.ball.mass", 0.024, otherwise=None, gt=0)
     radius: float | None = setting("plant.ball.radius", 0.02, otherwise=None, ge=0.005, le=0.05)
-    inertia: float | None = setting("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
+    inertia: float | None = jump("plant.ball.inertia", 6.4e-6, otherwise=None, gt=0)
     offset: tuple[float, float, float] | None = setting(
         "plant.ball.offset_mm",
         (0.0, 0.0, 0.0),
@@ -50,10 +50,10 @@ class Parts:
     oval: float | None = setting(
         "plant.ball.oval_mm", 0.0, Unit.MM, otherwise=None, ge=0, exact="have a round ball"
     )
-    sliding: float | None = setting(
+    sliding: float | None = jump(
         "plant.friction.sliding", 0.5, otherwise=None, gt=0, exact="have a ball that never slides"
     )
-    spinning: float | None = setting(
+    spinning: float | None = jump(
         "plant.friction.spinning_mm",
         0.01,
         Unit.MM,
@@ -71,10 +71,8 @@ class Parts:
     preload: float | None = setting(
         "plant.spring.preload", None, ge=1, le=500, exact="have no spring"
     )
-    torque: float | None = setting(
-        "plant.servo.torque_limit", None, gt=0, exact="have ideal motors"
-    )
-    speed: float | None = setting("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
+    torque: float | None = jump("plant.servo.torque_limit", None, gt=0, exact="have ideal motors")
+    speed: float | None = jump("plant.servo.speed_limit", None, gt=0, exact="have ideal motors")
     joint_friction: float | None = setting(
         "plant.plate.joint_friction",
         0.0,
@@ -90,7 +88,7 @@ class Parts:
         type=tuple[float, float],
         exact="have a plate that goes where it is told",
     )
-    level: tuple[float, float] | None = setting(
+    level: tuple[float, float] | None = ramp(
         "plant.level_deg", (0.0, 0.0), Unit.DEG, otherwise=None, ge=-5, le=5
     )
 

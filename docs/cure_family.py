@@ -1,0 +1,142 @@
+"""Makes cure_family.md: the cure on many rigs of the family, the worst by name, and why.
+
+uv run python docs/cure_family.py              # what cure_family.toml says: half an hour
+uv run python docs/cure_family.py --rigs 300   # more: two hours
+Finished batches are kept in runs/cure and used again while scenarios and code stay the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from cure import KINDS, known, said, scenarios
+from cure_floor import Screen, floor
+from pages import HERE, filled, planned
+from scipy import stats
+
+from twin.study.family import FamilyRig, drawn, read
+from twin.study.work import Builder
+from twin.writing import write_whole
+
+CURE = planned("cure")
+LAW = CURE["laws"][-1]
+RADIUS = {"circle 2 rad/s, 130 mm": 0.13}
+"""Of a circle's way in m, where it is not 0.15."""
+
+
+class Worst(NamedTuple):
+    """One of the worst rigs of a task."""
+
+    number: int
+    """Which of the family's, from 1."""
+    scenario: Any
+    value: float | None
+    turned: dict[str, float | None]
+    """What is left of it with one cause turned back."""
+    floor: float | None
+    """The least in % that anybody could reach on a way never seen, in the mean of such screens."""
+
+    @property
+    def cause(self) -> str:
+        """What helps most when it is turned back, and to how much."""
+        name, left = min(self.turned.items(), key=lambda each: _order(each[1]))
+        return f"{name}: {said(left, '.2f')}"
+
+
+class Found(NamedTuple):
+    """What a task gave."""
+
+    nominal: list[float | None]
+    """Of the nominal rig, one noise each."""
+    slow: list[float | None]
+    """The same at 58 frames/s."""
+    family: list[float | None]
+    """Of every rig."""
+    worst: list[Worst]
+
+    def quantile(self, share: float) -> float | None:
+        """A quantile of the family, lost balls counted as worst; None where it is one."""
+        ordered = sorted(self.family, key=_order)
+        return ordered[min(int(np.ceil(share * len(ordered))), len(ordered)) - 1]
+
+    def within(self, goal: float) -> tuple[int, float, float]:
+        """How many rigs keep a goal, and Wilson's 95 % interval of their share in %."""
+        count = sum(value is not None and value <= goal for value in self.family)
+        share = stats.binomtest(count, len(self.family)).proportion_ci(method="wilson")
+        return count, 100 * share.low, 100 * share.high
+
+
+def _order(value: float | None) -> float:
+    return np.inf if value is None else value
+
+
+def tasks(plan: dict[str, Any]) -> list[dict[str, Any]]:
+    """Those of the plan; what it leaves out of one is as cure.toml says."""
+    told = {task["name"]: task for task in CURE["tasks"]}
+    return [told.get(task["name"], {}) | task for task in plan["tasks"]]
+
+
+def family(plan: dict[str, Any]) -> list[FamilyRig]:
+    """The rigs."""
+    return drawn(read(CURE["family"]), plan["draw"], plan["rigs"])
+
+
+def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:
+    """A task on all rigs, the worst of them again with one cause after the other turned back."""
+    judged = task.get("judged", "tracking")
+    base = CURE | {"draw": plan["draw"], "rigs": plan["rigs"], "laws": [LAW]}
+    runs, noises = scenarios(base, task), CURE["noises"]
+    quick = base | {"rigs": 1, "set": [*CURE["set"], "sensors.touch.frame_rate=58.0"]}
+    slow = scenarios(quick, task)[:noises]
+    first = known([*runs[:noises], *slow], judged) or []
+    rigs, values = runs[noises:], []
+    for begin in range(0, len(rigs), plan["batch"]):
+        values += known(rigs[begin : begin + plan["batch"]], judged) or []
+        click.echo(f"{task['name']}: {len(values)} rigs")
+    order = sorted(range(len(rigs)), key=lambda each: _order(values[each]))[::-1]
+    worst = []
+    for at in order[: plan["named"]]:
+        turned = [without(task, family(plan)[at], keys) for keys in plan["causes"].values()]
+        left = dict(zip(plan["causes"], known(turned, judged) or [], strict=True))
+        worst.append(Worst(at + 1, rigs[at], values[at], left, least(task, rigs[at])))
+    return Found(first[:noises], first[noises:], values, worst)
+
+
+def without(task: dict[str, Any], rig: FamilyRig, keys: list[str]) -> Any:
+    """A rig some of whose parameters are the nominal one's again."""
+    turns = str(task.get("turns", [task["omega"]]))
+    texts = [text.replace("TURNS", turns) for text in LAW["set"]]
+    point = {key: value for key, value in rig.point.items() if not key.startswith(tuple(keys))}
+    fixed = [*CURE["set"], *task["set"], *texts, f"seed={rig.seed}"]
+    return Builder(CURE["scenario"])(fixed, point)
+
+
+def least(task: dict[str, Any], scenario: Any) -> float | None:
+    """The floor of a circle on a rig, in %; None for another way."""
+    if not task["name"].startswith("circle"):
+        return None
+    radius = RADIUS.get(task["name"], 0.15)
+    touch, plant = scenario.sensors.touch, scenario.plant
+    spread = plant.surface.spread_percent / 100
+    screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
+    return 100 * floor(screen, radius * task["omega"]) / radius
+
+
+@click.command()
+@click.option("--rigs", type=click.IntRange(min=1), help="Rigs of the family.")
+@click.option("--task", "only", multiple=True, help="Simulate this task alone; write no page.")
+def main(rigs: int | None, only: tuple[str, ...]) -> None:
+    """Simulate what is not kept, then write the page."""
+    plan = planned("cure_family")
+    plan["rigs"] = rigs or plan["rigs"]
+    asked = [task for task in tasks(plan) if not only or task["name"] in only]
+    table = {task["name"]: measured(plan, task) for task in asked}
+    if not only:
+        text = filled("cure_family", plan=plan, tasks=asked, table=table, kinds=KINDS, said=said)
+        write_whole(HERE / "cure_family.md", text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,600 @@
+#include "rig.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double PI = 3.14159265358979323846;
+static const double EDGE[2] = {0.70 / 2, 0.395 / 2};
+static const double SIDE[2] = {0.70, 0.395};
+
+static double smaller(double a, double b) { return b < a ? b : a; }
+static double larger(double a, double b) { return b > a ? b : a; }
+
+/* ---- Noise ------------------------------------------------------------------------------------
+
+   A counter generator: what is drawn depends on seed, stream and number of the draw alone, so it
+   has no state. Each of the three goes through the finaliser of SplitMix64 (Steele, Lea, Flood
+   2014); two uniform numbers make a normal one after Box and Muller. */
+
+enum Stream {
+    TOUCH_X,
+    TOUCH_Y,
+    ENCODER_PHI,
+    ENCODER_THETA,
+    SHAKE_PHI,
+    SHAKE_THETA,
+    DELAY,
+    WANDER /* and the three after it */
+};
+
+static uint64_t mixed(uint64_t z) {
+    z += 0x9E3779B97F4A7C15u;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+    return z ^ (z >> 31);
+}
+
+double noise(uint64_t seed, uint64_t stream, uint64_t number) {
+    uint64_t bits = mixed(mixed(mixed(seed) + stream) + number);
+    double u = (double)((mixed(bits) >> 11) + 1) * 0x1p-53;
+    double v = (double)(mixed(bits + 1) >> 11) * 0x1p-53;
+    return sqrt(-2 * log(u)) * cos(2 * PI * v);
+}
+
+/* The draw of a stream in a control period, held as long as the scenario says. */
+static double drawn(const Rig *rig, int stream, double variance, int64_t tick) {
+    if (variance == 0 || !rig->v[NOISE])
+        return 0;
+    int64_t hold = (int64_t)rint(larger(rig->v[SENSORS_NOISE_HOLD], PERIOD) / PERIOD);
+    uint64_t number = (uint64_t)(tick / hold);
+    return sqrt(variance) * noise((uint64_t)rig->v[SEED], (uint64_t)stream, number);
+}
+
+/* ---- Friction ---------------------------------------------------------------------------------- */
+
+static int absent(const double *v) {
+    return v[PLANT_FRICTION_ROLLING] == 0 && v[PLANT_FRICTION_VISCOUS] == 0 && !SURFACE_X;
+}
+
+static int sticking(const double *v) { return v[PLANT_FRICTION_BREAKAWAY_RATIO] > 1; }
+
+/* Relative friction and slope along x and y where the ball is, straight between the grid's points;
+   beside the screen its edge counts. */
+static void surface(double x, double y, double found[3]) {
+    double along = smaller(larger((x / SIDE[0] + 0.5) * (SURFACE_X - 1), 0), SURFACE_X - 1);
+    double across = smaller(larger((y / SIDE[1] + 0.5) * (SURFACE_Y - 1), 0), SURFACE_Y - 1);
+    int i = (int)smaller(floor(along), SURFACE_X - 2);
+    int j = (int)smaller(floor(across), SURFACE_Y - 2);
+    double s = along - i, t = across - j;
+    for (int k = 0; k < 3; k++) {
+        double near = (1 - t) * SURFACE[i][j][k] + t * SURFACE[i][j + 1][k];
+        double far = (1 - t) * SURFACE[i + 1][j][k] + t * SURFACE[i + 1][j + 1][k];
+        found[k] = (1 - s) * near + s * far;
+    }
+}
+
+/* Age of a contact that has long rolled at a speed: the Stribeck curve of Hess and Soom. */
+static double settled(const double *v, double speed) {
+    double share = speed / v[PLANT_FRICTION_STRIBECK_SPEED];
+    return 1 / (1 + share * share);
+}
+
+/* dwell_time age' = 1 - age (1 + (v / stribeck_speed)^2), solved for a constant speed. */
+static double aged(const double *v, double age, double speed, double time) {
+    double goal = settled(v, speed);
+    return goal + (age - goal) * exp(-time / (goal * v[PLANT_FRICTION_DWELL_TIME]));
+}
+
+/* A contact has an age where it takes more to break a ball away, and that after a while. */
+static void have_age(Rig *rig) {
+    int wanted = sticking(rig->v) && rig->v[PLANT_FRICTION_DWELL_TIME] > 0;
+    if (wanted && !rig->ageing)
+        rig->age = settled(rig->v, hypot(rig->vx, rig->vy));
+    rig->ageing = wanted;
+}
+
+/* arm = relative(x, y) rolling (1 + (breakaway_ratio - 1) age) + viscous v */
+static double arm(const Rig *rig, double x, double vx, double y, double vy) {
+    const double *v = rig->v;
+    double speed = hypot(vx, vy), length = v[PLANT_FRICTION_ROLLING];
+    if (sticking(v)) {
+        double surplus = rig->ageing ? rig->age : settled(v, speed);
+        length = length * (1 + (v[PLANT_FRICTION_BREAKAWAY_RATIO] - 1) * surplus);
+    }
+    if (SURFACE_X) {
+        double found[3];
+        surface(x, y, found);
+        length = length * found[0];
+    }
+    return length + v[PLANT_FRICTION_VISCOUS] * speed;
+}
+
+/* Dahl (1968) in the plane: z' = v - |v| z / s along a straight way; s the presliding distance. */
+static void bend_on(Rig *rig, double vx, double vy, double time) {
+    double s = rig->v[PLANT_FRICTION_PRESLIDING];
+    if (s == 0) {
+        rig->bend[0] = rig->bend[1] = 0;
+        return;
+    }
+    double speed = sqrt(vx * vx + vy * vy), by = speed > 0 ? speed : 1;
+    double left = expm1(-(speed * time) / s);
+    rig->bend[0] -= left * (s * (vx / by) - rig->bend[0]);
+    rig->bend[1] -= left * (s * (vy / by) - rig->bend[1]);
+}
+
+/* ---- Ball -------------------------------------------------------------------------------------- */
+
+typedef struct {
+    double d, c1, c2, c3; /* (4.6) and (5.1) */
+    double radius;
+    double gravity[3]; /* in the axes of the base, m/s^2 */
+} Ball;
+
+static Ball ball_of(const double *v) {
+    double m = v[PLANT_BALL_MASS], r = v[PLANT_BALL_RADIUS], J = v[PLANT_BALL_INERTIA];
+    double g = v[GRAVITY], phi = v[PLANT_LEVEL], theta = v[PLANT_LEVEL + 1];
+    Ball ball;
+    ball.radius = r;
+    ball.d = v[HEIGHT] + r;
+    ball.c1 = m * (r * r) / (m * (r * r) + J);
+    ball.c2 = (ball.d * m * (r * r) + J * r) / (m * (r * r) + J);
+    ball.c3 = (J + 2 * ball.d * m * r) / (m * r);
+    ball.gravity[0] = g * sin(phi) * cos(theta);
+    ball.gravity[1] = -g * sin(theta);
+    ball.gravity[2] = -g * cos(phi) * cos(theta);
+    return ball;
+}
+
+/* Rows x'' and y'' of (5.9a), gathered for the ball where the plate's motion is given:
+   x'' = xx x + xy y + turn y' + px,  y'' = yx x + yy y - turn x' + py */
+typedef struct {
+    double xx, xy, yx, yy, turn, px, py;
+    double normal; /* force per mass that presses the ball on the plate, m/s^2 */
+} Rolling;
+
+static Rolling rolling(const Ball *ball, const double angle[2], const double rate[2],
+                       const double u[2]) {
+    double s3 = sin(angle[0]), s7 = sin(angle[1]), c3 = cos(angle[0]), c7 = cos(angle[1]);
+    double wy = rate[0], w7 = rate[1], u1 = u[0], u2 = u[1], c1 = ball->c1;
+    double gx = ball->gravity[0], gy = ball->gravity[1], gz = ball->gravity[2];
+    double wx = w7 * c3, wz = w7 * s3, down = c7 * gz - s7 * gy, xy = c1 * s3 * u2;
+    Rolling at = {
+        c1 * (wz * wz + wy * wy),
+        xy,
+        -2 * c1 * wx * wy - xy,
+        c1 * w7 * w7,
+        2 * c1 * wz,
+        c1 * (c3 * gx - s3 * down - ball->d * wx * wz) - ball->c2 * u1,
+        c1 * (c7 * gy + s7 * gz - ball->c3 * wy * wz) + ball->c2 * c3 * u2,
+        -s3 * gx - c3 * down,
+    };
+    return at;
+}
+
+/* Largest acceleration that friction can take away, m/s^2. */
+static double limit(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
+                    double y, double vy) {
+    return ball->c1 * (arm(rig, x, vx, y, vy) / ball->radius) * at->normal;
+}
+
+/* Acceleration without resistance. */
+static void free_ball(const Ball *ball, const Rolling *at, double x, double vx, double y,
+                      double vy, double a[2]) {
+    a[0] = at->xx * x + at->xy * y + at->turn * vy + at->px;
+    a[1] = at->yx * x + at->yy * y - at->turn * vx + at->py;
+    if (SLOPING) {
+        double found[3];
+        surface(x, y, found);
+        a[0] -= ball->c1 * at->normal * found[1];
+        a[1] -= ball->c1 * at->normal * found[2];
+    }
+}
+
+/* Acceleration with resistance: a moving ball is slowed against its velocity, a resting one starts
+   only when the free acceleration exceeds the limit, a bent contact pushes back. */
+static void accelerate(const Rig *rig, const Ball *ball, const Rolling *at, double x, double vx,
+                       double y, double vy, double a[2]) {
+    free_ball(ball, at, x, vx, y, vy, a);
+    if (absent(rig->v))
+        return;
+    double most = limit(rig, ball, at, x, vx, y, vy), s = rig->v[PLANT_FRICTION_PRESLIDING];
+    if (s > 0) {
+        a[0] -= most * (rig->bend[0] / s);
+        a[1] -= most * (rig->bend[1] / s);
+        return;
+    }
+    double speed = sqrt(vx * vx + vy * vy);
+    if (speed > 0) {
+        a[0] -= most / speed * vx;
+        a[1] -= most / speed * vy;
+        return;
+    }
+    double push = sqrt(a[0] * a[0] + a[1] * a[1]);
+    double share = push > most && push > 0 ? 1 - most / push : 0;
+    a[0] *= share;
+    a[1] *= share;
+}
+
+/* Whether friction takes away the ball's last speed within this step, and holds the ball. */
+static int held(const Rig *rig, const Ball *ball, const Rolling *at) {
+    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy, a[2];
+    if (absent(rig->v) || rig->v[PLANT_FRICTION_PRESLIDING] > 0)
+        return 0;
+    double reach = limit(rig, ball, at, x, vx, y, vy) * STEP;
+    if (!(vx * vx + vy * vy <= reach * reach))
+        return 0;
+    free_ball(ball, at, x, 0, y, 0, a);
+    double hold = limit(rig, ball, at, x, 0, y, 0);
+    return a[0] * a[0] + a[1] * a[1] <= hold * hold;
+}
+
+/* One step of RK4, by the equations at its begin, middle and end. */
+static void roll_on(Rig *rig, const Ball *ball, const Rolling at[3]) {
+    double h = STEP, half = STEP / 2;
+    double x = rig->x, vx = rig->vx, y = rig->y, vy = rig->vy;
+    double a[2], b[2], c[2], e[2];
+    bend_on(rig, vx, vy, half);
+    accelerate(rig, ball, &at[0], x, vx, y, vy, a);
+    double vx2 = vx + half * a[0], vy2 = vy + half * a[1];
+    accelerate(rig, ball, &at[1], x + half * vx, vx2, y + half * vy, vy2, b);
+    double vx3 = vx + half * b[0], vy3 = vy + half * b[1];
+    accelerate(rig, ball, &at[1], x + half * vx2, vx3, y + half * vy2, vy3, c);
+    double vx4 = vx + h * c[0], vy4 = vy + h * c[1];
+    accelerate(rig, ball, &at[2], x + h * vx3, vx4, y + h * vy3, vy4, e);
+    int rests = held(rig, ball, &at[0]);
+    rig->x = x + h / 6 * (vx + 2 * (vx2 + vx3) + vx4);
+    rig->y = y + h / 6 * (vy + 2 * (vy2 + vy3) + vy4);
+    rig->vx = rests ? 0 : vx + h / 6 * (a[0] + 2 * (b[0] + c[0]) + e[0]);
+    rig->vy = rests ? 0 : vy + h / 6 * (a[1] + 2 * (b[1] + c[1]) + e[1]);
+    bend_on(rig, rig->vx, rig->vy, half);
+    if (rig->ageing)
+        rig->age = aged(rig->v, rig->age, hypot(vx + rig->vx, vy + rig->vy) / 2, h);
+}
+
+/* Plate angles and rates after a time of constant acceleration u. */
+static void turned(const Rig *rig, const double u[2], double time, double angle[2],
+                   double rate[2]) {
+    for (int i = 0; i < 2; i++) {
+        angle[i] = rig->angle[i] + time * (rig->rate[i] + time / 2 * u[i]);
+        rate[i] = rig->rate[i] + time * u[i];
+    }
+}
+
+/* One control period of plate and ball: each plate rate runs linearly to the one given. */
+static void move(Rig *rig, const double to[2]) {
+    Ball ball = ball_of(rig->v);
+    double period = STEPS * STEP, angle[2], rate[2], u[2];
+    for (int i = 0; i < 2; i++)
+        u[i] = (to[i] - rig->rate[i]) / period;
+    Rolling at[3];
+    turned(rig, u, 0, angle, rate);
+    at[2] = rolling(&ball, angle, rate, u);
+    for (int i = 0; i < STEPS; i++) {
+        at[0] = at[2];
+        for (int k = 1; k <= 2; k++) {
+            turned(rig, u, STEP / 2 * (2 * i + k), angle, rate);
+            at[k] = rolling(&ball, angle, rate, u);
+        }
+        roll_on(rig, &ball, at);
+    }
+    turned(rig, u, period, angle, rate);
+    memcpy(rig->angle, angle, sizeof angle);
+    memcpy(rig->rate, rate, sizeof rate);
+    if (fabs(rig->x) > EDGE[0] || fabs(rig->y) > EDGE[1])
+        rig->fallen = 1;
+}
+
+/* ---- Drives ------------------------------------------------------------------------------------ */
+
+/* A gap: the output stands until the input has crossed it. */
+static double play(Rig *rig, int i, double turn) {
+    double half = rig->v[PLANT_SERVO_BACKLASH] / 2, before = rig->play_out[i];
+    rig->play_in[i] += turn;
+    rig->play_out[i] =
+        smaller(larger(before, rig->play_in[i] - half), rig->play_in[i] + half);
+    return rig->play_out[i] - before;
+}
+
+/* Dahl's elastic part against friction: dh/ds = (1 - h sgn(s') / h_max) / 2. */
+static double hysteresis(Rig *rig, int i, double turn) {
+    double width = rig->v[PLANT_SERVO_HYSTERESIS], before = rig->lost[i];
+    double end = copysign(width / 2, turn);
+    rig->lost[i] = end + (before - end) * exp(-fabs(turn) / width);
+    return turn - (rig->lost[i] - before);
+}
+
+/* d'' + 2 zeta w d' + w^2 d = -(acceleration of the motor), for rates constant over a period. */
+static double resonance(Rig *rig, int i, double turn) {
+    double w = 2 * PI * rig->v[PLANT_SERVO_RESONANCE_HZ], zeta = rig->v[PLANT_SERVO_RESONANCE_DAMPING];
+    double decay = zeta * w, swing = w * sqrt(1 - zeta * zeta), fade = exp(-decay * PERIOD);
+    double cosine = fade * cos(swing * PERIOD), sine = fade * sin(swing * PERIOD) / swing;
+    double rate = turn / PERIOD, d = rig->swing[i];
+    double d_rate = rig->swing_rate[i] - (rate - rig->motor_rate[i]);
+    rig->motor_rate[i] = rate;
+    rig->swing[i] = (cosine + decay * sine) * d + sine * d_rate;
+    rig->swing_rate[i] = -(w * w) * sine * d + (cosine - decay * sine) * d_rate;
+    return turn + (rig->swing[i] - d);
+}
+
+/* A vibration that nobody commands: steady, or narrow-band noise about one frequency. */
+static void vibrate(Rig *rig, double mean[2]) {
+    const double *v = rig->v;
+    double frequency = v[PLANT_SERVO_VIBRATION_HZ], wander = v[PLANT_SERVO_VIBRATION_WANDER];
+    double amplitude = v[PLANT_SERVO_VIBRATION] / (2 * PI * frequency);
+    if (amplitude == 0)
+        return;
+    rig->shaken++;
+    double phase = 2 * PI * frequency * PERIOD * (double)rig->shaken;
+    double sine = sin(phase), cosine = cos(phase), moved[2] = {sine, cosine};
+    if (wander > 0) {
+        /* Ornstein-Uhlenbeck; begun as it goes on: at no instant is it known to be still */
+        double kept = exp(-PERIOD / wander), fresh = sqrt(1 - kept * kept);
+        for (int i = 0; i < 4; i++) {
+            double n = v[NOISE] ? sqrt(0.5) * noise((uint64_t)v[SEED], (uint64_t)(WANDER + i),
+                                                    (uint64_t)(rig->shaken - 1))
+                                : 0;
+            rig->sizes[i] = rig->shaken == 1 ? n : kept * rig->sizes[i] + fresh * n;
+        }
+        for (int i = 0; i < 2; i++)
+            moved[i] = rig->sizes[i] * sine + rig->sizes[i + 2] * cosine;
+    }
+    for (int i = 0; i < 2; i++)
+        mean[i] += amplitude * moved[i];
+}
+
+/* Mean rates over the next period for the commanded ones. */
+static void follow(Rig *rig, const double command[2], double mean[2]) {
+    const double *v = rig->v;
+    double share = 2 * PI * v[PLANT_SERVO_BANDWIDTH_HZ] * PERIOD;
+    double left = share > 0 ? exp(-share) : 0, of_mean = share > 0 ? -expm1(-share) / share : 0;
+    for (int i = 0; i < 2; i++) {
+        double lacking = rig->lagging[i] - command[i];
+        mean[i] = command[i] + of_mean * lacking;
+        rig->lagging[i] = command[i] + left * lacking;
+        if (v[PLANT_SERVO_BACKLASH] > 0)
+            mean[i] = play(rig, i, mean[i] * PERIOD) / PERIOD;
+        if (v[PLANT_SERVO_HYSTERESIS] > 0)
+            mean[i] = hysteresis(rig, i, mean[i] * PERIOD) / PERIOD;
+        if (v[PLANT_SERVO_RESONANCE_HZ] > 0)
+            mean[i] = resonance(rig, i, mean[i] * PERIOD) / PERIOD;
+        else
+            rig->motor_rate[i] = command[i];
+    }
+    vibrate(rig, mean);
+}
+
+/* ---- Sensors ----------------------------------------------------------------------------------- */
+
+/* Ball a time in s ago, between two samples by a straight line. */
+static void look_back(const Rig *rig, double time, double seen[2], int *felt) {
+    double back = time / PERIOD, whole = floor(back), share = back - whole;
+    int64_t newer = rig->tick - (int64_t)whole;
+    const double *after = rig->past[(newer % RING + RING) % RING];
+    const double *before = rig->past[((newer - 1) % RING + RING) % RING];
+    *felt = rig->felt[(newer % RING + RING) % RING];
+    for (int i = 0; i < 2; i++) /* rounding is not a share of a period */
+        seen[i] = share < 1e-9 ? after[i] : (1 - share) * after[i] + share * before[i];
+}
+
+/* Dead time of a new sample, s: at most four standard deviations late. */
+static double delay(const Rig *rig) {
+    double mean = rig->v[SENSORS_TOUCH_DEAD_TIME], spread = rig->v[SENSORS_TOUCH_DEAD_TIME_SPREAD];
+    double late = mean + drawn(rig, DELAY, spread * spread, rig->tick);
+    return smaller(larger(late, 0), mean + 4 * spread);
+}
+
+/* A position as the screen reports it: turned, noisy, on its grid. */
+static void imperfect(const Rig *rig, double seen[2]) {
+    const double *v = rig->v;
+    double turn = v[SENSORS_TOUCH_ROTATION], grid = v[SENSORS_TOUCH_GRID];
+    if (turn != 0) {
+        double x = seen[0], y = seen[1];
+        seen[0] = x * cos(turn) + y * sin(turn);
+        seen[1] = y * cos(turn) - x * sin(turn);
+    }
+    for (int i = 0; i < 2; i++) {
+        seen[i] += drawn(rig, TOUCH_X + i, v[SENSORS_TOUCH_VARIANCE + i], rig->tick);
+        if (grid > 0)
+            seen[i] = rint(seen[i] / (SIDE[i] / grid)) * (SIDE[i] / grid);
+    }
+}
+
+/* The newest touch: a fresh sample every period, or the newest frame, which arrive on a clock. */
+static void touch(Rig *rig, double seen[2], double *age, int *felt) {
+    const double *v = rig->v;
+    double frames = v[SENSORS_TOUCH_FRAME_RATE];
+    if (frames == 0) {
+        *age = 0;
+        look_back(rig, delay(rig), seen, felt);
+        imperfect(rig, seen);
+        return;
+    }
+    double length = 1 / frames;
+    double lag = (double)rig->tick * PERIOD - v[SENSORS_TOUCH_DEAD_TIME] -
+                 v[SENSORS_TOUCH_FRAME_PHASE] * length;
+    double frame = floor(lag / length);
+    *age = lag - frame * length;
+    if (frame != rig->shown) {
+        look_back(rig, delay(rig) + *age, rig->held, &rig->held_felt);
+        imperfect(rig, rig->held);
+        rig->shown = frame;
+    }
+    memcpy(seen, rig->held, sizeof rig->held);
+    *felt = rig->held_felt;
+}
+
+/* Plate angles as the encoders count them. */
+static void encoders(const Rig *rig, double angle[2]) {
+    const double *v = rig->v;
+    double counts = v[SENSORS_ENCODERS_COUNTS];
+    for (int i = 0; i < 2; i++) {
+        double variance = v[SENSORS_ENCODERS_VARIANCE + i];
+        angle[i] = rig->angle[i] + drawn(rig, ENCODER_PHI + i, variance, rig->tick);
+        if (counts > 0)
+            angle[i] = rint(angle[i] / (2 * PI / counts)) * (2 * PI / counts);
+    }
+}
+
+/* ---- Supervisor: limits, and levelling the plate when one is passed ---------------------------- */
+
+static const double ANGLE_SLACK = 0.5 * 0.017453292519943295; /* rad */
+static const double DRIFT_TIME = 0.1, LOST_AFTER = 0.1, PACE = 0.04; /* s */
+
+static void judge(Rig *rig, int is, int fault) {
+    if (is && rig->running && !rig->fault)
+        rig->fault = fault;
+}
+
+static void watch(Rig *rig, const double ball[2], const double plate[2], int felt) {
+    const double *v = rig->v;
+    int outside = 0, tilted = 0, fast = 0, paces = (int)larger(1, rint(PACE / PERIOD));
+    for (int i = 0; i < 2; i++) {
+        rig->believed[i] += PERIOD / DRIFT_TIME * (plate[i] - rig->believed[i]);
+        outside |= fabs(ball[i]) > v[RIG_LIMITS_AREA + i] + v[RIG_LIMITS_MARGIN];
+        tilted |= fabs(plate[i]) > v[RIG_LIMITS_ANGLE] + ANGLE_SLACK;
+    }
+    judge(rig, outside, BALL_OUTSIDE);
+    judge(rig, tilted, PLATE_TILTED);
+    rig->unseen = felt ? 0 : rig->unseen + PERIOD;
+    judge(rig, rig->unseen > LOST_AFTER, BALL_LOST);
+    if (++rig->pace < paces)
+        return;
+    rig->pace = 0;
+    for (int i = 0; i < 2; i++) { /* where the ball was not felt, NaN is never too fast */
+        fast |= fabs(ball[i] - rig->before[i]) > v[RIG_LIMITS_BALL_SPEED] * paces * PERIOD;
+        rig->before[i] = felt ? ball[i] : NAN;
+    }
+    judge(rig, fast, BALL_TOO_FAST);
+}
+
+/* The rate of an axis that may be commanded: within rate and acceleration limits, and within what
+   can be braked before the angle limit. A rate v braked by one step a period covers at most
+   (v + step / 2)^2 / (2 a). */
+static double clamped(const Rig *rig, int i, double wanted) {
+    double a = rig->v[RIG_LIMITS_ACCELERATION], step = a * PERIOD, half = step / 2;
+    double most = rig->v[RIG_LIMITS_RATE] + half;
+    double towards = wanted < 0 ? -rig->believed[i] : rig->believed[i];
+    double square = 2 * a * rig->v[RIG_LIMITS_ANGLE] - 2 * a * towards;
+    double largest = sqrt(smaller(larger(square, half * half), most * most)) - half;
+    double size = smaller(largest, fabs(wanted)), rate = wanted < 0 ? -size : size;
+    return smaller(larger(rate, rig->commanded[i] - step), rig->commanded[i] + step);
+}
+
+/* The rate that brings the plate level, with half of the acceleration allowed. */
+static double levelling(const Rig *rig, int i) {
+    double far = fabs(rig->believed[i]);
+    double rate = smaller(sqrt(rig->v[RIG_LIMITS_ACCELERATION] * far), far / (10 * PERIOD));
+    return rig->believed[i] > 0 ? -rate : rate;
+}
+
+static void command(Rig *rig, double rate[2]) {
+    const double *v = rig->v;
+    double wanted[2];
+    int sound = isfinite(v[RATE_PHI]) && isfinite(v[RATE_THETA]);
+    judge(rig, !sound, BAD_REQUEST);
+    for (int i = 0; i < 2; i++) {
+        wanted[i] = rig->fault ? levelling(rig, i) : v[RATE_PHI + i];
+        rig->commanded[i] = clamped(rig, i, wanted[i]);
+        rig->believed[i] += PERIOD * rig->commanded[i];
+    }
+    for (int i = 0; i < 2; i++) /* what the rig knows of its cams may be wrong */
+        rate[i] = (1 + v[RIG_CAM_ERROR + i]) * rig->commanded[i] +
+                  v[RIG_CAM_COUPLING] * rig->commanded[1 - i];
+}
+
+/* ---- The rig ----------------------------------------------------------------------------------- */
+
+static void measure(Rig *rig) {
+    double *v = rig->v, ball[2], plate[2], age;
+    int felt, slot = (int)(rig->tick % RING);
+    rig->past[slot][0] = rig->x;
+    rig->past[slot][1] = rig->y;
+    rig->felt[slot] = !rig->fallen;
+    touch(rig, ball, &age, &felt);
+    encoders(rig, plate);
+    if (rig->tick == 0) /* the drives hold the plate where it is measured */
+        memcpy(rig->believed, plate, sizeof plate);
+    watch(rig, ball, plate, felt);
+    v[TIME] = rig->start + (double)rig->tick * PERIOD;
+    v[MEASURED_X] = ball[0];
+    v[MEASURED_PHI] = plate[0];
+    v[MEASURED_Y] = ball[1];
+    v[MEASURED_THETA] = plate[1];
+    v[AGE] = age;
+    v[TOUCHED] = felt;
+    v[FAULT] = rig->fault;
+    v[APPLIED_PHI_RATE] = rig->commanded[0];
+    v[APPLIED_THETA_RATE] = rig->commanded[1];
+    v[TRUE_X] = rig->x;
+    v[TRUE_X_RATE] = rig->vx;
+    v[TRUE_PHI] = rig->angle[0];
+    v[TRUE_PHI_RATE] = rig->rate[0];
+    v[TRUE_Y] = rig->y;
+    v[TRUE_Y_RATE] = rig->vy;
+    v[TRUE_THETA] = rig->angle[1];
+    v[TRUE_THETA_RATE] = rig->rate[1];
+    v[TRUE_ON_PLATE] = !rig->fallen;
+}
+
+void rig_reset(Rig *rig, double start) {
+    memset(rig, 0, sizeof *rig);
+    for (int i = 0; i < VARIABLES; i++)
+        rig->v[i] = KINDS[i].start;
+    rig->kind = KIND;
+    rig->start = start;
+}
+
+const char *rig_set(Rig *rig, unsigned variable, double value) {
+    static const char *const wrong = "is not in the range that the model description gives";
+    if (variable != RATE_PHI && variable != RATE_THETA)
+        if (!(KINDS[variable].lowest <= value && value <= KINDS[variable].highest))
+            return wrong;
+    rig->v[variable] = value;
+    return NULL;
+}
+
+const char *rig_begin(Rig *rig) {
+    double v[VARIABLES], start = rig->start;
+    double frames = rig->v[SENSORS_TOUCH_FRAME_RATE];
+    if (frames > 0 && frames < 1)
+        return "sensors.touch.frame_rate must be 0 or at least 1";
+    double latest = rig->v[SENSORS_TOUCH_DEAD_TIME] + 4 * rig->v[SENSORS_TOUCH_DEAD_TIME_SPREAD];
+    if (2 + ceil((latest + (frames > 0 ? 1 / frames : 0)) / PERIOD) > RING)
+        return "sensors.touch: the dead time is longer than this FMU remembers; export one from a "
+               "scenario that has it";
+    memcpy(v, rig->v, sizeof v);
+    rig_reset(rig, start);
+    memcpy(rig->v, v, sizeof v);
+    rig->x = v[PLANT_START_X];
+    rig->vx = v[PLANT_START_X_RATE];
+    rig->y = v[PLANT_START_Y];
+    rig->vy = v[PLANT_START_Y_RATE];
+    have_age(rig);
+    for (int i = 0; i < RING; i++) {
+        rig->past[i][0] = rig->x;
+        rig->past[i][1] = rig->y;
+        rig->felt[i] = 1;
+    }
+    rig->held_felt = 1;
+    rig->shown = NAN;
+    rig->before[0] = rig->before[1] = NAN;
+    measure(rig);
+    rig->running = 1;
+    return NULL;
+}
+
+void rig_advance(Rig *rig) {
+    const double *v = rig->v;
+    double rate[2], mean[2];
+    command(rig, rate);
+    follow(rig, rate, mean);
+    for (int i = 0; i < 2; i++) {
+        double variance = PERIOD * PERIOD * v[DISTURBANCE_VARIANCE + i];
+        rig->drift[i] += drawn(rig, SHAKE_PHI + i, variance, rig->tick);
+        mean[i] += rig->drift[i];
+    }
+    have_age(rig);
+    move(rig, mean);
+    rig->tick++;
+    measure(rig);
+}

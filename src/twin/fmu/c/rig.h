@@ -1,0 +1,92 @@
+/* The rig: ball on a tilting plate, drives, touch screen, encoders and supervisor, in C99.
+
+   A second implementation of twin.sim and twin.hal, rig by rig the same numbers. Frames, signs and
+   units are those of the Python code: state (x, x', phi, phi', y, y', theta, theta') (5.5) in m,
+   m/s, rad, rad/s in plate axes; pairs are ordered (phi, theta); SI units throughout. */
+
+#ifndef RIG_H
+#define RIG_H
+
+#include <stdint.h>
+
+#include "scenario.h" /* written with each FMU: VARIABLES by name, PERIOD, RING, SURFACE, ... */
+
+enum Type { NOTHING, REAL, INTEGER, BOOLEAN };
+enum Set { NEVER, AT_START, ALWAYS };
+
+/* What is known of a variable: of which type, when it may be set, to what. */
+typedef struct {
+    const char *name;
+    int type, set;
+    double start, lowest, highest;
+} Kind;
+
+extern const Kind KINDS[VARIABLES];
+extern const double SURFACE[SURFACE_X ? SURFACE_X : 1][SURFACE_X ? SURFACE_Y : 1][3];
+
+enum Fault {
+    NO_FAULT,
+    BALL_OUTSIDE,
+    PLATE_TILTED,
+    BALL_LOST,
+    BALL_TOO_FAST,
+    BAD_REQUEST
+};
+
+/* One rig, all of it: plain data, so that a copy of the bytes is a copy of the rig. */
+typedef struct {
+    uint64_t kind;       /* which program wrote it; a state of another is refused */
+    double v[VARIABLES]; /* every variable of the model description by its value reference */
+    double start;        /* time of the first period, s */
+    int64_t tick;        /* control periods since then */
+
+    /* plate and ball */
+    double angle[2], rate[2];
+    double x, vx, y, vy;
+    double age; /* of the contact, 0 to 1 */
+    int ageing; /* whether it has one */
+    double bend[2];
+    int fallen;
+
+    /* drives */
+    double lagging[2];
+    double play_in[2], play_out[2];
+    double lost[2];
+    double swing[2], swing_rate[2], motor_rate[2];
+    int64_t shaken; /* periods that a vibration has lasted */
+    double sizes[4];
+    double drift[2];
+
+    /* touch screen */
+    double past[RING][2];
+    int felt[RING];
+    double shown; /* number of the frame that is shown */
+    double held[2];
+    int held_felt;
+
+    /* supervisor */
+    int running;
+    int fault;
+    double commanded[2];
+    double believed[2]; /* plate angle: commands added up, drawn to what is measured */
+    double unseen;
+    int pace;
+    double before[2];
+} Rig;
+
+/* Fill a rig with the start values of the scenario, at a time in s. */
+void rig_reset(Rig *rig, double start);
+
+/* Set a variable; a text that says what is wrong, NULL if nothing is. */
+const char *rig_set(Rig *rig, unsigned variable, double value);
+
+/* Put plate and ball to their start and measure; a text that says what is wrong, or NULL. */
+const char *rig_begin(Rig *rig);
+
+/* Simulate one control period with the rates that are commanded now, and measure. */
+void rig_advance(Rig *rig);
+
+/* White noise of variance 1: the same for the same seed, stream and number. */
+double noise(uint64_t seed, uint64_t stream, uint64_t number);
+
+#endif

@@ -1,0 +1,202 @@
+"""An FMU's variables as the model description of FMI 2.0 and 3.0, and as the C source has them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from controllers.arrays import Array
+from twin.fmu.variables import Variable
+from twin.scenario.schema import Scenario
+
+TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+"""What FMI 3.0 calls the types of FMI 2.0."""
+LARGEST = float(np.finfo(float).max)
+INTEGER = 2.0**31 - 1
+REMEMBERED = 0.25
+"""Least time in s for which the screen remembers the ball, so that its dead time may be set."""
+
+
+def model_description(
+    scenario: Scenario,
+    variables: Sequence[Variable],
+    *,
+    fmi: int,
+    identifier: str,
+    token: str,
+    sources: Sequence[str],
+) -> str:
+    """The model description of FMI 2.0 or 3.0, as XML.
+
+    Args:
+        scenario: Whose rig it is.
+        variables: In the order of their value references.
+        fmi: 2 or 3.
+        identifier: What the model and its binaries are called.
+        token: By which FMU and description know each other.
+        sources: Names of the source files, which FMI 2.0 lists here.
+    """
+    period = repr(scenario.rig.period)
+    own = version("ballplate")
+    root = ElementTree.Element("fmiModelDescription", fmiVersion=f"{fmi}.0", modelName=identifier)
+    root.attrib |= {
+        "guid" if fmi == 2 else "instantiationToken": token,
+        "description": f"Rig of: {scenario.title}. Exact equations, drives, touch screen, encoders "
+        "and limits; without the mechanism.",
+        "version": own,
+        "generationTool": f"ballplate {own}",
+        "variableNamingConvention": "structured",
+    }
+    able = ("canHandleVariableCommunicationStepSize", "canBeInstantiatedOnlyOncePerProcess")
+    state = ("canGetAndSetFMU{}tate", "canSerializeFMU{}tate")
+    part = _add(root, "CoSimulation", modelIdentifier=identifier)
+    part.attrib |= {able[0]: "true", able[1]: "false"}
+    part.attrib |= {each.format("s" if fmi == 2 else "S"): "true" for each in state}
+    if fmi == 2:
+        files = _add(part, "SourceFiles")
+        for source in sources:
+            _add(files, "File", name=source)
+    else:
+        part.set("fixedInternalStepSize", period)
+    units = _add(root, "UnitDefinitions")
+    for unit in sorted({each.unit for each in variables} - {""}):
+        _add(_add(units, "Unit", name=unit), "BaseUnit", **exponents(unit))
+    _add(_add(root, "LogCategories"), "Category", name="logStatusError")
+    _add(root, "DefaultExperiment", startTime=0, stopTime=scenario.duration, stepSize=period)
+    listed = _add(root, "ModelVariables")
+    for reference, each in enumerate(variables):
+        _variable(listed, each, reference, fmi)
+    structure = _add(root, "ModelStructure")
+    outputs = [i for i, each in enumerate(variables) if each.causality == "output"]
+    if fmi == 2:
+        for part in (_add(structure, "Outputs"), _add(structure, "InitialUnknowns")):
+            for i in outputs:
+                _add(part, "Unknown", index=i + 1)
+    else:
+        for kind in ("Output", "InitialUnknown"):
+            for i in outputs:
+                _add(structure, kind, valueReference=i)
+    return written(root)
+
+
+def build_description(identifier: str, sources: Sequence[str]) -> str:
+    """How FMI 3.0 is told to compile the sources, as XML."""
+    root = ElementTree.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    files = _add(
+        _add(root, "BuildConfiguration", modelIdentifier=identifier),
+        "SourceFileSet",
+        language="C99",
+    )
+    for source in sources:
+        _add(files, "SourceFile", name=source)
+    return written(root)
+
+
+def written(root: ElementTree.Element) -> str:
+    """An XML document."""
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _add(parent: ElementTree.Element, tag: str, /, **attributes: object) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, tag, {key: str(a) for key, a in attributes.items()})
+
+
+def exponents(unit: str) -> dict[str, int]:
+    """Those of the base units in an SI unit, as ``kg m^2`` or ``rad/s^2``; all factors are 1."""
+    if unit == "Hz":
+        return {"s": -1}
+    found = re.findall(r"(/?)([a-z]+)\^?(\d?)", unit)
+    return {base: int(power or 1) * (-1 if over else 1) for over, base, power in found}
+
+
+def _variable(parent: ElementTree.Element, each: Variable, reference: int, fmi: int) -> None:
+    """Add a variable; what belongs to its type is an element of its own in FMI 2.0."""
+    own: dict[str, Any] = {"name": each.name, "valueReference": reference}
+    own |= {"description": each.meaning, "causality": each.causality}
+    own["variability"] = each.variability
+    if each.causality not in {"independent", "input"}:
+        own["initial"] = "calculated" if each.start is None else "exact"
+    typed: dict[str, Any] = {"unit": each.unit} if each.unit and each.type == "Real" else {}
+    for name, limit in (("min", each.low), ("max", each.high)):
+        if abs(limit) < LARGEST and each.type != "Boolean":
+            typed[name] = _number(each, limit)
+    if each.start is not None:
+        typed["start"] = _number(each, each.start)
+    if fmi == 2:
+        _add(_add(parent, "ScalarVariable", **own), each.type, **typed)
+    else:
+        _add(parent, TYPES[each.type], **own | typed)
+
+
+def _number(each: Variable, value: float) -> str:
+    if each.type == "Boolean":
+        return "true" if value else "false"
+    return str(int(value)) if each.type == "Integer" else repr(float(value))
+
+
+def c_name(variable: str) -> str:
+    """What the C source calls a variable: the first of a pair without number, ``PLANT_LEVEL``."""
+    bare = re.sub(r"\[(\d+)\]$", lambda n: "" if n[1] == "1" else f"_{n[1]}", variable)
+    return bare.replace(".", "_").upper()
+
+
+def c_source(
+    scenario: Scenario, variables: Sequence[Variable], token: str, surface: Array | None
+) -> dict[str, str]:
+    """The two files that tell the C source of its scenario, by name.
+
+    Args:
+        scenario: Whose rig it is.
+        variables: In the order of their value references.
+        token: By which FMU and description know each other; hexadecimal.
+        surface: Relative friction and slope along x and y over the screen, shape (n, m, 3).
+    """
+    grid = np.zeros((1, 1, 3)) if surface is None else surface
+    size = (0, 0) if surface is None else surface.shape
+    touch, period = scenario.sensors.touch, scenario.rig.period
+    waits = touch.dead_time + 4 * touch.dead_time_spread
+    waits += 1 / touch.frame_rate if touch.frame_rate else 0.0
+    defined = {
+        "TOKEN": f'"{token}"',
+        "KIND": f"UINT64_C(0x{token[:16]})",
+        "PERIOD": repr(period),
+        "STEP": repr(scenario.plant.step),
+        "STEPS": round(period / scenario.plant.step),
+        "RING": 2 + math.ceil(max(waits, REMEMBERED) / period),
+        "SURFACE_X": size[0],
+        "SURFACE_Y": size[1],
+        "SLOPING": int(bool(grid[..., 1:].any())),
+    }
+    header = [
+        "/* Written by ballplate: the variables of this FMU, and what its scenario fixes. */",
+        "#ifndef SCENARIO_H\n#define SCENARIO_H\n",
+        *(f"#define {name} {value}" for name, value in defined.items()),
+        "\nenum Variable {",
+        *(f"    {c_name(each.name)}," for each in variables),
+        "    VARIABLES\n};\n\n#endif\n",
+    ]
+    points = json.dumps(grid.tolist()).translate(str.maketrans("[]", "{}"))
+    tables = [
+        '/* Written by ballplate. */\n#include "rig.h"\n\nconst Kind KINDS[VARIABLES] = {',
+        *(f"    {_kind(each)}," for each in variables),
+        f"}};\n\nconst double SURFACE[{len(grid)}][{grid.shape[1]}][3] =\n{points};\n",
+    ]
+    return {"scenario.h": "\n".join(header), "scenario.c": "\n".join(tables)}
+
+
+def _kind(each: Variable) -> str:
+    when = {"tunable": "ALWAYS", "fixed": "AT_START"}.get(each.variability, "NEVER")
+    settable = "ALWAYS" if each.causality == "input" else when
+    largest = INTEGER if each.type == "Integer" else LARGEST
+    low, high = np.clip((each.low, each.high), -largest, largest)
+    numbers = ", ".join(repr(float(value)) for value in (each.start or 0.0, low, high))
+    return f'{{"{each.name}", {each.type.upper()}, {settable}, {numbers}}}'

@@ -1,0 +1,158 @@
+"""The FMU itself: description, sources, a binary where there is a compiler, a reference."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from twin.errors import ScenarioError, TwinError
+from twin.fmu.description import build_description, c_source, model_description, written
+from twin.fmu.variables import Variable, variables
+from twin.run.assemble import assemble, own_errors
+from twin.run.plants import build_friction
+from twin.scenario.schema import Scenario
+from twin.writing import write_whole
+
+OWN = ("rig.c", "rig.h", "instance.c", "instance.h")
+"""The C source that both versions share; ``fmi2.c`` or ``fmi3.c`` goes with it."""
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+"""How the binary is compiled: without fused operations, so that every processor rounds alike."""
+REFERENCE = "extra/org.fmi-standard.fmi-ls-ref"
+"""Folder of the reference, as the layered standard fmi-ls-ref has it."""
+LASTS = 5.0
+"""Longest time in s of the reference."""
+
+
+def export(path: Path, scenario: Scenario, quiet: Scenario, *, fmi: int = 2) -> str:
+    """Write the rig of a scenario as an FMU for co-simulation.
+
+    Args:
+        path: The file.
+        scenario: On the exact equations; of its controller only the reference is made.
+        quiet: The same without any noise, as an FMU is whose parameter ``noise`` is false.
+        fmi: Version of the standard, 2 or 3.
+
+    Returns:
+        Why there is no binary in it, in words; empty if there is one.
+
+    Raises:
+        TwinError: If the scenario changes while it runs or cannot be assembled, or the file cannot
+            be written.
+    """
+    if fmi not in {2, 3}:
+        raise TwinError(f"fmi: must be 2 or 3, got {fmi}")
+    if scenario.change:
+        raise ScenarioError("change: an FMU does not change by itself; set its tunable parameters")
+    held = variables(scenario, frame_phase(scenario))
+    source, token = sources(scenario, held, fmi)
+    compiled = [name for name in source if name.endswith(".c")]
+    name = "ballplate_" + re.sub(r"\W", "_", path.stem, flags=re.ASCII)
+    content = {f"sources/{file}": text for file, text in source.items()}
+    content["modelDescription.xml"] = model_description(
+        scenario, held, fmi=fmi, identifier=name, token=token, sources=compiled
+    )
+    if fmi == 3:
+        content["sources/buildDescription.xml"] = build_description(name, compiled)
+    content |= {f"{REFERENCE}/{file}": text for file, text in reference(quiet).items()}
+    place, library, lacking = _binary(source, name, fmi)
+    write_whole(path, lambda temporary: _pack(temporary, content, place, library))
+    return lacking
+
+
+def frame_phase(scenario: Scenario) -> float:
+    """At which share of a frame the first frame comes, as the twin draws it from the seed."""
+    seed = np.random.SeedSequence(scenario.seed, spawn_key=(0,)).spawn(2)[1]
+    return float(np.random.default_rng(seed).random())
+
+
+def sources(scenario: Scenario, held: Sequence[Variable], fmi: int) -> tuple[dict[str, str], str]:
+    """The C source of a scenario's rig by the names of its files, and its token, a hash of it."""
+    folder = files("twin.fmu") / "c"
+    said = {name: (folder / name).read_text(encoding="utf-8") for name in (*OWN, f"fmi{fmi}.c")}
+    friction = build_friction([scenario])
+    surface = None if friction is None or friction.map is None else friction.map.grids[0]
+    bare = said | c_source(scenario, held, 16 * "0", surface)
+    token = hashlib.sha256(json.dumps(bare).encode()).hexdigest()[:32]
+    return said | c_source(scenario, held, token, surface), token
+
+
+def reference(scenario: Scenario) -> dict[str, str]:
+    """Commands and what the twin answers, to check an import against: CSV by name.
+
+    The scenario's own controller commands; the numbers are those of the twin in Python.
+    """
+    rig, controller = assemble(scenario)
+    commands, answers = ["time,rate_phi,rate_theta"], []
+    names = [f"measured_{name}" for name in ("x", "phi", "y", "theta")]
+    answers.append(",".join(["time", *names, "true_x", "true_y"]))
+    with own_errors(), rig:
+        measured = rig.read()
+        controller.start(measured)
+        rig.start()
+        for tick in range(1 + round(min(scenario.duration, LASTS) / rig.period)):
+            rate = rig.write(controller.command(measured).rate)
+            controller.applied(rate)
+            now = [tick * rig.period]
+            commands.append(_line([*now, *rate[0]]))
+            answers.append(_line([*now, *measured.y[0], *rig.devices.state[0, 0::4]]))
+            rig.wait()
+            measured = rig.read()
+    root = ElementTree.Element("fmiReferences")
+    root.set("xmlns:fmi-ls", "http://fmi-standard.org/fmi-ls-manifest")
+    root.set("fmi-ls:fmi-ls-name", "org.fmi-standard.fmi-ls-ref")
+    root.set("fmi-ls:fmi-ls-version", "1.0.0-alpha.1")
+    root.set("fmi-ls:fmi-ls-description", "With noise = false; made by the twin, not by this FMU")
+    listed = {"reference_in.csv": commands, "reference_out.csv": answers}
+    for name, role in zip(listed, ("input", "result"), strict=True):
+        ElementTree.SubElement(root, "Related", type="text/csv", source=name, role=role)
+    tables = {name: "\n".join(lines) + "\n" for name, lines in listed.items()}
+    return tables | {"fmi-ls-manifest.xml": written(root)}
+
+
+def _line(values: list[float]) -> str:
+    return ",".join(repr(float(value)) for value in values)
+
+
+def _binary(source: Mapping[str, str], identifier: str, fmi: int) -> tuple[str, bytes, str]:
+    """Where a binary for this machine goes and its bytes; else why there is none."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    machine = platform.machine()
+    if not sys.platform.startswith("linux") or (fmi == 2 and machine != "x86_64"):
+        return "", b"", f"binaries are made on Linux, not on {sys.platform} {machine}"
+    if compiler is None:
+        return "", b"", "there is no C compiler (cc, gcc or clang)"
+    place = f"binaries/{'linux64' if fmi == 2 else f'{machine}-linux'}/{identifier}.so"
+    with tempfile.TemporaryDirectory(prefix="ballplate-") as folder:
+        for name, text in source.items():
+            Path(folder, name).write_text(text, encoding="utf-8")
+        compiled = [name for name in source if name.endswith(".c")]
+        command = [compiler, *FLAGS, "-o", "rig.so", *compiled, "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            line = (done.stderr.strip().splitlines() or ["it said nothing"])[0]
+            return "", b"", f"{compiler} failed: {line}"
+        return place, Path(folder, "rig.so").read_bytes(), ""
+
+
+def _pack(path: Path, content: Mapping[str, str], place: str, library: bytes) -> None:
+    """Write the archive; equal contents give equal bytes."""
+    everything = {name: text.encode() for name, text in content.items()}
+    if place:
+        everything[place] = library
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in sorted(everything.items()):
+            about = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            archive.writestr(about, text, zipfile.ZIP_DEFLATED)

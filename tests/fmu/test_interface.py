@@ -1,0 +1,258 @@
+"""An FMU as importers see it: valid, complete, simulated, saved, restored; what it refuses."""
+
+import ctypes
+import re
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from c_rig import CRig, exact
+from click.testing import CliRunner
+from fmpy.validation import validate_fmu
+
+import ballplate as bp
+from twin.cli import ballplate as command
+from twin.errors import RecordError, ScenarioError
+from twin.fmu.description import exponents
+from twin.fmu.export import frame_phase
+from twin.fmu.variables import parameters
+from twin.run.assemble import assemble
+from twin.scenario.describe import described
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(params=[2, 3])
+def fmu(request, exported):
+    return exported / f"rig{request.param}.fmu"
+
+
+def test_fmpy_finds_nothing_to_complain_of(fmu):
+    assert validate_fmu(str(fmu)) == []
+    assert fmpy.read_model_description(str(fmu)).fmiVersion == f"{fmu.stem[-1]}.0"
+
+
+def test_every_function_of_the_header_is_there(fmu):
+    number = fmu.stem[-1]
+    header = Path(fmpy.__file__).parent / "c-code" / f"fmi{number}Functions.h"
+    declared = re.findall(rf"^#define (fmi{number}\w+) +fmi\dFullName", header.read_text(), re.M)
+    assert len(declared) > 40
+    (library,) = (fmu.parent / f"fmi{number}").rglob("*.so")
+    loaded = ctypes.CDLL(str(library))
+    assert [name for name in declared if not hasattr(loaded, name)] == []
+
+
+def answers(fmu, name="out"):
+    """The reference that lies in an FMU, or the commands of it."""
+    folder = next((fmu.parent / f"fmi{fmu.stem[-1]}").glob("extra/*"))
+    return np.genfromtxt(folder / f"reference_{name}.csv", delimiter=",", names=True)
+
+
+def test_fmpy_finds_the_reference_that_lies_in_the_fmu(fmu):
+    commands, expected = answers(fmu, "in"), answers(fmu)
+    names = expected.dtype.names[1:]
+    found = fmpy.simulate_fmu(
+        str(fmu), start_values={"noise": False}, input=commands, output=list(names)
+    )
+    assert len(found) == len(expected) == 201
+    for name in names:
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-10)
+    assert abs(expected["true_x"]).max() > 1e-3
+    noisy = fmpy.simulate_fmu(str(fmu), input=commands, output=list(names))
+    assert abs(noisy["measured_x"] - expected["measured_x"]).max() > 1e-4
+
+
+def test_the_sources_that_are_listed_make_the_binary(fmu, tmp_path):
+    unzipped = Path(fmpy.extract(str(fmu), str(tmp_path)))
+    lists = (unzipped / "modelDescription.xml", unzipped / "sources" / "buildDescription.xml")
+    listed = "".join(path.read_text() for path in lists if path.exists())
+    names = re.findall(r'File name="(\w+\.c)"', listed)
+    assert sorted(names) == sorted(path.name for path in (unzipped / "sources").glob("*.c"))
+    made = tmp_path / "made.so"
+    command = ["cc", "-std=c99", "-shared", "-fPIC", "-o", made, *names, "-lm"]
+    subprocess.run(command, cwd=unzipped / "sources", check=True)
+    assert hasattr(ctypes.CDLL(str(made)), f"fmi{fmu.stem[-1]}DoStep")
+
+
+@pytest.mark.parametrize("serialized", [False, True])
+def test_a_saved_state_goes_on_to_the_same_bits(library, serialized):
+    scenario = exact(
+        plant__servo__resonance_hz=14.0,
+        plant__servo__vibration=1.0,
+        plant__servo__vibration_wander=0.3,
+        sensors__touch__frame_rate=133.0,
+        plant__friction__breakaway_ratio=2.0,
+        plant__friction__dwell_time=0.2,
+    )
+    rig = CRig(library, scenario).begin()
+    rig.step([0.2, 0.1], 150)
+    saved = ctypes.c_void_p()
+    rig.call("GetFMUState", ctypes.byref(saved))
+    other = CRig(library) if serialized else rig
+
+    def go_on(which):
+        which.tick = 150
+        seen = []
+        for i in range(100):
+            which.step([0.3 * np.sin(i / 9), -0.1])
+            seen.append([*which.measured, *which.truth])
+        return np.array(seen)
+
+    first = go_on(rig)
+    if serialized:
+        size = ctypes.c_size_t()
+        rig.call("SerializedFMUStateSize", saved, ctypes.byref(size))
+        held = (ctypes.c_uint8 * size.value)()
+        rig.call("SerializeFMUState", saved, held, size)
+        saved = ctypes.c_void_p()
+        other.call("DeserializeFMUState", held, size, ctypes.byref(saved))
+    other.call("SetFMUState", saved)
+    assert go_on(other).tobytes() == first.tobytes()
+    other.call("FreeFMUState", ctypes.byref(saved))
+
+
+def test_what_cannot_be_done_is_said_in_a_line(library):
+    rig = CRig(library)
+    assert rig.set("plant.friction.rolling", -1.0) == 3
+    assert rig.set("measured_x", 0.0) == 3
+    assert rig.set("rig.period", 0.004) == 3
+    rig.begin()
+    assert rig.set("plant.start.x", 0.1) == 3
+    flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+    for time, length in ((0.0, 0.003), (0.5, 0.002), (0.0, 0.0)):
+        arguments = ctypes.c_double(time), ctypes.c_double(length), False, *flags
+        assert rig.status("DoStep", *arguments, ctypes.byref(ctypes.c_double())) == 3
+    said = [
+        "plant.friction.rolling is not in the range that the model description gives",
+        "measured_x cannot be set",
+        "rig.period cannot be set",
+        "plant.start.x can be set before the first step only",
+        "a step of 0.003 s is no multiple of the control period, rig.period",
+        "a step from 0.5 s, but this rig is at 0 s",
+        "a step of 0 s is no multiple of the control period, rig.period",
+    ]
+    assert rig.said == said
+
+
+def test_parameters_have_the_names_of_describe_and_its_numbers_in_si():
+    keys = {key.key: key for key in described()}
+    factor = {"": 1.0, "_mm": 1e-3, "_um": 1e-6, "_deg": np.pi / 180, "_percent": 0.01}
+    given = {"plant.friction.rolling_mm": 0.25, "plant.level_deg": [0.5, 1.0]}
+    found = {}
+    for each in parameters(exact(**{key.replace(".", "__"): v for key, v in given.items()})):
+        found.setdefault(each.name.partition("[")[0], []).append(each.start)
+    named = set()
+    for base, values in found.items():
+        (key,) = {base + end for end in factor} & keys.keys()
+        said = np.ravel(given.get(key, keys[key].default))
+        np.testing.assert_allclose(values, said * factor[key.removeprefix(base)], rtol=1e-15)
+        named.add(key)
+    rest = {key for key, its in keys.items() if not its.plants} - named
+    known = ("plant.surface.", "plant.kind", "plant.ball.kind", "plant.step", "rig.period")
+    known += ("rig.cams", "sensors.ideal", "sensors.noise_hold")
+    ours = {key for key in rest if key.startswith(("plant.", "rig.", "sensors.", "disturbance"))}
+    assert [key for key in ours if not key.startswith(known)] == []
+
+
+def test_exponents_are_those_of_the_unit():
+    assert exponents("kg m^2") == {"kg": 1, "m": 2}
+    assert exponents("rad/s^2") == {"rad": 1, "s": -2}
+    assert exponents("Hz") == {"s": -1}
+
+
+def test_the_first_frame_comes_when_it_does_in_the_twin():
+    scenario = exact(seed=11)
+    assert frame_phase(scenario) == assemble(scenario).rig.devices._screen._offset[0]
+
+
+def test_every_name_on_the_page_about_simulink_is_one_of_the_fmu(fmu):
+    page = (HERE.parents[1] / "docs" / "simulink.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"^```matlab\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    listed = fmpy.read_model_description(str(fmu)).modelVariables
+    for causality in ("input", "output"):
+        (names,) = re.findall(rf"^{causality}s = \{{(.*)\}};$", script, re.MULTILINE)
+        inside = [each.name for each in listed if each.causality == causality]
+        assert re.findall(r"'(\w+)'", names) == inside  # the order of the block's ports
+    assert set(re.findall(r"(?:expected|out)\.(measured\w+)", script)) <= set(
+        answers(fmu).dtype.names
+    )
+    assert set(re.findall(r"commands\.(\w+)", script)) == {"time"}
+    steps = re.findall(r"'(?:FixedStep|FMUSampleTime|SampleTime)', '([\d.]+)'", script)
+    assert set(steps) == {"0.002"}
+    table = page[page.index("| variable |") : page.index("- A communication step")]
+    names = {each.name for each in listed}
+    for quoted in re.findall(r"`([a-z_.]+)`", table.replace("`_", "")):
+        assert quoted in names, quoted
+
+
+@pytest.mark.long
+def test_equal_scenarios_make_equal_files(tmp_path):
+    for folder in ("a", "b"):
+        bp.fmu("circle", tmp_path / folder / "rig.fmu", duration=0.02)
+    a, b = ((tmp_path / folder / "rig.fmu").read_bytes() for folder in ("a", "b"))
+    assert a == b
+    bp.fmu("circle", tmp_path / "b/rig.fmu", duration=0.02, rig={"period": 0.001})
+    assert (tmp_path / "b/rig.fmu").read_bytes() != a
+
+
+def test_without_a_compiler_there_are_the_sources_and_a_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("twin.fmu.export.shutil.which", lambda _: None)
+    with pytest.warns(bp.BallplateWarning, match=r"source only.*no C compiler"):
+        path = bp.fmu("circle", tmp_path / "rig.fmu", duration=0.02)
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    assert "sources/rig.c" in names
+    assert not any("binaries" in name for name in names)
+    assert validate_fmu(str(path)) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["circle", "rig.fmu", "--every", "2"], "of an .fmu there are the options --fmi and --set"),
+        (["circle", "rig.csv", "--fmi", "3"], "--fmi and --set are of a scenario's rig"),
+        (["cirle", "rig.fmu"], "cirle"),
+        (["circle", "rig.fmu", "--set", "plant.friction.sliding=0.4"], "plant.friction.sliding"),
+    ],
+)
+def test_a_wrong_request_is_told_in_a_line(tmp_path, monkeypatch, arguments, line):
+    monkeypatch.chdir(tmp_path)
+    answer = CliRunner().invoke(command, ["export", *arguments])
+    assert isinstance(answer.exception, RecordError | ScenarioError)
+    assert line in str(answer.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_that_changes_has_no_fmu(tmp_path):
+    change = [{"at": 1.0, "set": {"plant.friction.rolling_mm": 0.1}}]
+    with pytest.raises(ScenarioError, match=r"change: an FMU does not change by itself"):
+        bp.fmu("circle", tmp_path / "rig.fmu", {"change": change})
+
+
+@pytest.mark.long
+def test_the_sanitizers_find_nothing(library, tmp_path):
+    source = library.parents[2] / "sources"
+    shell = HERE.parents[1] / "src/twin/fmu/c/fmi2.c"
+    program = tmp_path / "exercise"
+    own = [source / name for name in ("rig.c", "instance.c", "fmi3.c", "scenario.c")]
+    flags = "-std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wno-unused-parameter -Werror -g -O1"
+    flags += " -fsanitize=address,undefined -fno-sanitize-recover=all"
+    subprocess.run(
+        [
+            "cc",
+            *flags.split(),
+            f"-I{source}",
+            "-o",
+            program,
+            HERE / "exercise.c",
+            *own,
+            shell,
+            "-lm",
+        ],
+        check=True,
+    )
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -1,0 +1,176 @@
+"""The C rig against the twin's exact plant, drives, sensors and supervisor, effect by effect."""
+
+import numpy as np
+import pytest
+from c_rig import CRig, counted, exact, made, normal
+
+from twin.hal.supervisor import State
+from twin.run.assemble import assemble
+
+EFFECTS = {
+    "rolling": {},
+    "none": {"plant__friction__rolling_mm": 0},
+    "breakaway": {"plant__friction__breakaway_ratio": 3.0},
+    "ageing": {"plant__friction__breakaway_ratio": 3.0, "plant__friction__dwell_time": 0.2},
+    "viscous": {"plant__friction__viscous_mm": 5.0},
+    "presliding": {"plant__friction__presliding_um": 50.0},
+    "level": {"plant__level_deg": [0.4, -0.3]},
+    "steel": {"plant__ball__kind": "steel"},
+    "start": {"plant__start__x": 0.05, "plant__start__y_rate": -0.1},
+    "bandwidth": {"plant__servo__bandwidth_hz": 8.0},
+    "backlash": {"plant__servo__backlash_deg": 0.1},
+    "hysteresis": {"plant__servo__hysteresis_deg": 0.2},
+    "resonance": {"plant__servo__resonance_hz": 14.0},
+    "train": {
+        "plant__servo__bandwidth_hz": 8.0,
+        "plant__servo__backlash_deg": 0.05,
+        "plant__servo__hysteresis_deg": 0.1,
+        "plant__servo__resonance_hz": 14.0,
+        "plant__servo__resonance_damping": 0.2,
+    },
+    "vibration": {"plant__servo__vibration": 2.0},
+    "wander": {"plant__servo__vibration": 2.0, "plant__servo__vibration_wander": 0.3},
+    "disturbance": {"disturbance__variance": [1e-4, 3e-5], "sensors__noise_hold": 0.01},
+    "frames": {
+        "sensors__touch__frame_rate": 133.0,
+        "sensors__touch__dead_time_spread": 0.002,
+        "sensors__touch__dead_time": 0.0413,
+    },
+    "turned": {"sensors__touch__rotation_deg": 2.0, "sensors__touch__grid": 0},
+    "encoders": {"sensors__encoders__counts": 0, "sensors__encoders__variance": [1e-8, 0.0]},
+    "limits": {"rig__limits__acceleration": 3.0, "rig__limits__angle_deg": 3.0},
+    "left": {"plant__start__x": 0.2, "plant__start__x_rate": 0.3},
+    "fast": {"plant__start__x": -0.2, "plant__start__x_rate": 1.0, "rig__limits__ball_speed": 0.8},
+    "fell": {"plant__start__x": 0.3, "plant__start__x_rate": 0.5, "rig__limits__margin": 0.2},
+    "cams": {"rig__cam_error_percent": [2.0, -3.0], "rig__cam_coupling_percent": 1.0},
+}
+EFFECTS["all"] = {
+    key: value
+    for each in ("ageing", "viscous", "level", "train", "wander", "disturbance", "frames", "cams")
+    for key, value in EFFECTS[each].items()
+}
+FAULTS = ["", "ball at", "plate at", "no longer feels", "too fast"]
+
+
+def wish(time):
+    """Plate rates that tilt it to and fro so that the ball rolls, turns and rests, rad/s."""
+    on = (time % 1.6) < 1.1
+    return 0.25 * on * np.array([np.sin(9 * time), np.cos(7 * time + 0.4)])
+
+
+def jolt(time):
+    """Plate rates that tilt it now and then, and level it again, to either side in turn, rad/s."""
+    way = (0.4, 0.2) if time % 4 < 2 else (-0.4, -0.2)
+    return (time % 2 < 0.4) * np.sin(2 * np.pi * time / 0.4) * np.array(way)
+
+
+def both(scenario, c, ticks, rates=wish, seed=0):
+    """The same wishes to twin and C rig: what either measures, is, and has commanded, by period."""
+    rig = counted(assemble(scenario).rig, seed)
+    twin, ours, notes = [], [], []
+    with rig:
+        measured = rig.read()
+        rig.start()
+        c.begin()
+        for tick in range(ticks):
+            state, supervisor = rig.devices.state[0], rig.supervisor
+            twin.append([*measured.y[0], measured.age[0], measured.touched[0], *state])
+            ours.append([*c.measured, *c.get("age"), *c.get("touched"), *c.truth])
+            stopped = supervisor.state[0] == State.HOLDING
+            notes.append((stopped, supervisor.reason[0], int(c.get("fault")[0])))
+            wanted = rates(tick * rig.period)
+            twin[-1] += [*rig.write(wanted[None])[0]]
+            c.step(wanted)
+            ours[-1] += [*c.get("applied_phi_rate", "applied_theta_rate")]
+            rig.wait()
+            measured = rig.read()
+    return np.array(twin), np.array(ours), notes
+
+
+LONG = [pytest.param(each, 700, marks=pytest.mark.long) for each in EFFECTS]
+
+
+@pytest.mark.parametrize(("effect", "ticks"), [("all", 300), *LONG])
+def test_every_effect_is_that_of_the_twin(library, effect, ticks):
+    scenario = exact(seed=7, **EFFECTS[effect])
+    twin, ours, notes = both(scenario, CRig(library, scenario), ticks, seed=7)
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    for stopped, reason, fault in notes:
+        assert (fault > 0) == stopped
+        assert FAULTS[fault] in reason
+
+
+@pytest.mark.parametrize(("effect", "fault"), [("left", 1), ("fast", 4), ("fell", 3)])
+def test_the_rig_levels_its_plate_for_the_reason_that_the_twin_gives(library, effect, fault):
+    scenario = exact(**EFFECTS[effect])
+    c = CRig(library, scenario, noise=False).begin()
+    c.step(np.zeros(2), 700)
+    assert c.get("fault")[0] == fault
+
+
+def test_a_command_that_is_no_number_levels_the_plate(library):
+    c = CRig(library).begin()
+    c.step(np.array([0.3, 0.0]), 50)
+    c.step(np.array([np.nan, 0.0]), 400)
+    assert c.get("fault")[0] == 5
+    assert abs(c.truth[2]) < 1e-3
+
+
+@pytest.mark.long
+def test_an_uneven_screen_is_that_of_the_twin(tmp_path):
+    uneven = {
+        "plant__surface__spread_percent": 30.0,
+        "plant__surface__slope_deg": 0.1,
+        "plant__surface__seed": 3,
+    }
+    library = made(tmp_path, duration=0.02, **uneven)
+    twin, ours, _ = both(exact(**uneven), CRig(library), 700)
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    flat = both(exact(), CRig(library), 700)[0]
+    assert abs(flat - ours).max() > 1e-3
+
+
+@pytest.mark.long
+def test_the_ball_rests_and_breaks_away_in_the_same_periods(library):
+    scenario = exact(**EFFECTS["ageing"])
+    twin, ours, _ = both(scenario, CRig(library, scenario), 2500, jolt)
+    rests = [(each[:, [7, 11]] == 0).all(axis=1) for each in (twin, ours)]
+    assert 200 < rests[0].sum() < 2300
+    np.testing.assert_array_equal(*rests)
+    assert np.abs(np.diff(rests[0].astype(int))).sum() >= 4
+
+
+@pytest.mark.long
+def test_a_tunable_parameter_acts_as_a_change_of_the_scenario_does(library):
+    said = {
+        "plant.friction.breakaway_ratio": 2.0,
+        "plant.friction.dwell_time": 0.1,
+        "plant.servo.resonance_hz": 12.0,
+        "plant.servo.bandwidth_hz": 9.0,
+        "sensors.encoders.variance": [1e-8, 1e-9],
+    }
+    c = CRig(library, exact())
+    before = c.step
+
+    def step(rate):
+        if c.tick == 250:
+            for name, value in said.items():
+                for i, each in enumerate(np.ravel(value)):
+                    full = f"{name}[{i + 1}]" if isinstance(value, list) else name
+                    assert c.set(full, each) == 0, c.said
+        before(rate)
+
+    c.step = step
+    twin, ours, _ = both(exact(change=[{"at": 0.5, "set": said}]), c, 700)
+    np.testing.assert_allclose(ours, twin, rtol=0, atol=1e-11)
+    same = both(exact(), CRig(library, exact()), 700)[0]
+    assert abs(same - twin).max() > 1e-4
+
+
+def test_noise_is_white_normal_and_of_the_variance_asked_for():
+    drawn = np.array([normal(3, stream, np.arange(20_000)) for stream in range(3)])
+    assert np.abs(drawn.mean(axis=1)).max() < 4 / np.sqrt(20_000)
+    assert np.abs(drawn.var(axis=1) - 1).max() < 4 * np.sqrt(2 / 20_000)
+    assert np.abs((drawn[:, 1:] * drawn[:, :-1]).mean(axis=1)).max() < 4 / np.sqrt(20_000)
+    assert np.abs(np.corrcoef(drawn)[np.triu_indices(3, 1)]).max() < 4 / np.sqrt(20_000)
+    assert abs((drawn**4).mean() - 3) < 0.1
