@@ -13,7 +13,6 @@ def check(
     student: str | None = None,
     key: str | None = None,
     hidden: bool = False,
-    user: str | None = None,
 ) -> dict[str, Any]:
     """The result of an answer: ``score``, ``max_score``, and ``results``, one a check.
 
@@ -28,20 +27,16 @@ def check(
         student: Whose rig it is for, where no ``rig.toml`` says so.
         key: The course's key; without one, what is hidden of a rig is a value to practise on.
         hidden: Whether hidden checks are judged, too.
-        user: Whom the process that runs the answer shall belong to; needs the right to choose.
 
     Raises:
         ScenarioError: If there is no such lab, something in it is wrong, or the rig is of another
             student, lab or key.
     """
     from twin.lab import judge, schema
-    from twin.lab.process import check_user
     from twin.lab.variants import had_again
 
-    check_user(user)
     found = schema.read(lab)
-    file = Path(answer or found.about.answer.file)
+    file = Path(answer or found.answer.file)
     if file.is_dir():
-        file /= found.about.answer.file
-    dealt = had_again(found, file.parent, key, student)
-    return judge.judged(found, dealt, file, hidden=hidden, user=user)
+        file /= found.answer.file
+    return judge.judged(found, had_again(found, file.parent, key, student), file, hidden=hidden)

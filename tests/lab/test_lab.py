@@ -13,11 +13,10 @@ import pytest
 import ballplate as bp
 from twin.errors import LawError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.course import candidates, tried
+from twin.lab.forms import pack, written
+from twin.lab.grade import candidates, tried
 from twin.lab.judge import judged
-from twin.lab.pack import pack
 from twin.lab.process import NAME, answering
-from twin.lab.results import classroom50, gradescope, junit
 from twin.lab.schema import PRIVATE, CheckTable, read
 from twin.lab.variants import PRACTICE, deal, filled, had_again, hand_out, starter, students
 from twin.run.batch import simulate
@@ -119,14 +118,14 @@ def test_a_rig_is_dealt_by_hmac_of_key_lab_version_and_student() -> None:
     inner, outer = (bytes(each ^ pad for each in block) for pad in (0x36, 0x5C))
     text = hashlib.sha256(inner + b"mini 1 ann told").digest()
     assert deal(lab, "ann", KEY).code == hashlib.sha256(outer + text).hexdigest()[:16]
-    later = lab._replace(about=lab.about.model_copy(update={"version": 2}))
+    later = lab.model_copy(update={"version": 2})
     others = [deal(lab, "bob", KEY), deal(lab, "ann", "another key"), deal(later, "ann", KEY)]
     assert len({each.point["plant.start.x"] for each in (deal(lab, "ann", KEY), *others)}) == 4
 
 
 def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path) -> None:
     lab, folder = read(MINI), tmp_path / "ann"
-    hand_out(lab, ["ann"], KEY, folder)
+    hand_out(lab, {"ann": "."}, KEY, folder)
     true, home = had_again(lab, folder, KEY, "ann"), had_again(lab, folder, None)
     assert home.told == true.told
     assert home.point["plant.level_deg.0"] != true.point["plant.level_deg.0"]
@@ -213,7 +212,7 @@ def test_a_law_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> No
     file.write_text(SOLUTION.replace('"mine"', '"here_of_lab"'))
     settings = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.01"]
     scenario = str(MINI / "hold.toml")
-    with answering(MINI / "solution.py", lab.about.answer, None):
+    with answering(MINI / "solution.py", lab.answer):
         (there,) = simulate([load(scenario, [*settings, f"controller.kind={NAME}"])])
     assert NAME not in catalog.registered()
     catalog.add(file)
@@ -253,11 +252,11 @@ LINES = {
 
 def failing(tmp_path: Path, line: str, said: str) -> None:
     lab, file = read(MINI), tmp_path / "answer.py"
-    about = lab.about.answer.model_copy(update={"seconds": 1.0})
+    about = lab.answer.model_copy(update={"seconds": 1.0})
     mark = "        wanted ="
     file.write_text(SOLUTION.replace(mark, f"        {line}\n{mark}"))
     settings = ["duration=0.1", "metrics.start=0", f"controller.kind={NAME}"]
-    with pytest.raises(LawError) as caught, answering(file, about, None):
+    with pytest.raises(LawError) as caught, answering(file, about):
         simulate([load(str(MINI / "hold.toml"), settings)])
     assert said in str(caught.value)
     assert str(caught.value).startswith("answer.py")
@@ -298,17 +297,17 @@ def a_result() -> dict[str, object]:
 
 
 def test_a_result_is_written_as_gradescope_classroom50_and_junit_have_it() -> None:
-    found = json.loads(gradescope(a_result()))
+    found = json.loads(written(a_result(), "gradescope"))
     assert found["score"] == 4.5
     tests = found["tests"]
     assert [each["visibility"] for each in tests] == ["visible", "hidden", "after_published"]
     assert {each["status"] for each in tests} == {"passed", "failed"}
     assert "Look: the plot" in tests[1]["output"]
-    room = json.loads(classroom50(a_result()))
+    room = json.loads(written(a_result(), "classroom50"))
     assert room["schema"] == "classroom50/result/v1"
     assert (room["score"], room["max-score"]) == (150, 200)
     assert all(type(each["score"]) is int for each in room["tests"])
-    suite = ElementTree.fromstring(junit(a_result()))
+    suite = ElementTree.fromstring(written(a_result(), "junit"))
     assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
     assert [len(case) for case in suite] == [0, 1, 1]
 
@@ -334,8 +333,8 @@ def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
     monkeypatch.setattr(grades, "judged", counted)
 
     def graded() -> dict[str, dict[str, object]]:
-        grader = grades.Grader(lab, KEY, grades.mark_of(lab), ["ann", "bob", "cid"])
-        found = grader.grade(grades.submissions(lab, handed_in), kept, 1, lambda _: None)
+        people, every = ["ann", "bob", "cid"], grades.submissions(lab, handed_in)
+        found = grades.grade(lab, KEY, people, every, kept, 1, lambda _: None)
         return {str(each["student"]): each for each in found}
 
     first = graded()
@@ -361,11 +360,10 @@ def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: P
     hand_out_to = tmp_path / "in"
     (tmp_path / "numbers" / "task.md").write_text("# T\n")
     (tmp_path / "numbers" / "answer.toml").write_text("mass = 1\nwind = 1\n")
-    hand_out(lab, ["ann", "bob"], KEY, hand_out_to, each_own=True)
+    hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
     handed_in = grades.submissions(lab, hand_out_to)
     for key, whole in ((KEY, True), (PRACTICE, False)):
-        grader = grades.Grader(lab, key, "mark")
-        found = [grader(each) for each in handed_in]
+        found = [grades.graded(lab, key, None, each) for each in handed_in]
         assert all(("problem" not in each) == whole for each in found)
     assert "is it the key of this course" in found[0]["problem"]
 
@@ -432,7 +430,7 @@ def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_
     found = tried(lab, (solution, "ann"))
     assert [each["score"] for each in found["results"]] == [1.0, 0.0]
     assert tried(lab, (folder / "answer.toml", "ann"))["score"] == 0
-    hand_out(lab, ["ann"], KEY, tmp_path / "ann")
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
     heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
     assert "applied_phi_acc [rad/s^2]" in heads
     assert "true" not in heads

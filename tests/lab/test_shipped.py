@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.lab.course import candidates, prepared
+from twin.lab.grade import candidates, prepared
 from twin.lab.judge import judged
 from twin.lab.schema import read, shipped_labs
 from twin.lab.variants import LOG, deal, record, starter
@@ -46,7 +46,7 @@ def test_the_sheet_tells_the_limits_that_are_marked_by(name: str) -> None:
 @pytest.mark.parametrize("name", LABS)
 def test_a_starter_is_what_remains_of_its_solution(name: str) -> None:
     lab = read(name)
-    if lab.about.answer.data:
+    if lab.answer.data:
         pytest.skip("its starter is data")
     made = starter((lab.folder / "solution.py").read_text("utf-8"))
     assert made == (lab.folder / "answer.py").read_text("utf-8")
@@ -58,7 +58,7 @@ def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> 
     lab = read(name)
     solution = next(each.file for each in candidates(lab) if each.name == "solution")
     rigs = [deal(lab, f"student{number}", KEY) for number in range(12)]
-    dealt = lab.about.variant.keys[0]  # type: ignore[union-attr]
+    dealt = lab.variant.keys[0]  # type: ignore[union-attr]
     least, most = (end(rigs, key=lambda rig: rig.point[dealt]) for end in (min, max))
     for own, other in ((least, most), (most, least)):
         folder = tmp_path / own.student

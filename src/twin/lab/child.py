@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import importlib.util
 import inspect
 import json
 import os
@@ -18,7 +17,6 @@ import pickle
 import resource
 import struct
 import sys
-import traceback
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -31,12 +29,9 @@ if __name__ == "__main__":
 import numpy as np
 
 import twin
-from controllers.catalog import commanded, remembered, wrong_answer
+from controllers import catalog
 from controllers.interfaces import Feedback, Law
 
-HEAD = struct.Struct("<cxxxI")
-"""Of every message: what it is, and how many bytes follow."""
-PRINTED = "printed.txt"
 MOST_PRINTED = 256 * 1024
 """Bytes an answer may print or write."""
 MEMORY = 2 * 1024**3
@@ -47,19 +42,16 @@ READ_FILE, READ_FOLDER, EXECUTE = 1 << 2, 1 << 3, 1 << 0
 """Rights of Landlock (linux/landlock.h)."""
 
 
-def answer(kind: bytes, content: bytes = b"") -> None:
-    """Send a message to the grader."""
-    os.write(_OUT, HEAD.pack(kind, len(content)) + content)
+def say(**what: Any) -> None:
+    """Tell the grader something: a line of JSON, in which a number keeps its bits."""
+    os.write(_OUT, json.dumps(what).encode() + b"\n")
 
 
-def asked() -> Iterator[tuple[bytes, bytearray]]:
-    """What the grader says, message by message, until it has no more to say."""
-    while head := os.read(_IN, HEAD.size):
-        kind, size = HEAD.unpack(head)
-        content = bytearray()
-        while len(content) < size:
-            content += os.read(_IN, size - len(content))
-        yield kind, content
+def asked() -> Iterator[list[Any]]:
+    """What the grader asks, one after the other, until it has no more to ask."""
+    with suppress(EOFError), open(_IN, "rb") as grader:  # noqa: PTH123  no path
+        while True:
+            yield pickle.load(grader)
 
 
 def limit(seconds: int) -> None:
@@ -90,52 +82,33 @@ def shut_in() -> bool:
     """
     if sys.platform != "linux":
         return False
-    call = ctypes.CDLL(None, use_errno=True).syscall
-    version = call(444, None, ctypes.c_size_t(0), 1)
+    libc = ctypes.CDLL(None, use_errno=True)
+    version = libc.syscall(444, None, ctypes.c_size_t(0), 1)
     if version < 1:
         return False
     every = (1 << {1: 13, 2: 14}.get(version, 15)) - 1
     rules = struct.pack("<QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
     size = 24 if version >= 6 else 16 if version >= 4 else 8
-    ruleset = call(444, rules, ctypes.c_size_t(size), 0)
-    home = Path(twin.__file__).parent
-    seen: set[str | Path] = {
-        sys.prefix,
-        sys.base_prefix,
-        home,
-        home.parent / "ballplate",
-        "/usr",
-        "/lib",
-        "/lib64",
-    }
-    seen |= {
-        Path(inspect.getfile(np)).parents[1],
-        Path(inspect.getfile(Law)).parent,
-        "/dev/urandom",
-    }
-    for path, rights in [
-        *((each, READ_FILE | READ_FOLDER | EXECUTE) for each in seen),
-        (".", every),
-    ]:
+    ruleset = libc.syscall(444, rules, ctypes.c_size_t(size), 0)
+    home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
+    ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
+    theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
+    seen = dict.fromkeys(map(str, (*ours, *theirs)), READ_FILE | READ_FOLDER | EXECUTE)
+    for path, rights in {**seen, ".": every}.items():
         with suppress(OSError):
             place = os.open(path, os.O_PATH)
             given = rights if Path(path).is_dir() else rights & (READ_FILE | EXECUTE)
-            call(445, ruleset, 1, struct.pack("<Qi", given, place), 0)
+            libc.syscall(445, ruleset, 1, struct.pack("<Qi", given, place), 0)
             os.close(place)
-    ctypes.CDLL(None).prctl(
-        38, 1, 0, 0, 0
-    )  # no new privileges, without which nobody may be shut in
-    return bool(call(446, ruleset, 0) == 0)
+    libc.prctl(38, 1, 0, 0, 0)  # no new privileges, without which nobody may be shut in
+    return bool(libc.syscall(446, ruleset, 0) == 0)
 
 
 def the_law(file: Path) -> Any:
     """The one law that a file defines."""
-    spec = importlib.util.spec_from_file_location("answer", file)
-    assert spec is not None and spec.loader is not None  # noqa: PT018
-    module = sys.modules["answer"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = catalog._imported(file)
     every = [each for each in vars(module).values() if inspect.isclass(each)]
-    found = [each for each in every if issubclass(each, Law) and each.__module__ == "answer"]
+    found = [each for each in every if issubclass(each, Law) and each.__module__ == module.__name__]
     if len(found) != 1:
         names = ", ".join(each.__name__ for each in found) or "none"
         raise TypeError(f"must define one law, a class derived from Law, defines {names}")
@@ -143,51 +116,34 @@ def the_law(file: Path) -> Any:
 
 
 def serve(cls: Any) -> None:
-    """Say what law it is, then give a command and a rate of its memory for what is known."""
-    answer(b"h", json.dumps({"memory": cls.memory, "needs": list(cls.needs)}).encode())
-    for kind, content in asked():
-        if kind == b"s":
-            given = pickle.loads(content)  # the grader's own
-            law, shapes, make = cls(model=given["model"]), given["shapes"], given["reference"]
-            if problem := wrong_answer(law):
+    """Say what law it is, then answer what the grader asks of it."""
+    say(memory=cls.memory, needs=cls.needs)
+    for what, *given in asked():
+        found: Any = []
+        if what == "start":
+            model, x, (make, *made_of), period = given
+            law, reference = cls(model=model), make(*made_of)
+            if problem := catalog.wrong_answer(law):
                 raise TypeError(problem)
-            reference = make[0](*make[1:])
-            plan = law.start(given["x"], reference, given["period"])
-            answer(b"k")
-            continue
-        time, *parts = parted(content, shapes)
-        x, equivalent, needed, rate, requested, memory = parts
-        now = Feedback(time, x, equivalent, needed, rate, requested, reference, memory, plan)
-        u = commanded(law, law.command(now), rate) if kind == b"c" else rate
-        slope = memory
-        if law.memory:
-            slope = remembered(law, law.memory_rate(time, equivalent, reference, memory), memory)
-        answer(b"u", u.astype(float).tobytes() + np.asarray(slope, float).tobytes())
-
-
-def parted(content: bytearray, shapes: list[tuple[int, ...]]) -> list[Any]:
-    """A time, then arrays of some shapes, out of one row of numbers."""
-    numbers = np.frombuffer(content)
-    found: list[Any] = [float(numbers[0])]
-    at = 1
-    for shape in shapes:
-        size = int(np.prod(shape))
-        found.append(numbers[at : at + size].reshape(shape))
-        at += size
-    return found
+            plan = law.start(x, reference, period)
+        elif what == "command":
+            *seen, memory = given
+            now = Feedback(*seen, reference, memory, plan)
+            found = catalog.commanded(law, law.command(now), now.rate)
+        else:
+            time, x, memory = given
+            slope = law.memory_rate(time, x, reference, memory)
+            found = catalog.remembered(law, slope, memory)
+        say(answer=np.asarray(found, float).tolist())
 
 
 def line_of(error: BaseException, file: Path) -> str:
     """An error in one line: file and line of the answer, kind and words."""
-    words = f"{type(error).__name__}: {' '.join(str(error).split())}".replace(f"{file}", file.name)
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
         words = f"it prints or writes more than {MOST_PRINTED // 1024} kB"
-    if isinstance(error, SyntaxError) and error.lineno:
-        return f"{file.name}, line {error.lineno}: {type(error).__name__}: {error.msg}"
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if frame.filename == str(file):
-            return f"{file.name}, line {frame.lineno}: {words}"
-    return words if isinstance(error, MemoryError) else f"{file.name}: {words}"
+        error = OSError(words).with_traceback(error.__traceback__)
+    line = catalog._line(error, {str(file)}) or f"{file}: {catalog._words(error)}"
+    return line.replace(str(file), file.name)[:1000]
 
 
 def main(file: Path, seconds: int) -> None:
@@ -197,14 +153,13 @@ def main(file: Path, seconds: int) -> None:
         serve(the_law(file))
     except BaseException as error:  # noqa: BLE001 - an answer may raise anything
         with suppress(OSError):
-            answer(b"e", line_of(error, file).encode()[:1000])
+            say(error=line_of(error, file))
     os._exit(0)
 
 
 if __name__ == "__main__":
+    # what it prints goes where its errors do, what it reads is nothing
     _IN, _OUT = os.dup(0), os.dup(1)
-    _printed = os.open(PRINTED, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    _nothing = os.open(os.devnull, os.O_RDONLY)
-    for _number, _place in enumerate((_nothing, _printed, _printed)):
-        os.dup2(_place, _number)
+    os.dup2(2, 1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     main(Path(sys.argv[1]), int(sys.argv[2]))

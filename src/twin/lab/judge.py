@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from runpy import run_path
@@ -18,8 +17,8 @@ from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
 from twin.lab.process import NAME, answering
 from twin.lab.schema import AnswerTable, CheckTable, Lab
 from twin.lab.variants import Deal
+from twin.report.numbers import in_json
 from twin.run.indicators import UNITS
-from twin.scenario.schema import Scenario
 from twin.study.family import FamilyRig, drawn
 from twin.study.family import read as read_family
 from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
@@ -32,31 +31,15 @@ class NotJudgedError(TwinError):
     """What cannot be judged here, or yet: why."""
 
 
-class Answer(NamedTuple):
-    """An answer that is judged.
-
-    Attributes:
-        file: Where it lies.
-        data: Its tables, of an answer that is data.
-        user: Whom its process belongs to.
-    """
-
-    file: Path
-    data: Mapping[str, Any]
-    user: str | None = None
-
-
 class Judged(NamedTuple):
     """The number that a check judges, in words, and what the answer printed."""
 
     value: float
     said: str
-    log: list[str]
+    log: Sequence[str] = ()
 
 
-def judged(
-    lab: Lab, dealt: Deal, file: Path, *, hidden: bool, user: str | None = None
-) -> dict[str, Any]:
+def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
     """The result of an answer: what check50 calls its results, with points; never an error of it.
 
     Args:
@@ -64,23 +47,22 @@ def judged(
         dealt: The rig it is for.
         file: The answer, there or not.
         hidden: Whether what only the lecturer has is judged, too.
-        user: Whom the answer's process shall belong to.
     """
-    begin, about = time.perf_counter(), lab.about
-    results: list[dict[str, Any]] = []
-    problem, answer = "", Answer(file, {}, user)
+    begin, results = time.perf_counter(), list[dict[str, Any]]()
+    judge, problem = _Judge(lab, dealt, file, {}), None
     try:
-        answer = answer._replace(data=tables(about.answer, file))
+        judge = judge._replace(data=tables(lab.answer, file))
     except TwinError as error:
-        problem = str(error)
+        problem = error
     for check in lab.checks(hidden=hidden):
         none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
-        results.append(_result(lab, check, dealt, answer, problem, none))
+        skipped = NotJudgedError(f"cannot be judged: '{min(none)}' got no points") if none else None
+        results.append(judge.result(check, problem or skipped))
     return {
         "schema": RESULT,
-        "lab": about.name,
-        "version": about.version,
-        "title": about.title,
+        "lab": lab.name,
+        "version": lab.version,
+        "title": lab.title,
         "student": dealt.student,
         "code": dealt.code,
         "rig": dealt.point if hidden else dealt.told,
@@ -90,37 +72,6 @@ def judged(
         "seconds": round(time.perf_counter() - begin, 2),
         "results": results,
         "versions": {"ballplate": version("ballplate"), "model": code()[:16]},
-    }
-
-
-def _result(
-    lab: Lab, check: CheckTable, dealt: Deal, answer: Answer, problem: str, none: set[str]
-) -> dict[str, Any]:
-    """What a check gave, as check50 has it, with its points."""
-    passed: bool | None = False
-    score, found = 0.0, Judged(math.nan, "", [])
-    try:
-        if problem:
-            raise ScenarioError(problem)
-        if none:
-            raise NotJudgedError(f"cannot be judged: '{none.pop()}' got no points")
-        found = _number(lab, check, dealt, answer)
-        score = check.earned(found.value)
-        passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
-    except TwinError as error:
-        why = str(error)
-        passed = None if isinstance(error, NotJudgedError) else False
-    return {
-        "name": check.name,
-        "description": ramp(check),
-        "passed": passed,
-        "score": score,
-        "max_score": check.points,
-        "visible": check.visible,
-        "log": found.log,
-        "cause": None if passed else {"rationale": why, "help": check.look},
-        "dependency": list(check.after),
-        "data": {"value": found.value if math.isfinite(found.value) else None},
     }
 
 
@@ -151,108 +102,156 @@ def measured(check: CheckTable) -> tuple[str, str]:
     return check.metric, unit
 
 
-def _number(lab: Lab, check: CheckTable, dealt: Deal, answer: Answer) -> Judged:
-    """The number that a check judges.
+class _Judge(NamedTuple):
+    """Judges an answer, check by check.
 
-    Raises:
-        NotJudgedError: If it cannot be judged here.
-        TwinError: If the answer fails: one line.
+    Attributes:
+        lab: The lab.
+        dealt: The rig the answer is for.
+        file: The answer.
+        data: Its tables, of an answer that is data.
     """
-    about = lab.about.answer
-    if check.number:
-        value = _off(lab, check, dealt, answer)
-        said = f"{value:.4g}{measured(check)[1]}" if math.isfinite(value) else "is no such number"
-        return Judged(value, f"{check.number}: {said}", [])
-    if about.data:
-        fixed = [f"{key}={json.dumps(value)}" for key, value in flat(answer.data)]
-        return _judged_runs(lab, check, dealt, _rows(lab, check, dealt, fixed))
-    with answering(answer.file, about, answer.user) as process:
-        rows = _rows(lab, check, dealt, [f"controller.kind={NAME}"])
-        if process.failure is not None:
-            raise LawError(process.failure)
-        return _judged_runs(lab, check, dealt, rows)._replace(log=process.printed())
 
+    lab: Lab
+    dealt: Deal
+    file: Path
+    data: Mapping[str, Any]
 
-def _judged_runs(lab: Lab, check: CheckTable, dealt: Deal, rows: list[Row]) -> Judged:
-    what, unit = measured(check)
-    refused = next((row["reason"] for row in rows if row["outcome"] == "refused"), None)
-    if refused is not None:
-        raise LawError(refused)
-    ended = [f"{row['outcome']} ({row['reason']})" for row in rows if row["outcome"] != "finished"]
-    values = np.array([row.get(check.metric) for row in rows], float)  # NaN of one that ended
-    if check.metric and check.limit is None:
+    def result(self, check: CheckTable, problem: TwinError | None) -> dict[str, Any]:
+        """What a check gave, as check50 has it, with its points.
+
+        Args:
+            check: The check.
+            problem: Why there is nothing to judge.
+        """
+        passed: bool | None = False
+        score, found = 0.0, Judged(math.nan, "")
+        try:
+            if problem is not None:
+                raise problem
+            found = self.number(check)
+            score = check.earned(found.value)
+            passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
+        except TwinError as error:
+            why = str(error)
+            passed = None if isinstance(error, NotJudgedError) else False
+        return {
+            "name": check.name,
+            "description": ramp(check),
+            "passed": passed,
+            "score": score,
+            "max_score": check.points,
+            "visible": check.visible,
+            "log": list(found.log),
+            "cause": None if passed else {"rationale": why, "help": check.look},
+            "dependency": list(check.after),
+            "data": {"value": found.value if math.isfinite(found.value) else None},
+        }
+
+    def number(self, check: CheckTable) -> Judged:
+        """The number that a check judges.
+
+        Raises:
+            NotJudgedError: If it cannot be judged here.
+            TwinError: If the answer fails: one line.
+        """
+        if check.number:
+            value = self.off(check)
+            unit = measured(check)[1]
+            said = f"{value:.4g}{unit}" if math.isfinite(value) else "is no such number"
+            return Judged(value, f"{check.number}: {said}")
+        if self.lab.answer.data:
+            fixed = [f"{key}={value}" for key, value in in_json(self.data).items()]
+            return self.of_runs(check, self.rows(check, fixed))
+        with answering(self.file, self.lab.answer) as process:
+            rows = self.rows(check, [f"controller.kind={NAME}"])
+            if process.failure is not None:
+                raise LawError(process.failure)
+            return self.of_runs(check, rows)._replace(log=process.printed())
+
+    def rows(self, check: CheckTable, fixed: Sequence[str]) -> list[Row]:
+        """What the runs of a check gave, a row each, with the answer as overrides.
+
+        Raises:
+            ScenarioError: If an override is wrong.
+        """
+        family = self.lab.family
+        rigs = [FamilyRig({} if check.nominal else self.dealt.point, self.dealt.seed)]
+        if check.family:
+            family = read_family(self.lab.path(check.family))
+            rigs = drawn(family, check.draw, check.rigs)
+        parameters = family.parameters if family is not None else {}
+        relative = {key for key, each in parameters.items() if each.relative}
+        build = Builder(self.lab.path(check.scenario))
+        work = ScenarioRuns(
+            build((*check.set, *fixed, f"seed={seed}"), point, relative)
+            for point, own in rigs
+            for seed in check.seeds or (own,)
+        )
+        return carry_out(work.jobs(work.tasks))
+
+    def of_runs(self, check: CheckTable, rows: list[Row]) -> Judged:
+        """The number that a check judges of its runs.
+
+        Raises:
+            LawError: If there is none, because of a run.
+        """
+        what, unit = measured(check)
+        refused = next((row["reason"] for row in rows if row["outcome"] == "refused"), None)
+        if refused is not None:
+            raise LawError(refused)
+        early = [row for row in rows if row["outcome"] != "finished"]
+        ended = f"{early[0]['outcome']} ({early[0]['reason']})" if early else ""
+        values = np.array([row.get(check.metric) for row in rows], float)  # NaN of one that ended
+        if not check.metric or check.limit is not None:
+            kept = (
+                len(rows) - len(early)
+                if check.limit is None
+                else int((values <= check.limit).sum())
+            )
+            said = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
+            return Judged(kept / len(rows), said)
         if ended:
-            raise LawError(f"{len(ended)} of {len(rows)} runs did not finish: {ended[0]}")
+            raise LawError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
         if check.against:
-            beside = _rows(lab, check, dealt, list(check.against))
-            values /= np.array([row[check.metric] for row in beside], float)
+            values /= np.array(
+                [row[check.metric] for row in self.rows(check, check.against)], float
+            )
         if not np.isfinite(values).all():
             raise LawError(f"{check.metric}: does not apply to these runs")
         worst = float(values.max() if check.full < check.none else values.min())
-        return Judged(worst, f"{what} {worst:.4g}{unit}", [])
-    kept = len(rows) - len(ended) if check.limit is None else int((values <= check.limit).sum())
-    said = f"{kept} of {len(rows)} runs" + (f"; {ended[0]}" if ended else "")
-    return Judged(kept / len(rows), said, [])
+        return Judged(worst, f"{what} {worst:.4g}{unit}")
 
+    def off(self, check: CheckTable) -> float:
+        """How far an answer in numbers is from the truth, or how wide its interval is."""
+        given = self.data[check.number]
+        low, high = given if isinstance(given, list) else (given, given)
+        truth = None if check.truth is None else self.truth(check, check.truth)
+        if isinstance(given, str) or isinstance(truth, str):
+            return 0.0 if given == truth and check.judge == "distance" else math.inf
+        scale = abs(truth) / 100 if check.relative and truth else 1.0
+        if check.judge == "width" or truth is None:
+            return float(high - low) / scale
+        return float(max(low - truth, truth - high, 0.0)) / scale
 
-def _rows(lab: Lab, check: CheckTable, dealt: Deal, fixed: list[str]) -> list[Row]:
-    """What the runs of a check gave, a row each."""
-    work = ScenarioRuns(scenarios(lab, check, dealt, fixed))
-    return carry_out(work.jobs(work.tasks))
+    def truth(self, check: CheckTable, truth: float | str) -> float | str:
+        """What an answer in numbers should be.
 
-
-def scenarios(lab: Lab, check: CheckTable, dealt: Deal, fixed: list[str]) -> list[Scenario]:
-    """The runs of a check.
-
-    Raises:
-        ScenarioError: If an override is wrong.
-    """
-    family = read_family(lab.file(check.family)) if check.family else lab.family
-    rigs = [FamilyRig({} if check.nominal else dealt.point, dealt.seed)]
-    if check.family and family is not None:
-        rigs = drawn(family, check.draw, check.rigs)
-    parameters = family.parameters if family is not None else {}
-    relative = {key for key, each in parameters.items() if each.relative}
-    build = Builder(lab.file(check.scenario))
-    return [
-        build((*check.set, *fixed, f"seed={seed}"), point, relative)
-        for point, own in rigs
-        for seed in check.seeds or (own,)
-    ]
-
-
-def _off(lab: Lab, check: CheckTable, dealt: Deal, answer: Answer) -> float:
-    """How far an answer in numbers is from the truth, or how wide its interval is."""
-    given = answer.data[check.number]
-    low, high = given if isinstance(given, list) else (given, given)
-    truth = None if check.truth is None else _truth(lab, check, dealt, answer.file.parent)
-    if isinstance(given, str) or isinstance(truth, str):
-        return 0.0 if given == truth and check.judge == "distance" else math.inf
-    scale = abs(truth) / 100 if check.relative and truth else 1.0
-    if check.judge == "width" or truth is None:
-        return float(high - low) / scale
-    return float(max(low - truth, truth - high, 0.0)) / scale
-
-
-def _truth(lab: Lab, check: CheckTable, dealt: Deal, folder: Path) -> float | str:
-    """What an answer in numbers should be.
-
-    Raises:
-        NotJudgedError: If only the lecturer knows it.
-    """
-    truth = check.truth
-    name, _, function = str(truth).partition(":")
-    if not isinstance(truth, str) or not (function or check.scenario):
-        assert truth is not None
-        return truth
-    if not dealt.true or (function and not (lab.folder / name).is_file()):
-        raise NotJudgedError("judged by your lecturer, who knows the rig")
-    found = dealt.point.get(truth)
-    if function:
-        found = trusted(lab.folder / name, function)(dealt.point, folder)
-    elif found is None:
-        found = Builder(lab.file(check.scenario)).value(check.set, truth)
-    return found if isinstance(found, str) else float(found)
+        Raises:
+            NotJudgedError: If only the lecturer knows it.
+        """
+        name, _, function = str(truth).partition(":")
+        if not isinstance(truth, str) or not (function or check.scenario):
+            return truth
+        own = self.lab.folder / name
+        if not self.dealt.true or (function and not own.is_file()):
+            raise NotJudgedError("judged by your lecturer, who knows the rig")
+        found = self.dealt.point.get(truth)
+        if function:
+            found = trusted(own, function)(self.dealt.point, self.file.parent)
+        elif found is None:
+            found = Builder(self.lab.path(check.scenario)).value(check.set, truth)
+        return found if isinstance(found, str) else float(found)
 
 
 def trusted(file: Path, function: str) -> Callable[..., Any]:
@@ -277,13 +276,11 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
         raise ScenarioError(f"{about.file}: not handed in")
     if file.suffix != Path(about.file).suffix:
         raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
-    if not about.data:
-        return {}
-    found = read_tables(file)
+    found = read_tables(file) if about.data else {}
     if about.kind == "parameters":
-        allowed = ", ".join(about.keys)
-        for key, _ in flat(found):
+        for key in in_json(found):
             if not f"{key}.".startswith(tuple(f"{each}." for each in about.keys)):
+                allowed = ", ".join(about.keys)
                 raise ScenarioError(f"{file.name}: {key}: may not be set (allowed: {allowed})")
         return found
     for key in found:
@@ -302,12 +299,3 @@ def _answers(given: Any) -> bool:
     pair = given if isinstance(given, list) and len(given) == 2 else [given, given]
     numbers = all(type(each) in {int, float} and math.isfinite(each) for each in pair)
     return isinstance(given, str) or (numbers and pair[0] <= pair[1])
-
-
-def flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values of tables."""
-    for key, value in data.items():
-        if isinstance(value, dict):
-            yield from flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
-import selectors
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from select import select
 from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any, ClassVar
@@ -23,6 +23,7 @@ from controllers import catalog
 from controllers.arrays import Array
 from controllers.controller import PerRigReference, SampledReference
 from controllers.interfaces import Feedback, Law, Reference
+from twin.data_file import DataError, parse_json
 from twin.errors import LawError, ScenarioError
 from twin.lab.schema import AnswerTable
 
@@ -30,6 +31,8 @@ START = 20.0
 """Seconds in which the process must be there, whatever else the machine does."""
 LARGEST = 1e6
 """Largest number in an answer: plate accelerations in rad/s^2 and rates of a law's memory."""
+LONGEST = 1 << 24
+"""Bytes of a line that it says."""
 MOST_MEMORY = 1000
 """Integrator states that a law may have."""
 NAME = "answer"
@@ -37,141 +40,83 @@ NAME = "answer"
 STRANGE = "it said something else than an answer"
 
 
-def check_user(user: str | None) -> None:
-    """Make sure that a process can be given to a user.
-
-    Raises:
-        ScenarioError: If there is none of that name, or only root could.
-    """
-    if user is None:
-        return
-    try:
-        with TemporaryDirectory() as folder:
-            shutil.chown(folder, user)
-        subprocess.run([sys.executable, "-I", "-c", "import twin"], user=user, cwd="/", check=True)
-    except (LookupError, OSError, subprocess.SubprocessError) as error:
-        raise ScenarioError(f"--user {user}: cannot be had: {error}") from None
-
-
+@dataclass
 class AnswerProcess:
     """A process that has an answer, and may do little else.
 
-    Args:
-        file: The answer.
-        about: What it is.
-        user: Whom the process belongs to, where another user than this one's can be had.
+    It is asked by pickles, of the grader's own making, and says lines of JSON, which can do nothing
+    here but be read.
 
-    Raises:
-        LawError: If it cannot be loaded: its file, its line, the error.
-        ScenarioError: If the system cannot keep a process within limits.
+    Attributes:
+        process: The process.
+        prints: File of what it prints.
+        name: What the answer's file is called.
+        seconds: Wall time in s that it may take.
+        left: What of that is left, s.
+        failure: Why it ended, in one line.
     """
 
-    def __init__(self, file: Path, about: AnswerTable, user: str | None) -> None:
-        if sys.platform == "win32":
-            raise ScenarioError("answers in Python are judged on Linux or macOS: no limits here")
-        from twin.lab import child  # noqa: PLC0415  not on Windows
+    process: subprocess.Popen[bytes]
+    prints: Path
+    name: str
+    seconds: float
+    left: float
+    failure: str | None = None
 
-        self._head, self._about = child.HEAD, about
-        self.failure: str | None = None
-        """Why it ended, in one line."""
-        self.slope: tuple[float, Array] = (np.nan, np.zeros(0))
-        """The last time in s of a command, and the rate of the law's memory then."""
-        self._left = about.seconds + START
-        self._folder = TemporaryDirectory(prefix="ballplate-answer-")
-        here = Path(self._folder.name).resolve()
-        shutil.copyfile(file, here / about.file)
-        if user is not None:
-            shutil.chown(here, user)
-        given = [str(here / about.file), str(int(about.seconds) + 5)]
-        self._process = subprocess.Popen(
-            [sys.executable, "-I", "-u", child.__file__, *given],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            cwd=here,
-            env={"OPENBLAS_NUM_THREADS": "1", "HOME": str(here), "LANG": "C.UTF-8"},
-            start_new_session=True,
-            user=user,
-        )
-        assert self._process.stdin and self._process.stdout  # noqa: PT018
-        self._to, self._from = self._process.stdin.fileno(), self._process.stdout.fileno()
-        self._printed = here / child.PRINTED
-        self._ready = selectors.DefaultSelector()
-        self._ready.register(self._from, selectors.EVENT_READ)
-
-    def hello(self) -> Any:
-        """What it says of itself once it is there."""
-        try:
-            said = json.loads(self._answer(b"h"))
-        except json.JSONDecodeError:
-            raise self._failed(STRANGE) from None
-        self._left = self._about.seconds
-        return said
-
-    def close(self) -> None:
-        """End it, and all that it may have begun."""
-        with suppress(OSError):  # it has ended
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.communicate()
-        self._ready.close()
-        self._folder.cleanup()
-
-    def printed(self) -> list[str]:
-        """The last lines that the answer printed."""
-        file = self._printed
-        text = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
-        return [line[:200] for line in text.splitlines()[-5:]]
-
-    def ask(self, kind: bytes, content: bytes, expected: bytes = b"u") -> bytes:
-        """Say something and have the answer.
+    def ask(self, what: str, like: Array, *given: Any) -> Array:
+        """Ask something and have its answer, of the shape of an array.
 
         Raises:
-            LawError: If it fails, is too late, or says something else.
+            LawError: If it fails, is too late, says something else, or a number is none or too
+                large.
         """
         if self.failure is not None:
             raise LawError(self.failure)
+        assert self.process.stdin is not None
         with suppress(OSError):  # it has ended: what it said last is still to be read
-            os.write(self._to, self._head.pack(kind, len(content)) + content)
-        return self._answer(expected)
-
-    def numbers(self, kind: bytes, content: bytes, sizes: Sequence[int]) -> list[Array]:
-        """Say something and have rows of so many numbers.
-
-        Raises:
-            LawError: If it fails, or a number is none or too large.
-        """
-        got = np.frombuffer(bytearray(self.ask(kind, content)))
-        if len(got) != sum(sizes):
-            raise self._failed(STRANGE)
+            os.write(self.process.stdin.fileno(), pickle.dumps((what, *given)))
+        said = self.said()
+        try:
+            got = np.array(said["answer"], float).reshape(like.shape)
+        except (LookupError, TypeError, ValueError):
+            raise self.failed(STRANGE) from None
         largest = np.abs(got).max(initial=0.0)
         if not largest < LARGEST:
             what = f"is {largest:.3g}" if np.isfinite(largest) else "is not finite"
-            raise self._failed(f"a number that it gives {what}; at most {LARGEST:.0e} is allowed")
-        return np.split(got, np.cumsum(sizes)[:-1])
+            raise self.failed(f"a number that it gives {what}; at most {LARGEST:.0e} is allowed")
+        return got
 
-    def _answer(self, expected: bytes) -> bytes:
-        kind, size = self._head.unpack(self._read(self._head.size))
-        if kind not in (expected, b"e") or size > 1 << 24:
-            raise self._failed(STRANGE)
-        content = self._read(size)
-        if kind == b"e":
-            raise self._failed(content.decode("utf-8", "replace"), whole=True)
-        return content
-
-    def _read(self, size: int) -> bytes:
-        content, longest = b"", f"{self._about.seconds:g} s"
-        while len(content) < size:
+    def said(self) -> dict[str, Any]:
+        """What it says next; errors as of ``ask``."""
+        assert self.process.stdout is not None
+        line, pipe = b"", self.process.stdout.fileno()
+        while not line.endswith(b"\n") and len(line) < LONGEST:
             begin = monotonic()
-            if not self._ready.select(max(self._left, 0.0)):
-                raise self._failed(f"it took longer than {longest}")
-            self._left -= monotonic() - begin
-            content += (part := os.read(self._from, size - len(content)))
-            if not part:
-                raise self._failed(f"its process ended by itself ({self._process.wait()})")
-        return content
+            if not select([pipe], [], [], max(self.left, 0.0))[0]:
+                raise self.failed(f"it took longer than {self.seconds:g} s")
+            self.left -= monotonic() - begin
+            if not (part := os.read(pipe, 1 << 16)):
+                raise self.failed(f"its process ended by itself ({self.process.wait()})")
+            line += part
+        try:
+            said = parse_json(line)
+        except DataError:
+            said = None
+        if not isinstance(said, dict):
+            raise self.failed(STRANGE)
+        if "error" in said:
+            self.failure = str(said["error"]).encode("utf-8", "replace").decode()
+            raise LawError(self.failure)
+        return said
 
-    def _failed(self, why: str, *, whole: bool = False) -> LawError:
-        self.failure = why if whole else f"{self._about.file}: {why}"
+    def printed(self) -> list[str]:
+        """The last lines that the answer printed."""
+        text = self.prints.read_text(encoding="utf-8", errors="replace")
+        return [line[:200] for line in text.splitlines()[-5:]]
+
+    def failed(self, why: str) -> LawError:
+        """The error that it did not give what it must; it is asked nothing more."""
+        self.failure = f"{self.name}: {why}"
         return LawError(self.failure)
 
 
@@ -186,27 +131,15 @@ class AnswerLaw(Law):
 
     def start(self, x: Array, reference: Reference, period: float) -> None:
         """Begin a run there."""
-        lead = x.shape[:-1]
-        shapes = [(*lead, size) for size in (8, 8, len(self.needs), 2, 2, self.memory)]
-        own = {"model": self.model, "reference": sent(reference), "shapes": shapes}
-        self.process.ask(b"s", pickle.dumps({**own, "x": x, "period": period}), b"k")
+        self.process.ask("start", np.zeros(0), self.model, x, sent(reference), period)
 
     def command(self, now: Feedback) -> Array:
         """Plate accelerations in rad/s^2, shape (..., 2)."""
-        parts = (now.x, now.equivalent, now.needed, now.rate, now.requested, now.memory)
-        content = np.concatenate([[now.time], *(each.ravel() for each in parts)]).tobytes()
-        u, slope = self.process.numbers(b"c", content, (now.rate.size, now.memory.size))
-        self.process.slope = now.time, slope.reshape(now.memory.shape)
-        return u.reshape(now.rate.shape)
+        return self.process.ask("command", now.rate, *now[:6], now.memory)
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """Time derivative of the memory, (..., memory), known from ``command`` of that time."""
-        if self.process.slope[0] != t:  # in between, where its command is held
-            rest = np.zeros(x[..., 0].size * (len(self.needs) + 4))
-            content = np.concatenate([[t], x.ravel(), x.ravel(), rest, q.ravel()]).tobytes()
-            _, slope = self.process.numbers(b"q", content, (x[..., :2].size, q.size))
-            return slope.reshape(q.shape)
-        return self.process.slope[1]
+        """Time derivative of the memory, shape (..., memory)."""
+        return self.process.ask("memory_rate", q, t, x, q)
 
 
 def sent(reference: Reference) -> tuple[Any, ...]:
@@ -220,23 +153,52 @@ def sent(reference: Reference) -> tuple[Any, ...]:
 
 
 @contextmanager
-def answering(file: Path, about: AnswerTable, user: str | None) -> Iterator[AnswerProcess]:
+def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
     """Have an answer's law in the catalog, called ``answer``, within the context.
+
+    Args:
+        file: The answer.
+        about: What it is.
 
     Raises:
         LawError: If it cannot be loaded: its file, its line, the error.
+        ScenarioError: If the system cannot keep a process within limits.
     """
-    process = AnswerProcess(file, about, user)
-    try:
-        said = process.hello()
+    if sys.platform == "win32":
+        raise ScenarioError("answers in Python are judged on Linux or macOS: no limits here")
+    from twin.lab import child  # noqa: PLC0415  not on Windows
+
+    with TemporaryDirectory(prefix="ballplate-answer-") as folder:
+        here = Path(folder).resolve()
+        own, prints = here / about.file, here / "printed.txt"
+        shutil.copyfile(file, own)
+        with prints.open("ab") as to:
+            begun = subprocess.Popen(
+                [sys.executable, "-I", "-u", child.__file__, own, str(int(about.seconds) + 5)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=to,
+                cwd=here,
+                env={"OPENBLAS_NUM_THREADS": "1", "HOME": folder, "LANG": "C.UTF-8"},
+                start_new_session=True,
+            )
+        process = AnswerProcess(begun, prints, about.file, about.seconds, about.seconds + START)
         try:
-            memory, needs = min(int(said["memory"]), MOST_MEMORY), tuple(map(str, said["needs"]))
-        except (KeyError, TypeError, ValueError):
-            raise LawError(f"{about.file}: {STRANGE}") from None
-        own = {"name": NAME, "process": process, "memory": memory, "needs": needs}
-        catalog.register(type("Answer", (AnswerLaw,), own | {"__module__": __name__}))
-        yield process
-    finally:
-        catalog._registered.pop(NAME, None)
-        catalog._all_classes.cache_clear()
-        process.close()
+            said = process.said()
+            process.left = about.seconds
+            try:
+                memory, needs = (
+                    min(int(said["memory"]), MOST_MEMORY),
+                    tuple(map(str, said["needs"])),
+                )
+            except (LookupError, TypeError, ValueError, OverflowError):
+                raise process.failed(STRANGE) from None
+            law = {"name": NAME, "process": process, "memory": memory, "needs": needs}
+            catalog.register(type("Answer", (AnswerLaw,), law | {"__module__": __name__}))
+            yield process
+        finally:
+            catalog._registered.pop(NAME, None)
+            catalog._all_classes.cache_clear()
+            with suppress(OSError):  # it has ended, and all that it may have begun
+                os.killpg(begun.pid, signal.SIGKILL)
+            begun.communicate()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import chain
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from twin.errors import ScenarioError, nearest, shortened
 from twin.shipped import shipped_labs
@@ -37,17 +37,12 @@ class AnswerTable(Checked):
     """
 
     kind: Kind
-    file: str
+    file: str = Field(
+        default_factory=lambda said: f"answer.{'py' if said.get('kind') == 'law' else 'toml'}"
+    )
     seconds: Annotated[float, Field(gt=0, le=3600)] = 20.0
     asked: Mapping[str, str] = Field({})
     keys: tuple[str, ...] = ()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, tables: Any) -> Any:
-        if not isinstance(tables, dict):
-            return tables
-        return {"file": "answer.py" if tables.get("kind") == "law" else "answer.toml", **tables}
 
     @model_validator(mode="after")
     def _whole(self) -> AnswerTable:
@@ -80,6 +75,11 @@ class VariantTable(Checked):
     told: tuple[str, ...] = ()
     log: str = ""
     set: tuple[str, ...] = ()
+
+
+def as_list(given: Any) -> Any:
+    """A list of texts that may be given as one text."""
+    return (given,) if isinstance(given, str) else given
 
 
 class CheckTable(Checked):
@@ -128,17 +128,10 @@ class CheckTable(Checked):
     truth: float | str | None = None
     judge: Literal["distance", "width"] = "distance"
     relative: bool = False
-    after: tuple[str, ...] = ()
+    after: Annotated[tuple[str, ...], BeforeValidator(as_list)] = ()
     why: str = ""
     look: str = ""
     visible: Visible = "visible"
-
-    @model_validator(mode="before")
-    @classmethod
-    def _lists(cls, tables: Any) -> Any:
-        if isinstance(tables, dict) and isinstance(tables.get("after"), str):
-            return {**tables, "after": (tables["after"],)}
-        return tables
 
     @model_validator(mode="after")
     def _one_judge(self) -> CheckTable:
@@ -166,8 +159,27 @@ class CheckTable(Checked):
         return round(self.points * min(max(share, 0.0), 1.0), 2) if share == share else 0.0  # noqa: PLR0124
 
 
-class LabFile(Checked):
-    """The tables of ``lab.toml``."""
+class HiddenCheck(CheckTable):
+    """A check that only the lecturer has: hidden unless it says otherwise."""
+
+    visible: Visible = "hidden"
+
+
+class HiddenFile(Checked):
+    """The tables of ``hidden.toml``."""
+
+    check: tuple[HiddenCheck, ...]
+
+
+class Lab(Checked):
+    """A lab: the tables of ``lab.toml``, where it lies, and what only the lecturer has.
+
+    Attributes:
+        check: What is judged, and students may read.
+        called: The name or folder by which it was asked for.
+        folder: Where it lies.
+        hidden: The checks of ``hidden.toml``.
+    """
 
     schema_: Annotated[str, Field(alias="schema")]
     name: Annotated[str, Field(pattern=r"^[a-z0-9_-]+$")]
@@ -178,38 +190,80 @@ class LabFile(Checked):
     answer: AnswerTable
     variant: VariantTable | None = None
     check: Annotated[tuple[CheckTable, ...], Field(min_length=1)]
-
-
-class HiddenFile(Checked):
-    """The tables of ``hidden.toml``: further checks, hidden unless they say otherwise."""
-
-    check: tuple[CheckTable, ...]
-
-
-class Lab(NamedTuple):
-    """A lab.
-
-    Attributes:
-        folder: Where it lies.
-        about: What its file says.
-        hidden: The checks that only the lecturer has.
-        family: Of the rigs that are dealt; None where all are alike.
-    """
-
+    called: str
     folder: Path
-    about: LabFile
-    hidden: tuple[CheckTable, ...]
-    family: Family | None
+    hidden: tuple[HiddenCheck, ...]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Lab:
+        """Checks have names of their own, follow each other and fit the answer."""
+        answer, names, _ = self.answer, list[str](), self.family
+        for each in self.checks(hidden=True):
+            for other in each.after:
+                if other not in names:
+                    raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
+            names.append(each.name)
+            if bool(each.number) != (answer.kind == "numbers"):
+                what = f"does not judge an answer of kind {answer.kind}"
+                raise ValueError(f"check '{each.name}': {what}")
+            if each.number and each.number not in answer.asked:
+                where = nearest(each.number, answer.asked)
+                raise ValueError(f"check '{each.name}': number: no '{each.number}'{where}")
+        check_named_once("check", names)
+        return self
+
+    @cached_property
+    def family(self) -> Family | None:
+        """The family of the rigs that are dealt, with the keys that are; None: all are alike.
+
+        Raises:
+            ValueError: If there is none, or it has not the keys.
+        """
+        if self.variant is None:
+            return None
+        keys, family = self.variant.keys, read_family(self.path(self.variant.family))
+        known = {"keys": family.parameters, "told": keys}
+        for table, those in known.items():
+            for key in getattr(self.variant, table):
+                if key not in those:
+                    raise ValueError(f"variant.{table}: no '{key}'{nearest(key, those)}")
+        dealt = {key: family.parameters[key] for key in keys}
+        return family.model_copy(update={"parameters": dealt})
 
     def checks(self, *, hidden: bool) -> tuple[CheckTable, ...]:
         """What is judged, with or without what only the lecturer has."""
-        open_ = tuple(each for each in self.about.check if hidden or each.visible == "visible")
-        return open_ + (self.hidden if hidden else ())
+        if hidden:
+            return self.check + self.hidden
+        return tuple(each for each in self.check if each.visible == "visible")
 
-    def file(self, name: str) -> str:
+    def path(self, name: str) -> str:
         """A file of this lab's folder by its path; any other name, as of what is shipped, as is."""
         own = self.folder / name
         return str(own) if name and own.is_file() else name
+
+    def text(self, name: str) -> str:
+        """The text of a file of this lab's folder.
+
+        Raises:
+            ScenarioError: If it cannot be read.
+        """
+        return text_of(self.folder / name, f"{self.folder.name}/{name}")
+
+
+def text_of(file: Path, called: str) -> str:
+    """The text of a file.
+
+    Args:
+        file: The file.
+        called: What a message calls it.
+
+    Raises:
+        ScenarioError: If it cannot be read.
+    """
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{called}: cannot be read: {error}") from None
 
 
 def read(name: str | Path) -> Lab:
@@ -220,65 +274,15 @@ def read(name: str | Path) -> Lab:
     """
     known = shipped_labs()
     place = known.get(str(name)) or Path(name)
-    if not (place / "lab.toml").is_file():
+    file, hidden = place / "lab.toml", place / "hidden.toml"
+    if not file.is_file():
         what = "has no lab.toml" if place.is_dir() else "not found" + nearest(str(name), known)
         raise ScenarioError(f"lab '{shortened(str(name))}': {what}")
-    said = read_tables(place / "lab.toml", f"{place.name}/lab.toml").get("schema")
+    said = read_tables(file, f"{place.name}/lab.toml").get("schema")
     if said != SCHEMA:
         raise ScenarioError(
             f"{place.name}/lab.toml: schema: must be '{SCHEMA}', got {shortened(repr(said))}; "
             "a newer one needs a newer ballplate"
         )
-    about, hidden = read_model(LabFile, place / "lab.toml"), tuple[CheckTable, ...]()
-    if (place / "hidden.toml").is_file():
-        found = read_model(HiddenFile, place / "hidden.toml").check
-        hidden = tuple(
-            each if "visible" in each.model_fields_set else each.model_copy(update=HIDDEN)
-            for each in found
-        )
-    lab = Lab(place.resolve(), about, hidden, None)
-    try:
-        family = _family(lab)
-        _check(lab)
-    except ValueError as error:
-        raise ScenarioError(f"{place.name}/lab.toml: {error}") from None
-    return lab._replace(family=family)
-
-
-HIDDEN = {"visible": "hidden"}
-
-
-def _family(lab: Lab) -> Family | None:
-    """The family of the rigs that are dealt, with the keys that are."""
-    variant = lab.about.variant
-    if variant is None:
-        return None
-    family = read_family(lab.file(variant.family))
-    for key in variant.keys:
-        if key not in family.parameters:
-            raise ValueError(f"variant.keys: no '{key}'{nearest(key, family.parameters)}")
-    for key in variant.told:
-        if key not in variant.keys:
-            raise ValueError(f"variant.told: no '{key}'{nearest(key, variant.keys)}")
-    dealt = {key: family.parameters[key] for key in variant.keys}
-    return family.model_copy(update={"parameters": dealt})
-
-
-def _check(lab: Lab) -> None:
-    """Make sure that checks have names of their own, follow each other and fit the answer.
-
-    Raises:
-        ValueError: If not.
-    """
-    answer, names = lab.about.answer, []
-    for each in chain(lab.about.check, lab.hidden):
-        for other in each.after:
-            if other not in names:
-                raise ValueError(f"check '{each.name}': after: no check before it is '{other}'")
-        names.append(each.name)
-        if bool(each.number) != (answer.kind == "numbers"):
-            raise ValueError(f"check '{each.name}': does not judge an answer of kind {answer.kind}")
-        if each.number and each.number not in answer.asked:
-            where = nearest(each.number, answer.asked)
-            raise ValueError(f"check '{each.name}': number: no '{each.number}'{where}")
-    check_named_once("check", names)
+    more = read_model(HiddenFile, hidden).check if hidden.is_file() else ()
+    return read_model(Lab, file, called=str(name), folder=place.resolve(), hidden=more)

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 from pydantic import Field
 
-from twin.errors import ScenarioError, nearest, shortened
+from twin.errors import ScenarioError, shortened
 from twin.lab.schema import Lab
+from twin.run.files import export
 from twin.run.finished import run
 from twin.study.family import Point, drawn
 from twin.study.work import Builder
@@ -75,7 +76,7 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
         key: The course's.
         code: That of the student's sheet, for who lacks the key.
     """
-    name = f"{lab.about.name} {lab.about.version} {student}"
+    name = f"{lab.name} {lab.version} {student}"
     secret = (PRACTICE if key is None else key).encode()
     digests = [
         hmac.new(secret, f"{name} {part}".encode(), hashlib.sha256).hexdigest()[:16]
@@ -84,10 +85,10 @@ def deal(lab: Lab, student: str, key: str | None = None, code: str | None = None
     if key is None and code is not None:
         digests = [code, hashlib.sha256(code.encode()).hexdigest()[:16]]
     own, hidden = digests
-    if lab.family is None or lab.about.variant is None:
+    if lab.family is None or lab.variant is None:
         return Deal(student, own, {}, {}, int(hidden, 16) % 2**31)
-    open_, closed = (drawn(lab.family, int(digest, 16), 1)[0] for digest in digests)
-    told = {each: open_.point[each] for each in lab.about.variant.told}
+    open_, closed = (drawn(lab.family, int(each, 16), 1)[0] for each in digests)
+    told = {key: open_.point[key] for key in lab.variant.told}
     return Deal(student, own, closed.point | told, told, closed.seed)
 
 
@@ -100,13 +101,10 @@ def had_again(lab: Lab, folder: Path, key: str | None, student: str | None = Non
     if not (folder / RIG).is_file():
         return deal(lab, student or "nobody", key)
     said = read_model(RigFile, folder / RIG)
-    for what, has, wanted in (
-        ("lab", said.lab, lab.about.name),
-        ("version", said.version, lab.about.version),
-        ("student", said.student, student or said.student),
-    ):
-        if has != wanted:
-            raise ScenarioError(f"{folder.name}/{RIG}: {what}: is {has!r}, must be {wanted!r}")
+    wanted = {"lab": lab.name, "version": lab.version, "student": student or said.student}
+    for what, must in wanted.items():
+        if (has := getattr(said, what)) != must:
+            raise ScenarioError(f"{folder.name}/{RIG}: {what}: is {has!r}, must be {must!r}")
     found = deal(lab, said.student, PRACTICE if said.practice and key is None else key, said.code)
     if found.code != said.code:
         raise ScenarioError(
@@ -148,76 +146,42 @@ def check_name(student: str) -> None:
         )
 
 
-def known(student: str, names: list[str]) -> None:
-    """Make sure that a student is one of a class.
-
-    Raises:
-        ScenarioError: If not.
-    """
-    if student not in names:
-        raise ScenarioError(f"student '{student}': not in the class{nearest(student, names)}")
-
-
-def hand_out(
-    lab: Lab, students: list[str], key: str | None, folder: Path, *, each_own: bool = False
-) -> None:
+def hand_out(lab: Lab, places: Mapping[str, str], key: str | None, folder: Path) -> None:
     """Write what students begin with: sheet, starter, rig, log.
 
     Args:
         lab: The lab.
-        students: Who.
+        places: Who, and in which folder of the new one, ``.`` for itself.
         key: The course's; without one their rigs are to practise on.
         folder: Where to; must not exist.
-        each_own: Whether each has a folder of their own in it.
 
     Raises:
         TwinError: If a file of the lab cannot be read, its log not be run, or one not be written.
     """
-    about = lab.about
-    texts = {name: text_of(lab, name) for name in ("task.md", about.answer.file)}
+    answer = lab.answer.file
+    sheet, begun = lab.text("task.md").rstrip(), lab.text(answer)
 
     def fill(inner: Path) -> None:
-        for student in students:
-            dealt = deal(lab, student, key)
-            _write(lab, dealt, texts, inner / student if each_own else inner, practice=key is None)
+        for student, place in places.items():
+            dealt, own = deal(lab, student, key), inner / place
+            rig = {"lab": lab.name, "version": lab.version, "student": student}
+            rig |= {"code": dealt.code, "practice": key is None}
+            told = toml({json.dumps(each): value for each, value in dealt.told.items()})
+            write_whole(own / RIG, f"{toml(rig)}[told]\n{told}")
+            told = "".join(f"- `{each}` = {value}\n" for each, value in dealt.told.items())
+            about = f"## Your rig\n\n{student}, code {dealt.code}\n\n{told}"
+            write_whole(own / "task.md", f"{sheet}\n\n{about}")
+            write_whole(own / answer, filled(begun, dealt.told))
+            record(lab, dealt, own / LOG)
 
-    for student in students:
+    for student in places:
         check_name(student)
     write_folder(folder, fill)
 
 
-def _write(
-    lab: Lab, dealt: Deal, texts: Mapping[str, str], folder: Path, *, practice: bool
-) -> None:
-    about, own = lab.about, dealt.told.items()
-    rig = {"lab": about.name, "version": about.version, "student": dealt.student}
-    rig |= {"code": dealt.code, "practice": practice, "told": dealt.told}
-    write_whole(folder / RIG, toml(rig))
-    sheet = f"{texts['task.md'].rstrip()}\n\n## Your rig\n\n{dealt.student}, code {dealt.code}\n\n"
-    write_whole(folder / "task.md", sheet + "".join(f"- `{key}` = {each}\n" for key, each in own))
-    write_whole(folder / about.answer.file, filled(texts[about.answer.file], dealt.told))
-    record(lab, dealt, folder / LOG)
-
-
-def toml(tables: Mapping[str, Any], path: str = "") -> str:
-    """Tables of numbers, texts and lists as TOML."""
-    own = {key: value for key, value in tables.items() if not isinstance(value, dict)}
-    text = "".join(f"{json.dumps(key)} = {json.dumps(value)}\n" for key, value in own.items())
-    for key in tables.keys() - own.keys():
-        text += f"[{path}{json.dumps(key)}]\n{toml(tables[key], f'{path}{json.dumps(key)}.')}"
-    return text
-
-
-def text_of(lab: Lab, name: str) -> str:
-    """The text of a file of a lab.
-
-    Raises:
-        ScenarioError: If it cannot be read.
-    """
-    try:
-        return (lab.folder / name).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{lab.folder.name}/{name}: cannot be read: {error}") from None
+def toml(values: Mapping[str, Any]) -> str:
+    """Numbers, texts and lists of them by key, dotted or not, as TOML."""
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
 
 
 def starter(solution: str) -> str:
@@ -226,22 +190,25 @@ def starter(solution: str) -> str:
     Lines between ``# BEGIN SOLUTION`` and ``# END SOLUTION`` go; of those between
     ``# BEGIN STARTER`` and ``# END STARTER`` the comment signs do.
     """
-    kept, within = [], ""
-    for line in solution.splitlines():
-        mark = line.strip().removeprefix("# ").split()
-        if mark[:1] in (["BEGIN"], ["END"]) and mark[1:] in (["SOLUTION"], ["STARTER"]):
-            within = mark[1] if mark[0] == "BEGIN" else ""
-        elif within != "SOLUTION":
-            kept.append(re.sub(r"^(\s*)# ?", r"\1", line) if within else line)
-    return "\n".join(kept) + "\n"
+    given = re.sub(MARKED.format("SOLUTION"), "", solution)
+    return re.sub(MARKED.format("STARTER"), lambda found: uncommented(found[1]), given)
+
+
+MARKED = r"(?ms)^ *# BEGIN {0}$\n(.*?)^ *# END {0}$\n"
+"""Lines between two marks."""
+
+
+def uncommented(lines: str) -> str:
+    """Lines without the signs that make them comments."""
+    return re.sub(r"(?m)^( *)# ?", r"\1", lines)
 
 
 def filled(text: str, told: Mapping[str, Any]) -> str:
     """An answer's text with what the student's sheet tells in its lines marked ``# told: KEY``."""
 
-    def line(match: re.Match[str]) -> str:
-        name, old, mark, key = match.groups()
-        return f"{name}{told.get(key, old)!r}{mark}{key}" if key in told else match.group()
+    def line(found: re.Match[str]) -> str:
+        begin, _, mark, key = found.groups()
+        return f"{begin}{told[key]!r}{mark}{key}" if key in told else found.group()
 
     return _TOLD.sub(line, text)
 
@@ -252,19 +219,12 @@ def record(lab: Lab, dealt: Deal, path: Path) -> None:
     Raises:
         TwinError: If its scenario cannot be run.
     """
-    variant = lab.about.variant
-    if variant is None or not variant.log:
-        return
-    fixed = (*variant.set, f"seed={dealt.seed}")
-    done = run(Builder(lab.file(variant.log))(fixed, dealt.point))
-    import pandas as pd  # noqa: PLC0415  only here
-
-    seen = {
-        f"{name} [{done.units[name]}]": values
-        for name, values in done.rows.items()
-        if name.startswith(SEEN)
-    }
-    write_whole(path, lambda file: pd.DataFrame(seen).to_csv(file, index=False))
+    variant = lab.variant
+    if variant is not None and variant.log:
+        fixed = (*variant.set, f"seed={dealt.seed}")
+        done = run(Builder(lab.path(variant.log))(fixed, dealt.point))
+        seen = {name: values for name, values in done.rows.items() if name.startswith(SEEN)}
+        export(path, seen, done.units)
 
 
 SEEN = ("time", "measured_", "requested_", "applied_", "age", "touched")
