@@ -227,6 +227,7 @@ def test_a_law_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> No
     assert here.rms_distance is not None
 
 
+SAY = "import os, __main__; os.write(__main__._OUT"
 LINES = {
     "t.true_x": "AttributeError",
     "import twin.sim.rig": "ImportError: twin.sim.rig is the grader's",
@@ -240,13 +241,18 @@ LINES = {
     "__import__('os').fork()": "an answer may not start a process",
     "__import__('subprocess').run(['ls'])": "an answer may not start a process",
     "__import__('os').kill(__import__('os').getppid(), 9)": "PermissionError",
-    "return np.full_like(angle, np.nan)": "is not finite",
+    "return np.full_like(angle, np.nan)": "control must give numbers",
+    "return np.full_like(angle, np.nan if t else 0.0)": "is not finite",
     "return np.full_like(angle, 1e300)": "is 1e+300; at most 1e+06",
     "return np.zeros(3)": "it gave shape (3,)",
     "raise ValueError('no')": "ValueError: no",
     "raise SystemExit": "SystemExit",
     "__import__('os')._exit(3)": "its process ended by itself (3)",
     "bytearray(8 * 1024**3)": "MemoryError",
+    f"{SAY}, b'{{}}' + bytes([10]))": "something else than an answer",
+    f"{SAY}, b'[1, ')": "something else than an answer",
+    f"{SAY}, b'9' * 9999 + bytes([10]))": "something else than an answer",
+    "raise ValueError('\\ud800')": "ValueError: ?",
 }
 
 

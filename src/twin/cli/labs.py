@@ -138,7 +138,8 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     from twin.lab.variants import students
     from twin.writing import write_whole, written_alone
 
-    names, processes = people and students(people), given["processes"] or cores()
+    names = students(people) if people else None
+    processes = given["processes"] or cores()
     handed_in, kept = grades.submissions(lab, folder), out.with_suffix(".results")
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grades.grade(lab, given["key"], names, handed_in, kept, processes, advance)

@@ -87,9 +87,9 @@ def shut_in() -> bool:
     if version < 1:
         return False
     every = (1 << {1: 13, 2: 14}.get(version, 15)) - 1
+    # a system that knows fewer rights takes zeros for those to come
     rules = struct.pack("<QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
-    size = 24 if version >= 6 else 16 if version >= 4 else 8
-    ruleset = libc.syscall(444, rules, ctypes.c_size_t(size), 0)
+    ruleset = libc.syscall(444, rules, ctypes.c_size_t(len(rules)), 0)
     home, packages = Path(twin.__file__).parent, Path(np.__file__).parents[1]
     ours = (home, home.parent / "ballplate", Path(inspect.getfile(Law)).parent, packages)
     theirs = (sys.prefix, sys.base_prefix, "/usr", "/lib", "/lib64", "/dev/urandom")
@@ -128,7 +128,7 @@ def serve(cls: Any) -> None:
             plan = law.start(x, reference, period)
         elif what == "command":
             *seen, memory = given
-            now = Feedback(*seen, reference, memory, plan)
+            now = Feedback._make((*seen, reference, memory, plan))
             found = catalog.commanded(law, law.command(now), now.rate)
         else:
             time, x, memory = given

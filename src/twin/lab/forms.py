@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -108,21 +107,12 @@ def pack(lab: Lab, system: str, out: Path, key: str | None, wheel: Path | None) 
 def _fill(lab: Lab, system: str, inner: Path, key: str | None, wheel: Path | None) -> None:
     """Put what a system wants into a folder: the lab, and what its templates give."""
     graded = system != "folder"
+    wanted = f"/autograder/source/{wheel.name}" if wheel else f"ballplate=={version('ballplate')}"
     closed = {*PRIVATE, "__pycache__"} - ({"hidden.toml", "truth.py"} if graded else set())
     place = inner / "lab" if graded else inner
     shutil.copytree(lab.folder, place, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*closed))
     for template in (TEMPLATES / system).iterdir():
-        text = filled(
-            template,
-            requirement=f"/autograder/source/{wheel.name}"
-            if wheel
-            else f"ballplate=={version('ballplate')}",
-            key=key,
-            name=lab.name,
-            answer=lab.answer.file,
-            starter=lab.text(lab.answer.file),
-            sections=re.split(r"(?m)^(?=## )", lab.text("task.md")),
-        )
+        text = filled(template, lab=lab, key=key, requirement=wanted)
         if template.stem.endswith(".ipynb"):
             text = json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
         made = inner / template.stem.replace("notebook", lab.name)
