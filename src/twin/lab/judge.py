@@ -49,15 +49,9 @@ def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]
         hidden: Whether what only the lecturer has is judged, too.
     """
     begin, results = time.perf_counter(), list[dict[str, Any]]()
-    judge, problem = _Judge(lab, dealt, file, {}), None
-    try:
-        judge = judge._replace(data=tables(lab.answer, file))
-    except TwinError as error:
-        problem = error
     for check in lab.checks(hidden=hidden):
         none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
-        skipped = NotJudgedError(f"cannot be judged: '{min(none)}' got no points") if none else None
-        results.append(judge.result(check, problem or skipped))
+        results.append(_Judge(lab, dealt, file).result(check, sorted(none)))
     return {
         "schema": RESULT,
         "lab": lab.name,
@@ -109,27 +103,26 @@ class _Judge(NamedTuple):
         lab: The lab.
         dealt: The rig the answer is for.
         file: The answer.
-        data: Its tables, of an answer that is data.
     """
 
     lab: Lab
     dealt: Deal
     file: Path
-    data: Mapping[str, Any]
 
-    def result(self, check: CheckTable, problem: TwinError | None) -> dict[str, Any]:
+    def result(self, check: CheckTable, none: Sequence[str]) -> dict[str, Any]:
         """What a check gave, as check50 has it, with its points.
 
         Args:
             check: The check.
-            problem: Why there is nothing to judge.
+            none: The checks before it that got no points, without which it cannot be judged.
         """
         passed: bool | None = False
         score, found = 0.0, Judged(math.nan, "")
         try:
-            if problem is not None:
-                raise problem
-            found = self.number(check)
+            data = tables(self.lab.answer, self.file)
+            if none:
+                raise NotJudgedError(f"cannot be judged: '{none[0]}' got no points")
+            found = self.number(check, data)
             score = check.earned(found.value)
             passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
         except TwinError as error:
@@ -148,20 +141,24 @@ class _Judge(NamedTuple):
             "data": {"value": found.value if math.isfinite(found.value) else None},
         }
 
-    def number(self, check: CheckTable) -> Judged:
+    def number(self, check: CheckTable, data: Mapping[str, Any]) -> Judged:
         """The number that a check judges.
+
+        Args:
+            check: The check.
+            data: The answer's tables, if it is data.
 
         Raises:
             NotJudgedError: If it cannot be judged here.
             TwinError: If the answer fails: one line.
         """
         if check.number:
-            value = self.off(check)
+            value = self.off(check, data[check.number])
             unit = measured(check)[1]
             said = f"{value:.4g}{unit}" if math.isfinite(value) else "is no such number"
             return Judged(value, f"{check.number}: {said}")
         if self.lab.answer.data:
-            fixed = [f"{key}={value}" for key, value in in_json(self.data).items()]
+            fixed = [f"{key}={value}" for key, value in in_json(data).items()]
             return self.of_runs(check, self.rows(check, fixed))
         with answering(self.file, self.lab.answer) as process:
             rows = self.rows(check, [f"controller.kind={NAME}"])
@@ -222,9 +219,8 @@ class _Judge(NamedTuple):
         worst = float(values.max() if check.full < check.none else values.min())
         return Judged(worst, f"{what} {worst:.4g}{unit}")
 
-    def off(self, check: CheckTable) -> float:
+    def off(self, check: CheckTable, given: Any) -> float:
         """How far an answer in numbers is from the truth, or how wide its interval is."""
-        given = self.data[check.number]
         low, high = given if isinstance(given, list) else (given, given)
         truth = None if check.truth is None else self.truth(check, check.truth)
         if isinstance(given, str) or isinstance(truth, str):
