@@ -119,22 +119,23 @@ def serve(cls: Any) -> None:
     """Say what law it is, then answer what the grader asks of it."""
     say(memory=cls.memory, needs=cls.needs)
     for what, *given in asked():
-        found: Any = []
         if what == "start":
             model, x, (make, *made_of), period = given
             law, reference = cls(model=model), make(*made_of)
             if problem := catalog.wrong_answer(law):
                 raise TypeError(problem)
             plan = law.start(x, reference, period)
-        elif what == "command":
-            *seen, memory = given
-            now = Feedback._make((*seen, reference, memory, plan))
-            found = catalog.commanded(law, law.command(now), now.rate)
-        else:
-            time, x, memory = given
+            say(answer=[])
+            continue
+        time, *seen, memory = given
+        found, x = [], seen[0]
+        if what == "command":
+            now = Feedback._make((time, *seen, reference, memory, plan))
+            found, x = [catalog.commanded(law, law.command(now), now.rate)], now.equivalent
+        if law.memory:
             slope = law.memory_rate(time, x, reference, memory)
-            found = catalog.remembered(law, slope, memory)
-        say(answer=np.asarray(found, float).tolist())
+            found.append(catalog.remembered(law, slope, memory))
+        say(answer=np.concatenate(found, axis=-1).tolist())
 
 
 def line_of(error: BaseException, file: Path) -> str:

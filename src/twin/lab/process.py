@@ -54,6 +54,7 @@ class AnswerProcess:
         seconds: Wall time in s that it may take.
         left: What of that is left, s.
         failure: Why it ended, in one line.
+        slope: The last time in s of a command, and the rate of the law's memory then.
     """
 
     process: subprocess.Popen[bytes]
@@ -62,6 +63,7 @@ class AnswerProcess:
     seconds: float
     left: float
     failure: str | None = None
+    slope: tuple[float, Array] = (np.nan, np.zeros(0))
 
     def ask(self, what: str, like: Array, *given: Any) -> Array:
         """Ask something and have its answer, of the shape of an array.
@@ -134,12 +136,17 @@ class AnswerLaw(Law):
         self.process.ask("start", np.zeros(0), self.model, x, sent(reference), period)
 
     def command(self, now: Feedback) -> Array:
-        """Plate accelerations in rad/s^2, shape (..., 2)."""
-        return self.process.ask("command", now.rate, *now[:6], now.memory)
+        """Plate accelerations in rad/s^2, shape (..., 2); the memory's rate comes with them."""
+        both = np.concatenate([now.rate, now.memory], axis=-1)
+        both = self.process.ask("command", both, *now[:6], now.memory)
+        self.process.slope = now.time, both[..., 2:]
+        return both[..., :2]
 
     def memory_rate(self, t: float, x: Array, reference: Reference, q: Array) -> Array:
-        """Time derivative of the memory, shape (..., memory)."""
-        return self.process.ask("memory_rate", q, t, x, q)
+        """Time derivative of the memory, shape (..., memory), as it came with the command of t."""
+        if self.process.slope[0] == t:
+            return self.process.slope[1]
+        return self.process.ask("memory_rate", q, t, x, q)  # between two commands
 
 
 def sent(reference: Reference) -> tuple[Any, ...]:
