@@ -27,20 +27,20 @@ def _lab(_: click.Context, __: click.Parameter, name: str) -> Lab:
     return read(name)
 
 
-def _key(_: click.Context, __: click.Parameter, file: Path | None) -> str | None:
+def _text(key: Path | None) -> str | None:
     """The course's key out of its file."""
-    if file is None:
+    if key is None:
         return None
     from twin.lab.schema import text_of
 
-    text = text_of(file, f"--key {file}").strip()
+    text = text_of(key, f"--key {key}").strip()
     if len(text) < 8:
-        raise ScenarioError(f"--key {file}: a key has at least 8 characters")
+        raise ScenarioError(f"--key {key}: a key has at least 8 characters")
     return text
 
 
 LAB = click.argument("lab", callback=_lab)
-KEY = click.option("--key", type=PATH, callback=_key, help="File with the course's key.")
+KEY = click.option("--key", type=PATH, help="File with the course's key.")
 
 
 @click.group(cls=Group, example="lab check signs answer.py")
@@ -62,7 +62,7 @@ def list_labs(*, as_json: bool) -> int:
 @click.option("--student", required=True, help="Your name or number.")
 @click.option("--out", type=PATH, help="New folder [LAB-STUDENT].")
 @KEY
-def start(lab: Lab, student: str, out: Path | None, key: str | None) -> int:
+def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
     """Begin a lab: the sheet, a starter that runs, the rig of your own.
 
     Without the course's key the rig is one to practise on; your lecturer hands out yours.
@@ -70,7 +70,7 @@ def start(lab: Lab, student: str, out: Path | None, key: str | None) -> int:
     from twin.lab.variants import hand_out
 
     folder = out or Path(f"{lab.name}-{student}")
-    hand_out(lab, {student: "."}, key, folder)
+    hand_out(lab, {student: "."}, _text(key), folder)
     files = f"task.md, {lab.answer.file}, rig.toml"
     say(f"{folder}/: {files}; then: ballplate lab check {lab.called}")
     return 0
@@ -85,7 +85,9 @@ def start(lab: Lab, student: str, out: Path | None, key: str | None) -> int:
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
 @click.option("--out", type=PATH, help="File to write the result to.")
 @JSON
-def check(form: str | None, out: Path | None, *, as_json: bool, **how: Any) -> int:
+def check(
+    key: Path | None, form: str | None, out: Path | None, *, as_json: bool, **how: Any
+) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
     The answer is a file, or a folder with it; by default that of this folder.
@@ -94,7 +96,7 @@ def check(form: str | None, out: Path | None, *, as_json: bool, **how: Any) -> i
     from twin.lab.forms import table, written
     from twin.writing import write_whole
 
-    result = judge(**how)
+    result = judge(**how, key=_text(key))
     if out is not None:
         write_whole(out, written(result, form or "json"))
     show(result, as_json, [table(result)], out and out.parent, out.name if out else "")
@@ -106,7 +108,7 @@ def check(form: str | None, out: Path | None, *, as_json: bool, **how: Any) -> i
 @click.argument("students", type=PATH)
 @KEY
 @click.option("--out", type=PATH, help="New folder with one a student [variants-LAB].")
-def variants(lab: Lab, students: Path, key: str | None, out: Path | None) -> int:
+def variants(lab: Lab, students: Path, key: Path | None, out: Path | None) -> int:
     """Deal every student of a class a rig of their own, and write what each begins with.
 
     The class is a CSV file whose first column names the students, below a heading.
@@ -115,7 +117,7 @@ def variants(lab: Lab, students: Path, key: str | None, out: Path | None) -> int
     from twin.lab.variants import students as named
 
     people, folder = named(students), out or Path(f"variants-{lab.name}")
-    hand_out(lab, {student: student for student in people}, key, folder)
+    hand_out(lab, {student: student for student in people}, _text(key), folder)
     say(f"{folder}/: {len(people)} rigs")
     return 0
 
@@ -139,10 +141,10 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     from twin.writing import write_whole, written_alone
 
     names = students(people) if people else None
-    processes = given["processes"] or cores()
+    processes, key = given["processes"] or cores(), _text(given["key"])
     handed_in, kept = grades.submissions(lab, folder), out.with_suffix(".results")
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
-        found = grades.grade(lab, given["key"], names, handed_in, kept, processes, advance)
+        found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
     show(found, given["as_json"], [grades.summary(found)], out.parent, out.name)
     return 1 if any("problem" in each for each in found) else 0
@@ -196,10 +198,10 @@ def calibrate(lab: Lab, rigs: int, processes: int | None, *, as_json: bool) -> i
 @KEY
 @click.option("--wheel", type=PATH, help="Wheel of ballplate that the image installs [the index].")
 @click.option("--out", type=PATH, required=True, help="New file (gradescope) or folder.")
-def pack(out: Path, **given: Any) -> int:
+def pack(out: Path, key: Path | None, **given: Any) -> int:
     """Pack a lab for students (folder, with a notebook) or for the grader of a course system."""
     from twin.lab.forms import pack as packed
 
-    packed(out=out, **given)
+    packed(out=out, key=_text(key), **given)
     say(f"{out} written")
     return 0
