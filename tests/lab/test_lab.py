@@ -93,6 +93,17 @@ def test_a_wrong_lab_is_one_line(tmp_path: Path, old: str, new: str, said: str) 
     assert "\n" not in str(caught.value)
 
 
+def test_a_check_of_the_lecturers_own_is_hidden_unless_it_says_otherwise(tmp_path: Path) -> None:
+    folder = of(tmp_path, NUMBERS)
+    mass = NUMBERS[NUMBERS.index("[[check]]") : NUMBERS.index('[[check]]\nname = "width"')]
+    more = mass.replace('name = "mass"', 'name = "more"')
+    told = mass.replace('name = "mass"', 'name = "told"') + 'visible = "after_published"\n'
+    (folder / "hidden.toml").write_text(more + told)
+    lab = read(folder)
+    assert [each.visible for each in lab.checks(hidden=True)[3:]] == ["hidden", "after_published"]
+    assert len(lab.checks(hidden=False)) == 3
+
+
 def test_a_folder_without_a_lab_and_an_unknown_name_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"has no lab\.toml"):
         read(tmp_path)
