@@ -25,6 +25,7 @@ WRITTEN = {
     "extending.md",
     "fit.md",
     "glossary.md",
+    "labs.md",
     "studies.md",
     "tune.md",
     "whatif.md",

@@ -34,7 +34,7 @@ from twin.errors import TwinError
 from twin.run.files import Signals
 
 if TYPE_CHECKING:
-    from ballplate import laws, observers, references, systems
+    from ballplate import lab, laws, observers, references, systems
     from ballplate.comparing import Comparison, compare
     from ballplate.exporting import fmu
     from ballplate.loading import Identified, Log, identify, load
@@ -60,6 +60,7 @@ __all__ = [
     "describe",
     "fmu",
     "identify",
+    "lab",
     "law",
     "laws",
     "load",
@@ -74,7 +75,7 @@ __all__ = [
     "systems",
 ]
 
-_MODULES = ("gym", "laws", "observers", "references", "systems")
+_MODULES = ("gym", "lab", "laws", "observers", "references", "systems")
 """Modules that load numpy, and so are loaded when they are named."""
 _NAMES = {
     "comparing": ("Comparison", "compare"),

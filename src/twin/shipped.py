@@ -11,7 +11,7 @@ import controllers
 from twin.data_file import DataError, read_toml
 from twin.errors import ScenarioError, nearest, shortened
 
-OTHERS = {"studies", "fits", "families", "tunes"}
+OTHERS = {"studies", "fits", "families", "tunes", "labs"}
 """Folders of files that are no scenarios."""
 
 
@@ -33,6 +33,11 @@ def shipped() -> dict[str, Path]:
 def shipped_in(kind: str) -> dict[str, Path]:
     """The shipped files of another kind by name, as ``studies``."""
     return {path.stem: path for path in sorted((folder() / kind).glob("*.toml"))}
+
+
+def shipped_labs() -> dict[str, Path]:
+    """The folders of the shipped labs by name."""
+    return {path.parent.name: path.parent for path in sorted(folder().glob("labs/*/lab.toml"))}
 
 
 def titles(files: Mapping[str, Path]) -> dict[str, str]:

@@ -1,0 +1,42 @@
+"""Labs from a program: an answer is judged as ``ballplate lab check`` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def check(
+    lab: str | Path,
+    answer: str | Path | None = None,
+    *,
+    student: str | None = None,
+    key: str | None = None,
+    hidden: bool = False,
+) -> dict[str, Any]:
+    """The result of an answer: ``score``, ``max_score``, and ``results``, one a check.
+
+    Each of ``results`` has ``name``, ``passed`` (None if it was skipped), ``score``, ``max_score``
+    and ``cause`` with ``rationale`` and ``help``. What an answer does wrong is part of the result,
+    never an error.
+
+    Args:
+        lab: Name of a shipped lab, or the folder of any.
+        answer: The file; by default what the lab calls it, in the current folder. A ``rig.toml``
+            beside it says whose rig it is for.
+        student: Whose rig it is for, where no ``rig.toml`` says so.
+        key: The course's key; without one, what is hidden of a rig is a value to practise on.
+        hidden: Whether hidden checks are judged, too.
+
+    Raises:
+        ScenarioError: If there is no such lab, something in it is wrong, or the rig is of another
+            student, lab or key.
+    """
+    from twin.lab import judge, schema
+    from twin.lab.variants import had_again
+
+    found = schema.read(lab)
+    file = Path(answer or found.answer.file)
+    if file.is_dir():
+        file /= found.answer.file
+    return judge.judged(found, had_again(found, file.parent, key, student), file, hidden=hidden)

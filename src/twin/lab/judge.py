@@ -1,0 +1,297 @@
+"""An answer is judged: check by check a number, its points on a ramp, and why."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from runpy import run_path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twin.errors import LawError, ScenarioError, TwinError, nearest, shortened
+from twin.lab.process import NAME, answering
+from twin.lab.schema import AnswerTable, CheckTable, Lab
+from twin.lab.variants import Deal
+from twin.report.numbers import in_json
+from twin.run.indicators import UNITS
+from twin.study.family import FamilyRig, drawn
+from twin.study.family import read as read_family
+from twin.study.work import Builder, Row, ScenarioRuns, carry_out, code
+from twin.validation import read_tables
+
+RESULT = "ballplate/lab-result/v1"
+
+
+class NotJudgedError(TwinError):
+    """What cannot be judged here, or yet: why."""
+
+
+class Judged(NamedTuple):
+    """The number that a check judges, in words, and what the answer printed."""
+
+    value: float
+    said: str
+    log: Sequence[str] = ()
+
+
+def judged(lab: Lab, dealt: Deal, file: Path, *, hidden: bool) -> dict[str, Any]:
+    """The result of an answer: what check50 calls its results, with points; never an error of it.
+
+    Args:
+        lab: The lab.
+        dealt: The rig it is for.
+        file: The answer, there or not.
+        hidden: Whether what only the lecturer has is judged, too.
+    """
+    begin, results = time.perf_counter(), list[dict[str, Any]]()
+    for check in lab.checks(hidden=hidden):
+        none = {each["name"] for each in results if not each["score"]}.intersection(check.after)
+        results.append(_Judge(lab, dealt, file).result(check, sorted(none)))
+    return {
+        "schema": RESULT,
+        "lab": lab.name,
+        "version": lab.version,
+        "title": lab.title,
+        "student": dealt.student,
+        "code": dealt.code,
+        "rig": dealt.point if hidden else dealt.told,
+        "answer": digest_of(file),
+        "score": round(sum(each["score"] for each in results), 2),
+        "max_score": sum(each["max_score"] for each in results),
+        "seconds": round(time.perf_counter() - begin, 2),
+        "results": results,
+        "versions": {"ballplate": version("ballplate"), "model": code()[:16]},
+    }
+
+
+def digest_of(file: Path) -> str:
+    """A short name for what a file holds; empty where there is none."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""
+
+
+def ramp(check: CheckTable) -> str:
+    """Where the points begin and where all of them are reached, in words."""
+    what, unit = measured(check)
+    ends = f"all {check.points:g} points from {check.full:g}{unit} on, none from {check.none:g}"
+    return f"{what}: {ends}{unit}"
+
+
+def measured(check: CheckTable) -> tuple[str, str]:
+    """What a check judges, and its unit, in words."""
+    unit = f" {UNITS.get(check.metric, '')}".rstrip()
+    if check.number:
+        what = "width of the interval" if check.judge == "width" else "distance from the truth"
+        return f"{check.number}, {what}", " %" if check.relative else ""
+    if not check.metric:
+        return "share of the runs that finish", ""
+    if check.limit is not None:
+        return f"share of the runs with {check.metric} of at most {check.limit:g}{unit}", ""
+    if check.against:
+        return f"{check.metric} over that with {', '.join(check.against)}", ""
+    return check.metric, unit
+
+
+class _Judge(NamedTuple):
+    """Judges an answer, check by check.
+
+    Attributes:
+        lab: The lab.
+        dealt: The rig the answer is for.
+        file: The answer.
+    """
+
+    lab: Lab
+    dealt: Deal
+    file: Path
+
+    def result(self, check: CheckTable, none: Sequence[str]) -> dict[str, Any]:
+        """What a check gave, as check50 has it, with its points.
+
+        Args:
+            check: The check.
+            none: The checks before it that got no points, without which it cannot be judged.
+        """
+        passed: bool | None = False
+        score, found = 0.0, Judged(math.nan, "")
+        try:
+            data = tables(self.lab.answer, self.file)
+            if none:
+                raise NotJudgedError(f"cannot be judged: '{none[0]}' got no points")
+            found = self.number(check, data)
+            score = check.earned(found.value)
+            passed, why = score >= check.points, f"{found.said}; {ramp(check)}. {check.why}".strip()
+        except TwinError as error:
+            why = str(error)
+            passed = None if isinstance(error, NotJudgedError) else False
+        return {
+            "name": check.name,
+            "description": ramp(check),
+            "passed": passed,
+            "score": score,
+            "max_score": check.points,
+            "visible": check.visible,
+            "log": list(found.log),
+            "cause": None if passed else {"rationale": why, "help": check.look},
+            "dependency": list(check.after),
+            "data": {"value": found.value if math.isfinite(found.value) else None},
+        }
+
+    def number(self, check: CheckTable, data: Mapping[str, Any]) -> Judged:
+        """The number that a check judges.
+
+        Args:
+            check: The check.
+            data: The answer's tables, if it is data.
+
+        Raises:
+            NotJudgedError: If it cannot be judged here.
+            TwinError: If the answer fails: one line.
+        """
+        if check.number:
+            value = self.off(check, data[check.number])
+            unit = measured(check)[1]
+            said = f"{value:.4g}{unit}" if math.isfinite(value) else "is no such number"
+            return Judged(value, f"{check.number}: {said}")
+        if self.lab.answer.data:
+            fixed = [f"{key}={value}" for key, value in in_json(data).items()]
+            return self.of_runs(check, self.rows(check, fixed))
+        with answering(self.file, self.lab.answer) as process:
+            rows = self.rows(check, [f"controller.kind={NAME}"])
+            if process.failure is not None:
+                raise LawError(process.failure)
+            return self.of_runs(check, rows)._replace(log=process.printed())
+
+    def rows(self, check: CheckTable, fixed: Sequence[str]) -> list[Row]:
+        """What the runs of a check gave, a row each, with the answer as overrides.
+
+        Raises:
+            ScenarioError: If an override is wrong.
+        """
+        family = self.lab.family
+        rigs = [FamilyRig({} if check.nominal else self.dealt.point, self.dealt.seed)]
+        if check.family:
+            family = read_family(self.lab.path(check.family))
+            rigs = drawn(family, check.draw, check.rigs)
+        parameters = family.parameters if family is not None else {}
+        relative = {key for key, each in parameters.items() if each.relative}
+        build = Builder(self.lab.path(check.scenario))
+        work = ScenarioRuns(
+            build((*check.set, *fixed, f"seed={seed}"), point, relative)
+            for point, own in rigs
+            for seed in check.seeds or (own,)
+        )
+        return carry_out(work.jobs(work.tasks))
+
+    def of_runs(self, check: CheckTable, rows: list[Row]) -> Judged:
+        """The number that a check judges of its runs.
+
+        Raises:
+            LawError: If there is none, because of a run.
+        """
+        what, unit = measured(check)
+        refused = next((row["reason"] for row in rows if row["outcome"] == "refused"), None)
+        if refused is not None:
+            raise LawError(refused)
+        early = [row for row in rows if row["outcome"] != "finished"]
+        ended = f"{early[0]['outcome']} ({early[0]['reason']})" if early else ""
+        values = np.array([row.get(check.metric) for row in rows], float)  # NaN of one that ended
+        if not check.metric or check.limit is not None:
+            kept = (
+                len(rows) - len(early)
+                if check.limit is None
+                else int((values <= check.limit).sum())
+            )
+            said = f"{kept} of {len(rows)} runs" + (f"; {ended}" if ended else "")
+            return Judged(kept / len(rows), said)
+        if ended:
+            raise LawError(f"{len(early)} of {len(rows)} runs did not finish: {ended}")
+        if check.against:
+            values /= np.array(
+                [row[check.metric] for row in self.rows(check, check.against)], float
+            )
+        if not np.isfinite(values).all():
+            raise LawError(f"{check.metric}: does not apply to these runs")
+        worst = float(values.max() if check.full < check.none else values.min())
+        return Judged(worst, f"{what} {worst:.4g}{unit}")
+
+    def off(self, check: CheckTable, given: Any) -> float:
+        """How far an answer in numbers is from the truth, or how wide its interval is."""
+        low, high = given if isinstance(given, list) else (given, given)
+        truth = None if check.truth is None else self.truth(check, check.truth)
+        if isinstance(given, str) or isinstance(truth, str):
+            return 0.0 if given == truth and check.judge == "distance" else math.inf
+        scale = abs(truth) / 100 if check.relative and truth else 1.0
+        if check.judge == "width" or truth is None:
+            return float(high - low) / scale
+        return float(max(low - truth, truth - high, 0.0)) / scale
+
+    def truth(self, check: CheckTable, truth: float | str) -> float | str:
+        """What an answer in numbers should be.
+
+        Raises:
+            NotJudgedError: If only the lecturer knows it.
+        """
+        name, _, function = str(truth).partition(":")
+        if not isinstance(truth, str) or not (function or check.scenario):
+            return truth
+        own = self.lab.folder / name
+        if not self.dealt.true or (function and not own.is_file()):
+            raise NotJudgedError("judged by your lecturer, who knows the rig")
+        found = self.dealt.point.get(truth)
+        if function:
+            found = trusted(own, function)(self.dealt.point, self.file.parent)
+        elif found is None:
+            found = Builder(self.lab.path(check.scenario)).value(check.set, truth)
+        return found if isinstance(found, str) else float(found)
+
+
+def trusted(file: Path, function: str) -> Callable[..., Any]:
+    """A function of a lecturer's own file.
+
+    Raises:
+        ScenarioError: If there is none.
+    """
+    call: Callable[..., Any] | None = run_path(str(file)).get(function)
+    if not callable(call):
+        raise ScenarioError(f"{file.name}: must define a function {function}")
+    return call
+
+
+def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
+    """The tables of an answer that is data; of others none, once the file is known to be there.
+
+    Raises:
+        ScenarioError: If it is not there, or not what was asked for.
+    """
+    if not file.is_file():
+        raise ScenarioError(f"{about.file}: not handed in")
+    if file.suffix != Path(about.file).suffix:
+        raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
+    found = read_tables(file) if about.data else {}
+    if about.kind == "parameters":
+        for key in in_json(found):
+            if not f"{key}.".startswith(tuple(f"{each}." for each in about.keys)):
+                allowed = ", ".join(about.keys)
+                raise ScenarioError(f"{file.name}: {key}: may not be set (allowed: {allowed})")
+        return found
+    for key in found:
+        if key not in about.asked:
+            where = nearest(key, about.asked)
+            raise ScenarioError(f"{file.name}: {shortened(key)}: unknown{where}")
+    for key, unit in about.asked.items():
+        if not _answers(found.get(key)):
+            what = f"a number in {unit}, an interval [low, high] or a text"
+            raise ScenarioError(f"{file.name}: {key}: must be {what}")
+    return found
+
+
+def _answers(given: Any) -> bool:
+    """Whether it is a number, an interval or a text."""
+    pair = given if isinstance(given, list) and len(given) == 2 else [given, given]
+    numbers = all(type(each) in {int, float} and math.isfinite(each) for each in pair)
+    return isinstance(given, str) or (numbers and pair[0] <= pair[1])

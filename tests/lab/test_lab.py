@@ -1,0 +1,478 @@
+"""A lab: what its files may say, whose rig is whose, and what an answer gets."""
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import pathspec
+import pytest
+
+import ballplate as bp
+from twin.errors import LawError, ScenarioError
+from twin.lab import grade as grades
+from twin.lab.forms import pack, written
+from twin.lab.grade import candidates, tried
+from twin.lab.judge import judged
+from twin.lab.process import NAME, answering
+from twin.lab.schema import PRIVATE, CheckTable, read
+from twin.lab.variants import PRACTICE, deal, filled, had_again, hand_out, starter, students
+from twin.run.batch import simulate
+from twin.scenario import load
+
+MINI = Path(__file__).parent / "mini"
+SOLUTION = (MINI / "solution.py").read_text()
+KEY = "the course's own key"
+NUMBERS = """
+schema = "ballplate/lab/v1"
+name = "numbers"
+version = 1
+title = "Numbers"
+answer = {kind = "numbers", file = "answer.toml", asked = {mass = "kg", wind = "m/s"}}
+
+[[check]]
+name = "mass"
+scenario = "hold"
+number = "mass"
+truth = "plant.ball.mass"
+relative = true
+full = 10
+none = 30
+points = 4
+
+[[check]]
+name = "width"
+scenario = "hold"
+number = "mass"
+truth = "plant.ball.mass"
+judge = "width"
+relative = true
+full = 20
+none = 60
+points = 2
+after = "mass"
+
+[[check]]
+name = "wind"
+number = "wind"
+truth = "not determined"
+full = 0
+none = 1
+points = 1
+"""
+
+
+def of(tmp_path: Path, text: str) -> Path:
+    folder = tmp_path / "numbers"
+    folder.mkdir()
+    (folder / "lab.toml").write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("lab/v1", "lab/v2", "a newer one needs a newer ballplate"),
+        ("version = 1", "version = 0", "version: must be greater than or equal to 1, got 0"),
+        ("judge =", "jugde =", "unknown key; did you mean 'judge'?"),
+        ('after = "mass"', 'after = "mas"', "check 'width': after: no check before it is 'mas'"),
+        ('number = "wind"', 'number = "wnd"', "number: no 'wnd'; did you mean 'wind'?"),
+        ("full = 0\nnone = 1", "full = 1\nnone = 1", "full, none: must differ"),
+        ('name = "wind"', 'name = "mass"', "two of them are called 'mass'"),
+        ('number = "wind"', 'metric = "rms_error"', "scenario: missing"),
+        ("answer.toml", "answer.py", "file: must be .py for a law, .toml for numbers"),
+    ],
+)
+def test_a_wrong_lab_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in NUMBERS
+    with pytest.raises(ScenarioError) as caught:
+        read(of(tmp_path, NUMBERS.replace(old, new)))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_check_of_the_lecturers_own_is_hidden_unless_it_says_otherwise(tmp_path: Path) -> None:
+    folder = of(tmp_path, NUMBERS)
+    mass = NUMBERS[NUMBERS.index("[[check]]") : NUMBERS.index('[[check]]\nname = "width"')]
+    more = mass.replace('name = "mass"', 'name = "more"')
+    told = mass.replace('name = "mass"', 'name = "told"') + 'visible = "after_published"\n'
+    (folder / "hidden.toml").write_text(more + told)
+    lab = read(folder)
+    assert [each.visible for each in lab.checks(hidden=True)[3:]] == ["hidden", "after_published"]
+    assert len(lab.checks(hidden=False)) == 3
+
+
+def test_a_folder_without_a_lab_and_an_unknown_name_are_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"has no lab\.toml"):
+        read(tmp_path)
+    with pytest.raises(ScenarioError, match="lab 'nowhere': not found"):
+        read("nowhere")
+
+
+@pytest.mark.parametrize(
+    ("full", "none", "value", "points"),
+    [(4, 8, 3, 4), (4, 8, 5, 3), (4, 8, 9, 0), (0.9, 0.5, 0.7, 2), (0.9, 0.5, 0.95, 4)],
+)
+def test_points_lie_on_a_line_between_none_and_full(
+    full: float, none: float, value: float, points: float
+) -> None:
+    check = CheckTable(name="c", scenario="hold", points=4, full=full, none=none)
+    assert check.earned(value) == pytest.approx(points)
+    assert check.earned(float("nan")) == 0
+
+
+def test_a_rig_is_dealt_by_hmac_of_key_lab_version_and_student() -> None:
+    lab = read(MINI)
+    block = KEY.encode().ljust(64, b"\0")  # RFC 2104, written out
+    inner, outer = (bytes(each ^ pad for each in block) for pad in (0x36, 0x5C))
+    text = hashlib.sha256(inner + b"mini 1 ann told").digest()
+    assert deal(lab, "ann", KEY).code == hashlib.sha256(outer + text).hexdigest()[:16]
+    later = lab.model_copy(update={"version": 2})
+    others = [deal(lab, "bob", KEY), deal(lab, "ann", "another key"), deal(later, "ann", KEY)]
+    assert len({each.point["plant.start.x"] for each in (deal(lab, "ann", KEY), *others)}) == 4
+
+
+def test_what_is_hidden_of_a_rig_is_not_to_be_had_from_the_sheet(tmp_path: Path) -> None:
+    lab, folder = read(MINI), tmp_path / "ann"
+    hand_out(lab, {"ann": "."}, KEY, folder)
+    true, home = had_again(lab, folder, KEY, "ann"), had_again(lab, folder, None)
+    assert home.told == true.told
+    assert home.point["plant.level_deg.0"] != true.point["plant.level_deg.0"]
+    assert (home.true, true.true) == (False, True)
+    assert str(true.point["plant.level_deg.0"]) not in "".join(
+        file.read_text() for file in folder.iterdir()
+    )
+    assert f"START = {true.told['plant.start.x']!r}  # told" in (folder / "answer.py").read_text()
+    with pytest.raises(ScenarioError, match="is it the key of this course"):
+        had_again(lab, folder, "another key", "ann")
+    with pytest.raises(ScenarioError, match="student: is 'ann', must be 'bob'"):
+        had_again(lab, folder, KEY, "bob")
+
+
+def test_a_class_is_the_first_column_below_its_heading(tmp_path: Path) -> None:
+    file = tmp_path / "class.csv"
+    file.write_text("id,name\nann,A\n\nbob@x.org,B\n")
+    assert students(file) == ["ann", "bob@x.org"]
+    for text, said in (
+        ("id\nann\nann\n", "two students"),
+        ("id\n../x\n", "letters"),
+        ("id", "nobody"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ScenarioError, match=said):
+            students(file)
+
+
+def test_a_starter_is_a_solution_without_what_stands_between_its_marks() -> None:
+    made = starter(SOLUTION)
+    assert made == (MINI / "answer.py").read_text()
+    assert "wanted" not in made
+    assert "        return np.zeros_like(x[..., :2])\n" in made
+    assert "X = 2.5  # told: a.b\n" in filled("X = 1  # told: a.b\n", {"a.b": 2.5})
+
+
+@pytest.mark.parametrize(
+    ("mass", "wind", "scores"),
+    [
+        ("0.024", '"not determined"', [4, 2, 1]),
+        ("0.0288", "0.0", [2, 2, 0]),  # 20 % off, between 10 and 30
+        ("0.0192", "0.0", [2, 2, 0]),  # as far below
+        ("[0.02, 0.0296]", '"not determined"', [4, 1, 1]),  # the truth within 40 %
+        ('"not determined"', '"not determined"', [0, 0, 1]),
+    ],
+)
+def test_numbers_are_judged_by_distance_and_width(
+    tmp_path: Path, mass: str, wind: str, scores: list[float]
+) -> None:
+    folder = of(tmp_path, NUMBERS)
+    (folder / "answer.toml").write_text(f"mass = {mass}\nwind = {wind}\n")
+    found = bp.lab.check(folder, folder / "answer.toml")
+    assert [each["score"] for each in found["results"]] == pytest.approx(scores, abs=0.011)
+    if mass.startswith('"'):
+        assert found["results"][1]["passed"] is None
+        assert "'mass' got no points" in found["results"][1]["cause"]["rationale"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "answer.toml: not handed in"),
+        ("mass = ", "answer.toml: not a TOML file"),
+        ("mass = 1\nmas = 2\nwind = 1", "mas: unknown; did you mean 'mass'?"),
+        ("mass = [3, 1]\nwind = 1", "mass: must be a number in kg, an interval"),
+        ("mass = true\nwind = 1", "mass: must be a number in kg"),
+    ],
+)
+def test_a_wrong_answer_in_numbers_fails_with_one_line(
+    tmp_path: Path, text: str | None, said: str
+) -> None:
+    folder = of(tmp_path, NUMBERS)
+    if text is not None:
+        (folder / "answer.toml").write_text(text)
+    found = bp.lab.check(folder, folder / "answer.toml")
+    assert found["score"] == 0
+    assert said in found["results"][0]["cause"]["rationale"]
+
+
+def test_a_law_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> None:
+    from controllers import catalog
+
+    lab, file = read(MINI), tmp_path / "here.py"
+    file.write_text(SOLUTION.replace('"mine"', '"here_of_lab"'))
+    settings = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.01"]
+    scenario = str(MINI / "hold.toml")
+    with answering(MINI / "solution.py", lab.answer):
+        (there,) = simulate([load(scenario, [*settings, f"controller.kind={NAME}"])])
+    assert NAME not in catalog.registered()
+    catalog.add(file)
+    try:
+        (here,) = simulate([load(scenario, [*settings, "controller.kind=here_of_lab"])])
+    finally:
+        import os
+
+        del os.environ[catalog.ADDED]
+        catalog.forget()
+    assert there.as_dict() == here.as_dict()
+    assert here.rms_distance is not None
+
+
+SAY = "import os, __main__; os.write(__main__._OUT"
+LINES = {
+    "t.true_x": "AttributeError",
+    "import twin.sim.rig": "ImportError: twin.sim.rig is the grader's",
+    "import mujoco": "ImportError: mujoco is the grader's",
+    "open('hidden.toml')": "FileNotFoundError",
+    f"open({str(MINI / 'hidden.toml')!r})": "PermissionError",
+    "__import__('os').listdir('/proc')": "PermissionError",
+    "[print('x' * 80) for _ in range(1000000)]": "prints or writes more than 256 kB",
+    "__import__('time').sleep(60)": "it took longer than 1 s",
+    "exec('while True: pass')": "it took longer than 1 s",
+    "__import__('os').fork()": "an answer may not start a process",
+    "__import__('subprocess').run(['ls'])": "an answer may not start a process",
+    "__import__('os').kill(__import__('os').getppid(), 9)": "PermissionError",
+    "return np.full_like(angle, np.nan)": "control must give numbers",
+    "return np.full_like(angle, np.nan if t else 0.0)": "is not finite",
+    "return np.full_like(angle, 1e300)": "is 1e+300; at most 1e+06",
+    "return np.zeros(3)": "it gave shape (3,)",
+    "raise ValueError('no')": "ValueError: no",
+    "raise SystemExit": "SystemExit",
+    "__import__('os')._exit(3)": "its process ended by itself (3)",
+    "bytearray(8 * 1024**3)": "MemoryError",
+    f"{SAY}, b'{{}}' + bytes([10]))": "something else than an answer",
+    f"{SAY}, b'[1, ')": "something else than an answer",
+    f"{SAY}, b'9' * 9999 + bytes([10]))": "something else than an answer",
+    "raise ValueError('\\ud800')": "ValueError: ?",
+}
+
+
+def failing(tmp_path: Path, line: str, said: str) -> None:
+    lab, file = read(MINI), tmp_path / "answer.py"
+    about = lab.answer.model_copy(update={"seconds": 1.0})
+    mark = "        wanted ="
+    file.write_text(SOLUTION.replace(mark, f"        {line}\n{mark}"))
+    settings = ["duration=0.1", "metrics.start=0", f"controller.kind={NAME}"]
+    with pytest.raises(LawError) as caught, answering(file, about):
+        simulate([load(str(MINI / "hold.toml"), settings)])
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("answer.py")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("line", [*LINES][4:5])
+def test_the_graders_files_cannot_be_opened(tmp_path: Path, line: str) -> None:
+    failing(tmp_path, line, LINES[line])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("line", LINES)
+def test_what_an_answer_may_not_do_fails_with_one_line(tmp_path: Path, line: str) -> None:
+    failing(tmp_path, line, LINES[line])
+
+
+@pytest.mark.long
+def test_own_answers_of_a_lab_get_what_they_must() -> None:
+    lab = read(MINI)
+    for each in candidates(lab):
+        found = judged(lab, deal(lab, "ann", KEY), each.file, hidden=True)
+        by_name = {check["name"]: check for check in found["results"]}
+        assert each.name != "solution" or found["score"] == found["max_score"]
+        assert each.name != "starter" or found["score"] <= 0.2 * found["max_score"]
+        for name in each.fails:
+            assert by_name[name]["score"] <= by_name[name]["max_score"] / 2, each.name
+
+
+def a_result() -> dict[str, object]:
+    folder = {"passed": True, "cause": None, "visible": "visible"}
+    why = {"passed": False, "cause": {"rationale": "too\x07 slow", "help": "the plot"}}
+    each = {"score": 1.5, "max_score": 2.0, "log": [], "description": "d", "name": "one"}
+    skipped = {**each, **why, "name": "three", "passed": None, "visible": "after_published"}
+    found = [{**each, **folder}, {**each, **why, "name": "two", "visible": "hidden"}, skipped]
+    own = dict.fromkeys(("version", "code", "answer", "versions"), "")
+    return {"lab": "mini", "title": "T", "score": 4.5, "seconds": 1, "results": found, **own}
+
+
+def test_a_result_is_written_as_gradescope_classroom50_and_junit_have_it() -> None:
+    found = json.loads(written(a_result(), "gradescope"))
+    assert found["score"] == 4.5
+    tests = found["tests"]
+    assert [each["visibility"] for each in tests] == ["visible", "hidden", "after_published"]
+    assert {each["status"] for each in tests} == {"passed", "failed"}
+    assert "Look: the plot" in tests[1]["output"]
+    room = json.loads(written(a_result(), "classroom50"))
+    assert room["schema"] == "classroom50/result/v1"
+    assert (room["score"], room["max-score"]) == (150, 200)
+    assert all(type(each["score"]) is int for each in room["tests"])
+    suite = ElementTree.fromstring(written(a_result(), "junit"))
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
+    assert [len(case) for case in suite] == [0, 1, 1]
+
+
+def test_marks_of_a_class_are_kept_and_no_answer_is_judged_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = of(tmp_path, NUMBERS)
+    lab, handed_in, kept = read(folder), tmp_path / "in", tmp_path / "kept"
+    for name, mass in (("ann", 0.024), ("bob", 1.0), ("eve", 0.024)):
+        (handed_in / name).mkdir(parents=True)
+        text = f'mass = {mass}\nwind = "not determined"\n'
+        (handed_in / name / "answer.toml").write_text(text)
+    (handed_in / "eve" / "rig.toml").write_text(
+        'lab = "numbers"\nversion = 1\nstudent = "eve"\ncode = "00"\npractice = false\n'
+    )
+    asked: list[str] = []
+
+    def counted(*given: object, **more: object) -> object:
+        asked.append(given[1].student)  # type: ignore[attr-defined]
+        return judged(*given, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(grades, "judged", counted)
+
+    def graded() -> dict[str, dict[str, object]]:
+        people, every = ["ann", "bob", "cid"], grades.submissions(lab, handed_in)
+        found = grades.grade(lab, KEY, people, every, kept, 1, lambda _: None)
+        return {str(each["student"]): each for each in found}
+
+    first = graded()
+    assert {name: each["score"] for name, each in first.items()} == {
+        "ann": 7, "bob": 1, "cid": 0, "eve": None
+    }  # fmt: skip
+    assert first["cid"]["problem"] == "not handed in"
+    assert "student 'eve': not in the class" in str(first["eve"]["problem"])
+    assert asked == ["ann", "bob"]
+    (kept / "bob.json").write_text('{"kept_as": "half a')  # as of a disk that was full
+    (handed_in / "ann" / "answer.toml").write_text("mass = 0.024\nwind = 1\n")
+    assert graded()["ann"]["score"] == 6
+    assert asked == ["ann", "bob", "ann", "bob"]
+    assert graded()["bob"]["score"] == 1
+    assert len(asked) == 4
+    lines = grades.marks(lab, list(graded().values())).splitlines()
+    assert lines[0] == "student,score,max_score,mass,width,wind,problem"
+    assert lines[1] == "ann,6.0,7.0,4.0,2.0,0.0,"
+
+
+def test_a_key_of_another_course_is_one_line_and_costs_no_other_mark(tmp_path: Path) -> None:
+    lab = read(of(tmp_path, NUMBERS))
+    hand_out_to = tmp_path / "in"
+    (tmp_path / "numbers" / "task.md").write_text("# T\n")
+    (tmp_path / "numbers" / "answer.toml").write_text("mass = 1\nwind = 1\n")
+    hand_out(lab, {"ann": "ann", "bob": "bob"}, KEY, hand_out_to)
+    handed_in = grades.submissions(lab, hand_out_to)
+    for key, whole in ((KEY, True), (PRACTICE, False)):
+        found = [grades.graded(lab, key, None, each) for each in handed_in]
+        assert all(("problem" not in each) == whole for each in found)
+    assert "is it the key of this course" in found[0]["problem"]
+
+
+def test_no_wheel_has_what_no_student_is_handed() -> None:
+    root = Path(__file__).parents[2]
+    build = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
+    spec = pathspec.GitIgnoreSpec.from_lines(build["targets"]["wheel"]["exclude"])
+    for name in ("solution.py", "solution.toml", "mutants/x.py", *PRIVATE[1:]):
+        lies = f"scenarios/labs/any/{name}"
+        assert spec.match_file(f"{lies}/x" if name == "mutants" else lies), name
+    for name in ("lab.toml", "task.md", "answer.py", "family.toml"):
+        assert not spec.match_file(f"scenarios/labs/any/{name}")
+
+
+LOGGED = """
+schema = "ballplate/lab/v1"
+name = "logged"
+version = 1
+title = "Where was the ball put down"
+answer = {kind = "numbers", asked = {start = "m"}}
+
+[variant]
+family = "family.toml"
+keys = ["plant.start.x"]
+log = "hold.toml"
+set = ["duration=0.1", "metrics.start=0"]
+
+[[check]]
+name = "key"
+scenario = "hold.toml"
+number = "start"
+truth = "plant.start.x"
+full = 0.003
+none = 0.01
+points = 1
+
+[[check]]
+name = "own"
+number = "start"
+truth = "truth.py:twice"
+full = 0.003
+none = 0.01
+points = 1
+"""
+
+
+def test_a_log_of_the_students_rig_has_what_its_computer_knows_and_no_truth(tmp_path: Path) -> None:
+    folder = of(tmp_path, LOGGED)
+    for name in ("family.toml", "hold.toml"):
+        (folder / name).write_text((MINI / name).read_text())
+    (folder / "task.md").write_text("# T\n")
+    (folder / "answer.toml").write_text("start = 0\n")
+    (folder / "truth.py").write_text(
+        "def twice(rig, folder):\n    return 2 * rig['plant.start.x']\n"
+    )
+    solution = folder / "solution.py"
+    solution.write_text(
+        "import csv\ndef answer(rig, folder):\n"
+        "    rows = list(csv.DictReader((folder / 'log.csv').read_text().splitlines()))\n"
+        "    return {'start': float(rows[0]['measured_x [m]'])}\n"
+    )
+    lab = read(folder)
+    found = tried(lab, (solution, "ann"))
+    assert [each["score"] for each in found["results"]] == [1.0, 0.0]
+    assert tried(lab, (folder / "answer.toml", "ann"))["score"] == 0
+    hand_out(lab, {"ann": "."}, KEY, tmp_path / "ann")
+    heads = (tmp_path / "ann" / "log.csv").read_text().splitlines()[0]
+    assert "applied_phi_acc [rad/s^2]" in heads
+    assert "true" not in heads
+    at_home = bp.lab.check(folder, tmp_path / "ann")
+    assert [each["passed"] for each in at_home["results"]] == [None, None]
+    assert "your lecturer" in at_home["results"][0]["cause"]["rationale"]
+
+
+def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: Path) -> None:
+    lab = read(MINI)
+    for system, out in (("gradescope", "x.zip"), ("classroom50", "room"), ("folder", "students")):
+        pack(lab, system, tmp_path / out, KEY, None)
+    with ZipFile(tmp_path / "x.zip") as file:
+        names = set(file.namelist())
+        modes = {each.filename: each.external_attr >> 16 & 0o111 for each in file.infolist()}
+    assert {"setup.sh", "run_autograder", "key.txt", "lab/lab.toml", "lab/hidden.toml"} <= names
+    assert modes["run_autograder"]
+    room, given = (
+        {path.name for path in (tmp_path / each).rglob("*")} for each in ("room", "students")
+    )
+    assert {"autograder.py", "hidden.toml", "key.txt"} <= room
+    for every in (room, given, {Path(name).name for name in names}):
+        assert every.isdisjoint({"solution.py", "mutants", "sign.py"})
+    assert given.isdisjoint({"hidden.toml", "key.txt"})
+    cells = json.loads((tmp_path / "students" / "mini.ipynb").read_text())["cells"]
+    assert "".join(cells[-2]["source"]).startswith("%%writefile answer.py\n")
+    with pytest.raises(ScenarioError, match="exists; name a new one"):
+        pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)

@@ -1,0 +1,76 @@
+"""The shipped labs: whole, their starters made from their solutions, and rigs that matter."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from twin.lab.grade import candidates, prepared
+from twin.lab.judge import judged
+from twin.lab.schema import read, shipped_labs
+from twin.lab.variants import LOG, deal, record, starter
+
+LABS = sorted(shipped_labs())
+KEY = "of a test"
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_a_lab_has_sheet_notes_and_mutants_that_name_checks_which_can_fail(name: str) -> None:
+    lab = read(name)
+    sheet = (lab.folder / "task.md").read_text("utf-8")
+    assert len(sheet.splitlines()) <= 120
+    assert "## What you must be able to explain" in sheet
+    notes = (lab.folder / "notes.md").read_text("utf-8")
+    assert "## Oral questions, with answers" in notes
+    mutants = [each for each in candidates(lab) if each.fails]
+    assert 3 <= len(mutants) <= 6
+    for mutant in mutants:
+        assert f"`{mutant.name}`" in notes, f"the notes do not name {mutant.name}"
+        for check in mutant.fails:
+            assert check in notes
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_the_sheet_tells_the_limits_that_are_marked_by(name: str) -> None:
+    lab = read(name)
+    rows = re.findall(r"^\| (.+?) \| (\d+) \| (.*?) \|", sheet_of(lab.folder), re.MULTILINE)
+    assert [int(points) for _, points, _ in rows] == [
+        check.points for check in lab.checks(hidden=True)
+    ]
+    for (_, _, told), check in zip(rows, lab.checks(hidden=True), strict=True):
+        if check.metric and check.limit is None:
+            number = float(re.findall(r"[\d.]+", told)[0])
+            assert any(number == pytest.approx(scale * check.full) for scale in (1, 1000))
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_a_starter_is_what_remains_of_its_solution(name: str) -> None:
+    lab = read(name)
+    if lab.answer.data:
+        pytest.skip("its starter is data")
+    made = starter((lab.folder / "solution.py").read_text("utf-8"))
+    assert made == (lab.folder / "answer.py").read_text("utf-8")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["deadtime", "friction"])
+def test_an_answer_handed_on_scores_visibly_worse(name: str, tmp_path: Path) -> None:
+    lab = read(name)
+    solution = next(each.file for each in candidates(lab) if each.name == "solution")
+    rigs = [deal(lab, f"student{number}", KEY) for number in range(12)]
+    dealt = lab.variant.keys[0]  # type: ignore[union-attr]
+    least, most = (end(rigs, key=lambda rig: rig.point[dealt]) for end in (min, max))
+    for own, other in ((least, most), (most, least)):
+        folder = tmp_path / own.student
+        folder.mkdir()
+        record(lab, own, folder / LOG)
+        answer = prepared(lab, solution, own, folder)
+        found, copied = (judged(lab, each, answer, hidden=False) for each in (own, other))
+        assert found["score"] == found["max_score"]
+        assert copied["score"] <= 0.75 * found["score"]
+
+
+def sheet_of(folder: Path) -> str:
+    """The part of a sheet that says how it is marked."""
+    text = (folder / "task.md").read_text("utf-8")
+    return text.split("## How it is marked")[1].split("## What you must")[0]
