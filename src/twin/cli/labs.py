@@ -50,10 +50,10 @@ def lab() -> None:
 
 @lab.command("list", cls=Command, example="lab list")
 @JSON
-def list_labs(*, as_json: bool) -> int:
+def list_labs() -> int:
     """List the shipped labs."""
     files = {name: place / "lab.toml" for name, place in shipped_labs().items()}
-    show_titles(titles(files), as_json=as_json)
+    show_titles(titles(files))
     return 0
 
 
@@ -85,9 +85,7 @@ def start(lab: Lab, student: str, out: Path | None, key: Path | None) -> int:
 @click.option("--as", "form", type=click.Choice(["json", "gradescope", "classroom50", "junit"]))
 @click.option("--out", type=PATH, help="File to write the result to.")
 @JSON
-def check(
-    key: Path | None, form: str | None, out: Path | None, *, as_json: bool, **how: Any
-) -> int:
+def check(key: Path | None, form: str | None, out: Path | None, **how: Any) -> int:
     """Judge an answer: what passed, why not, where to look; exit code 1 if a check did not pass.
 
     The answer is a file, or a folder with it; by default that of this folder.
@@ -99,7 +97,7 @@ def check(
     result = judge(**how, key=_text(key))
     if out is not None:
         write_whole(out, written(result, form or "json"))
-    show(result, as_json, [table(result)], out and out.parent, out.name if out else "")
+    show(result, [table(result)], out and out.parent, out.name if out else "")
     return 0 if all(each["passed"] for each in result["results"]) else 1
 
 
@@ -146,16 +144,16 @@ def grade(lab: Lab, folder: Path, people: Path | None, out: Path, **given: Any) 
     with written_alone(kept), progress("grade", len(handed_in), "answers") as advance:
         found = grades.grade(lab, key, names, handed_in, kept, processes, advance)
     write_whole(out, grades.marks(lab, found))
-    show(found, given["as_json"], [grades.summary(found)], out.parent, out.name)
+    show(found, [grades.summary(found)], out.parent, out.name)
     return 1 if any("problem" in each for each in found) else 0
 
 
-def _tried(lab: Lab, found: Iterable[Finding], *, as_json: bool) -> int:
+def _tried(lab: Lab, found: Iterable[Finding]) -> int:
     """Show what was found of a lab; the exit code."""
     every = list(found)
     rows = [(each.what, "yes" if each.good else "NO", each.found) for each in every]
     shown = Table(f"Lab {lab.called}", ("what", "", "found"), rows, words=(0, 1, 2))
-    show([each._asdict() for each in every], as_json, [shown])
+    show([each._asdict() for each in every], [shown])
     return 0 if all(each.good for each in every) else 1
 
 
@@ -163,11 +161,11 @@ def _tried(lab: Lab, found: Iterable[Finding], *, as_json: bool) -> int:
 @LAB
 @PROCESSES
 @JSON
-def selftest(lab: Lab, processes: int | None, *, as_json: bool) -> int:
+def selftest(lab: Lab, processes: int | None) -> int:
     """Try a lab before a class does: the solution has all points, every mutant fails its check."""
     from twin.lab import grade
 
-    return _tried(lab, grade.selftest(lab, processes or cores()), as_json=as_json)
+    return _tried(lab, grade.selftest(lab, processes or cores()))
 
 
 @lab.command(cls=Command, example="lab calibrate signs --rigs 30")
@@ -175,7 +173,7 @@ def selftest(lab: Lab, processes: int | None, *, as_json: bool) -> int:
 @click.option("--rigs", type=click.IntRange(min=3), default=30, help="Rigs a candidate [30].")
 @PROCESSES
 @JSON
-def calibrate(lab: Lab, rigs: int, processes: int | None, *, as_json: bool) -> int:
+def calibrate(lab: Lab, rigs: int, processes: int | None) -> int:
     """Propose the limits of every check from what solution, starter and mutants reach.
 
     Each is judged on so many rigs; exit code 1 where a mutant cannot be told from the solution.
@@ -184,7 +182,7 @@ def calibrate(lab: Lab, rigs: int, processes: int | None, *, as_json: bool) -> i
 
     with progress("calibrate", rigs * len(grade.candidates(lab)), "answers") as advance:
         found = list(grade.calibrate(lab, rigs, processes or cores(), advance))
-    return _tried(lab, found, as_json=as_json)
+    return _tried(lab, found)
 
 
 @lab.command(cls=Command, example="lab pack signs --for gradescope --key key.txt --out signs.zip")
