@@ -6,7 +6,6 @@ import keyword
 import re
 import textwrap
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,8 +13,9 @@ import click
 
 from twin.cli import options
 from twin.cli.output import Shown, bold, console, show
-from twin.data_file import packaged
+from twin.data_file import read_toml
 from twin.errors import ScenarioError
+from twin.shipped import folder
 
 if TYPE_CHECKING:
     from twin.scenario.describe import Key
@@ -78,7 +78,7 @@ class Start(NamedTuple):
     """A start.
 
     Attributes:
-        source: Its file among the templates.
+        source: Its file in ``scenarios/starts``.
         called: What the class in it is called, and its name; empty for tables.
         then: What to do with it.
     """
@@ -88,7 +88,8 @@ class Start(NamedTuple):
     then: str
 
 
-_TABLES = packaged("twin.cli.templates", "starts.toml")
+STARTS_IN = folder() / "starts"
+_TABLES = read_toml(STARTS_IN / "starts.toml")
 LIKE: dict[str, dict[str, Any]] = _TABLES["like"]
 """What a law may begin as: what its start has otherwise."""
 STARTS = {kind: Start(**about) for kind, about in _TABLES["starts"].items()}
@@ -118,7 +119,7 @@ def new(kind: str, name: str, like: str | None) -> int:
         raise ScenarioError(f"{file}: exists; nothing was written")
     if start.called[0]:
         _require_free(kind, name)
-    text = (files("twin.cli.templates") / start.source).read_text(encoding="utf-8")
+    text = (STARTS_IN / start.source).read_text(encoding="utf-8")
     words = name.replace("_", " ").capitalize()
     class_name = "".join(part.capitalize() for part in name.split("_"))
     if start.called[0]:

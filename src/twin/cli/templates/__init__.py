@@ -1,1 +1,0 @@
-"""What ``ballplate new`` writes: working examples, renamed."""
