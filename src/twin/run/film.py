@@ -196,15 +196,11 @@ class Stage:
         self._model = load_model(parts=changed(Parts, run.scenario))
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = size
         self._data, self._at = mujoco.MjData(self._model), Addresses.of(self._model)
-        self._size = size
-        self._opened = _offscreen(size)
-        self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        self._scene = mujoco.MjvScene(self._model, maxgeom=1000)
+        self._renderer = _offscreen(self._model, size)
         self._camera = mujoco.MjvCamera()
         mujoco.mjv_defaultFreeCamera(self._model, self._camera)
         for name, value in self.CAMERA.items():
             setattr(self._camera, name, value)
-        self._option = mujoco.MjvOption()
         mujoco.mj_resetDataKeyframe(self._model, self._data, self._at.level)
         self._height = float(self._data.qpos[self._at.ball_pose][2])
 
@@ -228,43 +224,36 @@ class Stage:
         (centre,) = placed(ball[None], self._height)
         data.qpos[at.ball_pose] = np.where(np.isfinite(centre), centre, 9.0)
         gl.mj_forward(self._model, data)
-        everything = gl.mjtCatBit.mjCAT_ALL
-        gl.mjv_updateScene(
-            self._model, data, self._option, None, self._camera, everything, self._scene
-        )
+        self._renderer.update_scene(data, self._camera)
+        scene = self._renderer.scene
         radius = self._model.geom("ball").size[0]
         for one, other in pairwise(
             placed(path[:: max(1, len(path) // 200)], self._height - radius)
         ):
             if np.isfinite((one, other)).all():
-                geom = self._scene.geoms[self._scene.ngeom]
+                geom = scene.geoms[scene.ngeom]
                 kind = gl.mjtGeom.mjGEOM_CAPSULE
                 gl.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), self.CLEAR)
                 gl.mjv_connector(geom, kind, 0.0012, one, other)
-                self._scene.ngeom += 1
-        width, height = self._size
-        whole, pixels = gl.MjrRect(0, 0, width, height), np.empty((height, width, 3), np.uint8)
-        gl.mjr_setBuffer(gl.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        gl.mjr_render(whole, self._scene, self._context)
-        gl.mjr_readPixels(pixels, None, whole, self._context)
-        return Image.fromarray(pixels[::-1])
+                scene.ngeom += 1
+        return Image.fromarray(self._renderer.render())
 
 
-def _offscreen(size: tuple[int, int]) -> Any:
-    """OpenGL without a screen, now that of this thread.
+def _offscreen(model: Any, size: tuple[int, int]) -> Any:
+    """A renderer that needs no screen.
 
     Raises:
         RecordError: If there is neither EGL nor OSMesa.
     """
+    from mujoco.rendering.classic import gl_context, renderer  # noqa: PLC0415
+
     why = []
     for name in ("egl", "osmesa"):
-        try:
-            context = import_module(f"mujoco.{name}").GLContext(*size)
-            context.make_current()
+        try:  # in place of what MUJOCO_GL said when mujoco was imported
+            gl_context.GLContext = import_module(f"mujoco.{name}").GLContext
+            return renderer.Renderer(model, size[1], size[0])
         except Exception as error:  # noqa: BLE001  whatever a missing driver raises
             why.append(f"{name}: {' '.join(str(error).split()) or type(error).__name__}")
-        else:
-            return context
     raise RecordError(
         f"render mujoco: needs EGL or OSMesa (libegl1 or libosmesa6) ({'; '.join(why)}); "
         "without them the picture from above is drawn"

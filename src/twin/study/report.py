@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
@@ -62,12 +63,7 @@ def sentences(study: Study, found: Sequence[Answer]) -> list[str]:
 
 def in_order(found: Sequence[Answer]) -> list[Answer]:
     """The variants by the median of all runs, failed ones as the worst; the best first."""
-
-    def middle(answer: Answer) -> float:
-        every = sorted(math.inf if math.isnan(value) else value for value in answer.values.tolist())
-        return (every[(len(every) - 1) // 2] + every[len(every) // 2]) / 2 if every else math.inf
-
-    return sorted(found, key=middle)
+    return sorted(found, key=lambda each: np.median(np.nan_to_num(each.values, nan=math.inf)))
 
 
 def _common_importance(found: Sequence[Answer], metric: str) -> list[str]:
