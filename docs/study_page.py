@@ -23,7 +23,7 @@ def write(name: str, folder: Path) -> None:
     text = filled(
         "study", title=asked.title, about=report.what_ran(done.work),
         sentences=report.sentences(asked, found), stem=stem,
-        pictures={each: report.HEADINGS[each] for each in pictures},
+        pictures={each: report.WORDS["figures"][each] for each in pictures},
         heading=compared.title, compared=table(compared.heads, compared.rows),
     )  # fmt: skip
     write_whole(folder / f"{stem}.md", text)
