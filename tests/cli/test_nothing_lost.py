@@ -117,7 +117,7 @@ def test_an_emulator_whose_host_has_ended_ends_too(monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     ours, its = Pipe()
     ours.close()
-    assert process._work(its, None, None, [0.0] * 6) is None
+    assert process._work(its, None, [0.0] * 6) is None
 
 
 def test_a_warning_of_a_library_is_one_line(ballplate):

@@ -234,7 +234,7 @@ def rig_on_a_plant(chosen, rig, *, crossed=False):
             phi(seen["phi"][0], angle)
             theta(shaft, seen["phi"][1])
 
-        rig.drives[0].sense, rig.drives[1].sense = first, second
+        rig.drives[0].motor.sense, rig.drives[1].motor.sense = first, second
         plant.attach(rig.drives)
     rig.bus.moved = plant.advance
     return plant

@@ -53,10 +53,15 @@ def _imported(source: str) -> set[str]:
 
 
 def _tests(test: Path) -> list[Path]:
-    """A test file, the conftests it has, and the plugins."""
+    """A test file, the conftests it has, and the plugins; of those with rigs what it imports."""
     above = [folder / "conftest.py" for folder in test.parents if ROOT in folder.parents]
-    plugins = (ROOT / "tests" / "plugins").glob("*.py")
-    return sorted({test, *(path for path in above if path.is_file()), *plugins})
+    own = {test, *(path for path in above if path.is_file())}
+    named = set().union(*(_imported(path.read_text("utf-8")) for path in own))
+    for path in (ROOT / "tests" / "plugins").glob("*.py"):
+        packages = {name.partition(".")[0] for name in _imported(path.read_text("utf-8"))}
+        if path.stem in named or not packages & PACKAGES.keys():
+            own.add(path)
+    return sorted(own)
 
 
 def modules(test: Path) -> frozenset[str]:
