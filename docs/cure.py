@@ -52,18 +52,20 @@ def scenarios(plan: dict[str, Any], task: dict[str, Any]) -> list[Any]:
     from twin.study.work import Builder  # noqa: PLC0415
 
     build = Builder(plan["scenario"])
-    turns = task.get("turns", [task["omega"]])
     rigs = drawn(read(plan["family"]), plan["draw"], plan["rigs"])
     found = []
     for law in plan["laws"]:
-        texts = [
-            text.replace("TURNS", str(turns)).replace("OMEGA", str(task["omega"]))
-            for text in law["set"]
-        ]
-        fixed = [*plan["set"], *task["set"], *texts]
+        fixed = settings(plan, task, law)
         found += [build([*fixed, f"seed={noise}"], {}) for noise in range(plan["noises"])]
         found += [build([*fixed, f"seed={rig.seed}"], rig.point) for rig in rigs]
     return found
+
+
+def settings(plan: dict[str, Any], task: dict[str, Any], law: dict[str, Any]) -> list[str]:
+    """What a law on a task sets of the scenario."""
+    turns, omega = str(task.get("turns", [task["omega"]])), str(task["omega"])
+    texts = [text.replace("TURNS", turns).replace("OMEGA", omega) for text in law["set"]]
+    return [*plan["set"], *task["set"], *texts]
 
 
 def key(runs: list[Any], judged: str) -> str:
@@ -170,15 +172,23 @@ def floors(plan: dict[str, Any], cell: Cell) -> tuple[float, list[tuple[Any, flo
 
     task = next(task for task in plan["tasks"] if task["name"] == FLOOR)
     radius = 0.15
-    rows = []
     rigs = scenarios(plan | {"laws": plan["laws"][-1:]}, task)[plan["noises"] :]
-    for scenario, value in zip(rigs, cell.rigs, strict=True):
-        touch, plant = scenario.sensors.touch, scenario.plant
-        spread = plant.surface.spread_percent / 100
-        screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
-        rows.append((scenario, 100 * floor(screen, radius * task["omega"]) / radius, value))
+    rows = [
+        (scenario, least(scenario, radius, task["omega"]), value)
+        for scenario, value in zip(rigs, cell.rigs, strict=True)
+    ]
     edge = floor(Screen(0.27, 0.2, 58.0, 0.042), radius * task["omega"]) / radius
     return edge, rows
+
+
+def least(scenario: Any, radius: float, omega: float) -> float:
+    """The floor of a circle of a radius in m at a rate in rad/s on a rig, in % of the radius."""
+    from cure_floor import Screen, floor  # noqa: PLC0415
+
+    touch, plant = scenario.sensors.touch, scenario.plant
+    spread = plant.surface.spread_percent / 100
+    screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
+    return 100 * floor(screen, radius * omega) / radius
 
 
 def best_of(names: list[str], values: list[float | None]) -> str:

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from cure import KINDS, known, said, scenarios
-from cure_floor import Screen, floor
+from cure import KINDS, known, least, said, scenarios, settings
 from pages import HERE, filled, planned
 from scipy import stats
 
@@ -100,28 +99,17 @@ def measured(plan: dict[str, Any], task: dict[str, Any]) -> Found:
     for at in order[: plan["named"]]:
         turned = [without(task, family(plan)[at], keys) for keys in plan["causes"].values()]
         left = dict(zip(plan["causes"], known(turned, judged) or [], strict=True))
-        worst.append(Worst(at + 1, rigs[at], values[at], left, least(task, rigs[at])))
+        circle, radius = task["name"].startswith("circle"), RADIUS.get(task["name"], 0.15)
+        edge = least(rigs[at], radius, task["omega"]) if circle else None
+        worst.append(Worst(at + 1, rigs[at], values[at], left, edge))
     return Found(first[:noises], first[noises:], values, worst)
 
 
 def without(task: dict[str, Any], rig: FamilyRig, keys: list[str]) -> Any:
     """A rig some of whose parameters are the nominal one's again."""
-    turns = str(task.get("turns", [task["omega"]]))
-    texts = [text.replace("TURNS", turns) for text in LAW["set"]]
     point = {key: value for key, value in rig.point.items() if not key.startswith(tuple(keys))}
-    fixed = [*CURE["set"], *task["set"], *texts, f"seed={rig.seed}"]
+    fixed = [*settings(CURE, task, LAW), f"seed={rig.seed}"]
     return Builder(CURE["scenario"])(fixed, point)
-
-
-def least(task: dict[str, Any], scenario: Any) -> float | None:
-    """The floor of a circle on a rig, in %; None for another way."""
-    if not task["name"].startswith("circle"):
-        return None
-    radius = RADIUS.get(task["name"], 0.15)
-    touch, plant = scenario.sensors.touch, scenario.plant
-    spread = plant.surface.spread_percent / 100
-    screen = Screen(plant.friction.rolling_mm, spread, touch.frame_rate, touch.dead_time)
-    return 100 * floor(screen, radius * task["omega"]) / radius
 
 
 @click.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,13 +146,11 @@ def report(
     if stem.is_dir():
         raise RecordError(f"--out {stem}: is a folder; give a file name without ending")
     if beside_clean:
-        from ballplate.running import CLEAN
-        from twin.run.finished import run
+        from ballplate.running import CLEAN, one_run
         from twin.scenario.load import clean
 
-        model = run(clean(opened[0].scenario))
-        model.name = CLEAN
-        opened.append(model)
+        model = one_run(clean(opened[0].scenario), CLEAN, TERMINAL)
+        opened.append(replace(model, name=CLEAN))
     for name in formats:
         for more, content in _contents(name, opened).items():
             path = stem.with_name(f"{stem.name}{more}{ENDINGS[name]}")
