@@ -11,13 +11,14 @@ import numpy as np
 
 from twin.devices.akd.servos import AkdServos
 from twin.devices.lumio.screen import LumioScreen
+from twin.devices.own import Direct, OwnConfig, OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
 from twin.devices.rig import HardwareRig
 from twin.devices.scheduling import real_time
 from twin.hal.cams import CamTable
 from twin.hal.interface import Limits, Transmission
 from twin.run.assemble import assemble, build_limits, own_errors
-from twin.scenario.rig import RigFile
+from twin.scenario.rig import RigFile, built
 from twin.scenario.schema import Scenario
 
 
@@ -41,17 +42,34 @@ def connect(
     Raises:
         TwinError: If the settings do not go together.
     """
-    period = scenario.rig.period
+    period, allowed = scenario.rig.period, rig.late_periods
+    limits = narrower(build_limits(scenario.rig.limits), build_limits(rig.limits))
+    common: dict[str, Any] = {
+        "limits": limits,
+        "home": (radians(rig.home_deg[0]), radians(rig.home_deg[1])),
+        "patience": rig.patience,
+        "reset": reset,
+        "relaxed": rig.relaxed(period),
+    }
+    if rig.backend is not None:
+        config = built(OwnConfig, rig.own)
+        hardware = load_backend(rig.backend, config)
+        own = OwnServos(hardware, config, limits, period)
+        return HardwareRig(
+            servos=own,
+            screen=OwnScreen(own),
+            clock=RealTimeClock(
+                period, allowed=allowed, spin=0.0, now=hardware.time, sleep=hardware.wait
+            ),
+            transmission=Direct(),
+            **common,
+        )
     return HardwareRig(
         servos=AkdServos(rig.servos(period)),
         screen=LumioScreen(rig.screen()),
-        clock=RealTimeClock(period, allowed=rig.late_periods, paused=paused),
+        clock=RealTimeClock(period, allowed=allowed, paused=paused),
         transmission=transmission or cams_of(rig),
-        limits=narrower(build_limits(scenario.rig.limits), build_limits(rig.limits)),
-        home=(radians(rig.home_deg[0]), radians(rig.home_deg[1])),
-        patience=rig.patience,
-        reset=reset,
-        relaxed=rig.relaxed(period),
+        **common,
     )
 
 
