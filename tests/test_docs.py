@@ -29,6 +29,7 @@ WRITTEN = {
     "studies.md",
     "tune.md",
     "whatif.md",
+    "your-rig.md",
     "regenerate.py",
     "regenerate.toml",
     "play_picture.py",

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,8 @@ from twin.run.assemble import assemble
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.rig import check_rig
+
+PAGE = (EXAMPLE.parents[1] / "docs" / "your-rig.md").read_text(encoding="utf-8")
 
 
 def turned(rig, seconds, rate=0.0):
@@ -250,3 +253,26 @@ def test_the_doctor_examines_own_hardware(tmp_path):
     assert found["backend"]["verdict"] == found["ball"]["verdict"] == "pass"
     assert "x +30" in found["ball"]["seen"]
     assert found["tilt of phi"]["verdict"] == "warn"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("command", "told"), re.findall(r"^\| `(run .*?)` \| (\S+).*\|$", PAGE, re.MULTILINE)
+)
+def test_other_rigs_do_what_their_page_says(command, told, tmp_path):
+    """Errors of the page, in %, or that the ball falls."""
+    code, said = ballplate(tmp_path, *command.split(), "--set", "baseline=false", "--out", "made")
+    found = json.loads((tmp_path / "made" / "metrics.json").read_text())
+    if told == "falls":
+        assert (code, found["outcome"]) == (1, "fell")
+    else:
+        assert code == 0, said
+        assert found["tracking_error_percent"] == pytest.approx(float(told), abs=0.051)
+
+
+@pytest.mark.parametrize("what", ["cams", "touch", "lost-motion"])
+def test_calibrations_of_other_devices_say_that_they_are(what, tmp_path):
+    (tmp_path / "rig.toml").write_text('title = "mine"\nbackend = "mine.py:Mine"\n')
+    code, said = ballplate(tmp_path, "calibrate", what, "--rig", "rig.toml")
+    assert code == 2
+    assert "this rig has a backend, mine.py" in " ".join(said.split())

@@ -9,7 +9,6 @@ import copy
 import json
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,7 +18,7 @@ from twin.data_file import DEEPEST, DataError, parse_toml
 from twin.errors import ScenarioError, nearest, shortened
 from twin.scenario import changing
 from twin.scenario.schema import KINDS, TABLES, Scenario, choices, settings_model, without_ball
-from twin.shipped import find
+from twin.shipped import chosen, find, shipped_in
 from twin.validation import Model, keys_of, one_line, read_tables
 
 
@@ -59,8 +58,8 @@ Tables = dict[str, Any]
 def load(name: str, overrides: Sequence[str] = ()) -> Scenario:
     """The scenario of a shipped name or a TOML file, with ``key=value`` overrides.
 
-    A key ``parameters`` names a file of identified parameters, which lie over the scenario's own
-    keys and under the overrides.
+    A key ``parameters`` names a shipped rig, or a file of identified parameters; they lie over the
+    scenario's own keys and under the overrides.
 
     Raises:
         ScenarioError: If it does not exist, or anything in it is unknown or out of range.
@@ -121,7 +120,8 @@ def _parameters(file: Any, source: str) -> Tables:
     """
     if not isinstance(file, str):
         raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-    return read_tables(Path(file), f"{source}: parameters: {file}")
+    path = chosen("rig", file, shipped_in("rigs"))
+    return read_tables(path, f"{source}: parameters: {file}")
 
 
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:

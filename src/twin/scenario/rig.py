@@ -16,7 +16,7 @@ from twin.devices.nets import wider
 from twin.devices.own import OwnConfig
 from twin.errors import ScenarioError
 from twin.scenario.load import Tables, validated
-from twin.scenario.schema import RigLimitsTable, Section, dataclass_of, model_of
+from twin.scenario.schema import CAMS_DEG, RigLimitsTable, Section, dataclass_of, model_of
 from twin.validation import read_tables
 
 Settings = TypeVar("Settings")
@@ -83,11 +83,20 @@ class RigFile(Section):
         wired = {"bus", "drives", "phi", "theta", "touch", "cams"} & self.model_fields_set
         if self.backend is None and self.touch is None:
             raise ValueError("touch is missing: a rig has a touch screen, or a backend")
+        if self.backend is None and self.limits.angle_deg > CAMS_DEG:
+            raise ValueError(f"limits.angle_deg: the cams reach {CAMS_DEG:g}")
         if self.backend is None and "own" in self.model_fields_set:
             raise ValueError("own is for hardware of one's own; it needs backend = 'FILE.py:CLASS'")
         if self.backend is not None and wired:
             raise ValueError(f"{', '.join(sorted(wired))}: a rig with a backend has none of these")
         return self
+
+    def _on_the_wire(self) -> None:
+        if self.backend is not None:
+            raise ScenarioError(
+                f"{self.title}: this is for drives and touch screens of the twin's own kinds; this "
+                f"rig has a backend, {Path(self.backend).name}"
+            )
 
     def servos(self, period: float) -> AkdConfig:
         """The drives' settings, for a control period in s.
@@ -95,6 +104,7 @@ class RigFile(Section):
         Raises:
             TwinError: If they do not go together.
         """
+        self._on_the_wire()
         axes = (
             built(AxisConfig, self.phi, name="phi"),
             built(AxisConfig, self.theta, name="theta"),
@@ -109,8 +119,8 @@ class RigFile(Section):
         Raises:
             TwinError: If they do not go together.
         """
-        if self.touch is None:
-            raise ScenarioError(f"{self.title}: has a backend, and no drives and touch screen")
+        self._on_the_wire()
+        assert self.touch is not None
         if None not in (self.touch.calibration, self.touch.calibration_file):
             raise ScenarioError("touch: calibration or calibration_file; both cannot hold")
         return built(LumioConfig, self.touch)

@@ -192,6 +192,8 @@ def _known(kind: str) -> str:
     return kind
 
 
+CAMS_DEG = 10.0
+"""How far the cams tilt the plate either way, deg; thesis chapter 3."""
 LEAST_ROLLING_MM = 0.01
 """The smallest arm of rolling resistance the engine can simulate, in mm."""
 
@@ -530,6 +532,8 @@ class Scenario(Section):
             yield problem
         if self.plant.kind == "lagrange" and self.rig.cams != "table":
             yield "rig.cams: the exact equations have no cams; set plant.kind=mujoco"
+        if self.plant.kind == "mujoco" and self.rig.limits.angle_deg > CAMS_DEG:
+            yield f"rig.limits.angle_deg: the cams reach {CAMS_DEG:g}; set plant.kind=lagrange"
         if self.metrics.start >= self.duration:
             yield (
                 f"metrics.start: {self.metrics.start:g} s is not before the end at "
