@@ -29,8 +29,7 @@ from twin.jobs import cores, results
 from twin.scenario.load import load
 from twin.scenario.schema import Scenario, at_study_step
 from twin.shadow.belief import CONSTANT, PARAMETERS, believed
-from twin.shadow.causes import likely
-from twin.shadow.diagnosis import THRESHOLD
+from twin.shadow.diagnosis import THRESHOLD, likely
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
 from twin.shadow.monitor import LATE_THRESHOLD
@@ -99,7 +98,7 @@ class Kind(NamedTuple):
 
     Attributes:
         name: In words.
-        causes: Which causes of ``twin.shadow.causes`` are right.
+        causes: Which causes of ``twin.shadow.belief`` are right.
         ramps: Whether it can also come slowly.
     """
 

@@ -13,8 +13,8 @@ from twin.errors import TwinError
 from twin.identify.log import MECHANISM_LAG, LogError
 from twin.scenario import load
 from twin.shadow.belief import PARAMETERS, Belief, believed
-from twin.shadow.diagnosis import Suspicion, weigh
-from twin.shadow.evidence import Evidence, log_evidence, posterior
+from twin.shadow.diagnosis import weigh
+from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior
 from twin.shadow.follow import shadow
 from twin.shadow.monitor import Before
 from twin.shadow.plate import whitened
@@ -113,7 +113,7 @@ def test_lost_motion_may_have_gone_where_there_was_some(believed_play, named):
     A, b = np.full((10, 1, 1), 20.0), np.full((10, 1), 20.0 * less)
     windows = Evidence.of(("narrow_play",), spans, A, b)
     before = Before(np.zeros(len(PARAMETERS)), belief.uncertainty + np.diag(belief.drift**2))
-    causes = {each.name: each for each in weigh(Suspicion(None, None, windows), before, belief)}
+    causes = {each.name: each for each in weigh(NONE, None, windows, before, belief)}
     assert (causes["lost motion"].probability > 0.5) == named
     assert causes["lost motion"].change.startswith("-0.0")
 
@@ -141,7 +141,7 @@ def test_a_gap_is_shown_and_never_bridged(recorded):
     assert (run.time < 6).any()
     assert (run.time > 6.8).any()
     assert not ((run.time < 6.8) & (run.time + run.ahead > 6)).any()
-    assert "1 gaps of 0.80 s" in page(said, None)
+    assert "1 gaps of 0.80 s" in page(said)
 
 
 @pytest.mark.long

@@ -370,16 +370,18 @@ class Viewing:
 
     def _summary(self, scenario: Scenario) -> LiveProcess:
         """Start the live summary."""
-        from twin.view import live_process, terminal
+        from twin.view import terminal
+        from twin.view.live_process import LiveProcess
 
-        return live_process.LiveProcess(terminal.work, (scenario,))
+        return LiveProcess(terminal.work, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
-        from twin.shadow.live import beside
-        from twin.shadow.report import Shown
+        from twin.shadow import live, report
+        from twin.view.live_process import LiveProcess
 
-        return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
+        shown = report.Shown(self._url, self._recording, name) if self._url else None
+        return LiveProcess(live.work, (scenario, shown))
 
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""

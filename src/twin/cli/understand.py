@@ -223,15 +223,15 @@ def shadow(
     """
     log = log_file(log)  # a wrong name is told before anything heavy is imported
     name = run_name(log)
-    from twin.shadow.examine import FILES, examine
+    from twin.shadow.report import FILES, advice, examine
 
     folder = check_writable(out or (log.parent if is_record(log) else ROOT / f"shadow-{name}"))
     with progress(f"the twin beside {name}", 1.0) as advance:
-        examined = examine(
+        found = examine(
             log, folder, overrides, float(horizon), proposing=not no_proposal, progress=advance
         )
-    show(examined.numbers, examined.sentences, folder, FILES)
-    return int(bool(examined.found.alarms))
+    show(found.as_dict(), advice(found), folder, FILES)
+    return int(bool(found.alarms))
 
 
 FURTHER = "A further future, 'KEY=VALUE; KEY=VALUE' over what --set changes; repeatable."

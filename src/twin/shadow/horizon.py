@@ -205,11 +205,6 @@ class OpenLoop:
     lead: Lead
     after: Windows
 
-    @classmethod
-    def of(cls, belief: Belief, before: Windows, after: Windows) -> OpenLoop:
-        """Replays of windows, from the windows before them."""
-        return cls(belief, Lead.of(before, belief), after)
-
     @property
     def ways(self) -> Ways:
         """Where the balls went up to the starts, and where the twins expect them to go on."""
@@ -386,7 +381,7 @@ def replays(
     whole = clear(before.begin, before.begin + LOOKBACK + LEAD, gaps)
     parts = []
     for part in portions(len(start)):
-        loop = OpenLoop.of(belief, before.take(part), after.take(part))
+        loop = OpenLoop(belief, Lead.of(before.take(part), belief), after.take(part))
         known = foreseen(loop.ways, whole[part], screen)
         parts.append(loop.replayed(known, ahead, log.sample_period))
     error, spread, path = (np.concatenate(each) for each in zip(*parts, strict=True))

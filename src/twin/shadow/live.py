@@ -9,11 +9,11 @@ from contextlib import closing
 import numpy as np
 
 from twin.scenario.schema import Scenario
-from twin.shadow.diagnosis import SETTLING, Alarm
-from twin.shadow.follow import MARGIN, LiveFollower
+from twin.shadow.diagnosis import Alarm
+from twin.shadow.follow import MARGIN, SETTLING, LiveFollower
 from twin.shadow.horizon import BAND
-from twin.shadow.report import Shown, Tell
-from twin.view.live_process import Address, LiveProcess, SharedRingBuffer, step_back
+from twin.shadow.report import Shown, Tell, drawing
+from twin.view.live_process import Address, SharedRingBuffer, step_back
 
 EVERY = 0.2
 """Seconds between two looks for new rows."""
@@ -23,24 +23,16 @@ SCORE_EVERY = 10.0
 """Seconds of the run between two lines with its score."""
 
 
-def beside(scenario: Scenario, shown: Shown | None = None) -> LiveProcess:
-    """Let the twin run beside a run.
+def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
+    """Ask the twin until the writer has ended, or is gone; the body of the process.
 
     Args:
+        buffer: Where the rows come from.
         scenario: What is run.
-        shown: Where it is drawn; nowhere by default.
+        shown: Where the twin is drawn; None for nowhere.
     """
-    return LiveProcess(work, (scenario, shown))
-
-
-def work(buffer: Address, scenario: Scenario, shown: Shown | None) -> None:
-    """Ask the twin until the writer has ended, or is gone; the body of the process."""
     step_back()
-    tell: Tell = lambda _, __: None  # noqa: E731  nothing is drawn
-    if shown is not None:
-        from twin.shadow.report import drawing  # noqa: PLC0415  only where there is a viewer
-
-        tell = drawing(scenario, shown)
+    tell: Tell = (lambda _, __: None) if shown is None else drawing(scenario, shown)
     commentary = Commentary(LiveFollower(scenario, "the run"), _print)
     with closing(SharedRingBuffer(*buffer)) as ring:
         for block in ring.blocks(EVERY, MOST):

@@ -18,7 +18,7 @@ from twin.identify.plate_motion import servo_response
 from twin.identify.prepare import PreparedLog, Segment
 from twin.settings import changed
 from twin.shadow.belief import DRIVES, Belief
-from twin.shadow.evidence import Evidence, undisturbed
+from twin.shadow.evidence import NONE, Evidence, undisturbed
 from twin.sim.plant.linear import STATES, linear_mechanism
 from twin.sim.plant.parts import Parts
 
@@ -39,8 +39,8 @@ GAPS = (np.radians(0.05), np.radians(0.2))
 
 def plate_evidence(
     log: PreparedLog, belief: Belief, gaps: Array, since: float = -np.inf
-) -> Evidence | None:
-    """Evidence of ``DRIVES``; None if no part of the log is long enough.
+) -> Evidence:
+    """Evidence of ``DRIVES``; none if no part of the log is long enough.
 
     Args:
         log: What was recorded.
@@ -52,12 +52,12 @@ def plate_evidence(
     return undisturbed(parts, gaps, SETTLED)
 
 
-def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -> Evidence | None:
+def _of_segment(segment: Segment, period: float, belief: Belief, since: float) -> Evidence:
     rows = round(WINDOW / period)
     skipped = round(max(SETTLED, since - segment.time[0]) / period)
     count = (len(segment.time) - skipped) // rows
     if count < 1 or segment.command is None:
-        return None
+        return NONE
     angle, late, *wider = plate_angles(
         segment.command,
         period,

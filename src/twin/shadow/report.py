@@ -1,9 +1,10 @@
-"""What is told of a shadow: its ball in the viewer, its picture, its page, its verdict in words."""
+"""A recorded run examined, and what is told of a shadow: in the viewer, in words, as a page."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,20 +12,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from controllers.arrays import Array
+from twin.identify.log import read
 from twin.identify.replay import STEP
 from twin.page import Block, Picture, Table, Text, Verdict, html
-from twin.run.files import arrow_fields
+from twin.run.files import arrow_fields, run_name
 from twin.run.picture import COLOURS, drawn
 from twin.scenario.schema import Scenario
-from twin.shadow.causes import likely
-from twin.shadow.diagnosis import THRESHOLD, Alarm
-from twin.shadow.follow import Shadow
+from twin.shadow.belief import believed
+from twin.shadow.diagnosis import THRESHOLD, Alarm, likely
+from twin.shadow.follow import Shadow, shadow
 from twin.shadow.horizon import DRAWN, Replays
 from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.proposal import Proposal
+from twin.shadow.proposal import propose, written
 from twin.view.recording import fix, new_stream, send
 from twin.view.streams import Scores, TwinStream
+from twin.writing import write_json, write_whole
 
 Tell = Callable[[Replays | None, list[tuple[float, str]]], None]
 """Is given new replays, and times and texts of what happened."""
@@ -122,7 +124,7 @@ def _error(panel: Axes, found: Shadow, axis: int) -> None:
     half = 1000 * SIDES * np.sqrt(run.spread[told, axis, axis])
     panel.bar(end, 2 * half, 0.8 * run.ahead, -half, color=COLOURS[5], alpha=0.35)
     panel.plot(end, error, ".", color=COLOURS[0])
-    most = max(3.0, 1.2 * _percentile(np.abs(error), 95), 1.2 * _percentile(half, 80))
+    most = float(max(3.0, 1.2 * np.percentile(np.abs(error), 95), 1.2 * np.percentile(half, 80)))
     panel.set_ylim(-most, most)
 
 
@@ -144,11 +146,7 @@ def _marks(panel: Axes, found: Shadow) -> None:
         panel.axvline(alarm.since, color=ALARM, lw=1, ls=":")
 
 
-def _percentile(values: Array, percent: float) -> float:
-    return float(np.percentile(values, percent))
-
-
-def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
+def sentences(found: Shadow) -> list[str]:
     """The verdict in words."""
     told, length = found.told, found.length
     words = []
@@ -176,15 +174,16 @@ def sentences(found: Shadow, proposal: Proposal | None) -> list[str]:
         words.append(
             f"{len(found.gaps)} gaps of {missing:.2f} s in all are in the log; they are shown grey."
         )
-    if proposal is not None:
-        words.append(f"{'Proposal: ' if proposal.text else ''}{proposal.why}.")
+    if found.proposal is not None:
+        words.append(f"{'Proposal: ' if found.proposal.text else ''}{found.proposal.why}.")
     return words
 
 
-def page(found: Shadow, proposal: Proposal | None) -> str:
+def page(found: Shadow) -> str:
     """The report as one HTML file."""
+    proposal = found.proposal
     blocks: list[Block] = [
-        Verdict(sentences(found, proposal), found.verdict == "healthy"),
+        Verdict(sentences(found), found.verdict == "healthy"),
         Picture(
             "Over time",
             picture(found),
@@ -253,3 +252,58 @@ def write_scores(found: Shadow, path: Path) -> None:
     columns = [pa.array(column) for _, column in values.values()]
     columns += [pa.array(path, listed) for path in paths.values()]
     pq.write_table(pa.Table.from_arrays(columns, schema=schema), path)
+
+
+FILES = "shadow.html, shadow.json, shadow.parquet"
+"""What is written."""
+
+
+def write(found: Shadow, folder: Path) -> None:
+    """Write shadow.html, shadow.json and, if there are replays, shadow.parquet.
+
+    Raises:
+        RecordError: If a file cannot be written.
+    """
+    write_whole(folder / "shadow.html", page(found))
+    write_json(folder / "shadow.json", found.as_dict())
+    if found.replays is not None:
+        write_whole(folder / "shadow.parquet", lambda path: write_scores(found, path))
+
+
+def examine(
+    log: Path,
+    folder: Path,
+    overrides: Sequence[str] = (),
+    horizon: float = 1.0,
+    *,
+    proposing: bool = True,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Shadow:
+    """Let the twin run beside a recorded run, and write what it says.
+
+    Args:
+        log: Run folder, ``run.parquet`` or CSV file.
+        folder: Where ``FILES`` go, and ``parameters-N.toml`` if a better twin is proposed.
+        overrides: ``KEY=VALUE`` each, over what the run was simulated with or believed.
+        horizon: Seconds ahead and from one start to the next.
+        proposing: Whether a better twin is looked for after an alarm.
+        progress: Called with the share of the work done.
+
+    Raises:
+        TwinError: If the log cannot be used, an override is wrong, or a file cannot be written.
+    """
+    recorded = replace(read(log), source=run_name(log))
+    belief = believed(recorded, overrides)
+    found = shadow(recorded, belief, horizon)
+    progress(0.5)
+    if found.alarms and proposing:
+        proposal = propose(recorded, belief, found.alarms[-1].since)
+        found.proposal = written(proposal, folder) if proposal.text else proposal
+    write(found, folder)
+    return found
+
+
+def advice(found: Shadow) -> list[str]:
+    """The verdict in words, and how to try what is proposed."""
+    file = None if found.proposal is None else found.proposal.file
+    return [*sentences(found), *([] if file is None else [f"try it: --set parameters={file}"])]
