@@ -45,8 +45,7 @@ def explain(
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
     from twin.explain.attribution import explain as explain_scenario
-    from twin.explain.attribution import plan, summary
-    from twin.explain.effects import with_typical
+    from twin.explain.attribution import plan, summary, with_typical
     from twin.explain.plot import draw
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
@@ -65,7 +64,7 @@ def explain(
 
 
 def _effects(found: Explanation) -> Iterator[Shown]:
-    from twin.explain.effects import EFFECTS, present
+    from twin.explain.attribution import EFFECTS, present
 
     what = "tracking error e_tt [%]" if found.in_percent else "RMS distance [mm]"
     yield bold(f"{found.scenario.title}: {what}")
@@ -176,8 +175,7 @@ def fit(
     chosen("table", table, known)  # a wrong name is told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
     from twin.fit.report import row, sentences, write
-    from twin.fit.runs import Runs
-    from twin.fit.schema import read
+    from twin.fit.runs import Runs, read
     from twin.study.experiments import Store, executors
 
     about = read(table)
