@@ -231,7 +231,7 @@ def _plan(
     names = [each.name for each in streams]
     plots = [each.plots(rows) for each, rows in zip(streams, blocks, strict=True)]
     entities = {group for plot in plots for group in plot}
-    shown = {group: [plot[group] for plot in plots if group in plot] for group in entities}
+    shown = {group: [plot.get(group, {}) for plot in plots] for group in entities}
     groups = {group: explained(lines, names) for group, lines in shown.items()}
     ranges = {} if live else {group: shown_range(lines) for group, lines in shown.items()}
     if twin:
