@@ -36,7 +36,7 @@ def played(driven, tmp_path_factory):
         700: [Save(folder)],
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.play.saving.LATER", 0.5)
+        patch.setattr("twin.play.driven.LATER", 0.5)
         session = driven(load("hold"), script, 700)
     return session, folder
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +22,8 @@ from twin.shadow.diagnosis import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.live import Commentary, work
+from twin.shadow.live import Commentary
 from twin.shadow.report import examine, scores, write
-from twin.view.live_process import LiveProcess
 from twin.view.recording import encoded
 from twin.view.streams import TwinStream, saved_twin
 
@@ -195,27 +191,6 @@ def test_what_is_said_while_a_run_goes_on_is_what_is_said_afterwards(
     )
     names = [alarm["causes"][0]["name"] for alarm in afterwards["alarms"]]
     assert [alarm.causes[0].name for alarm in told] == names
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-def test_a_twin_that_hangs_or_dies_changes_nothing_in_the_record(blow):
-    chosen = load("circle", ("plant.kind=lagrange", "duration=2"))
-    alone = run(chosen)
-    twin = LiveProcess(work, (chosen, None))
-    try:
-        end = time.monotonic() + 120
-        while not twin._ring.opened:
-            assert time.monotonic() < end, "the twin's process never began"
-            time.sleep(0.01)
-        os.kill(twin._process.pid, blow)
-        watched = run(chosen, watch=twin.watch)
-        assert not twin.finish(wait=0.2)
-    finally:
-        twin.close()
-    assert all(
-        np.array_equal(watched.record[name], alone.record[name]) for name in alone.record.data
-    )
 
 
 def test_a_new_window_that_ends_before_an_old_one_is_neither_dropped_nor_is_an_old_one_told_twice():

@@ -15,18 +15,11 @@ from hypothesis import strategies as st
 from twin.cli.runs import run as run_command
 from twin.errors import ViewError
 from twin.run.finished import run
-from twin.view import recording, viewer
+from twin.shadow import live
+from twin.view import recording, terminal, viewer
 from twin.view.live_process import LiveProcess, SharedRingBuffer
-from twin.view.terminal import work
 
 headless = run_path(str(Path(__file__).parents[2] / "docs" / "screenshots.py"))["headless"]
-
-
-@pytest.fixture
-def tap(scenario):
-    made = LiveProcess(work, (scenario(),))
-    yield made
-    made.close()
 
 
 def same(first, second):
@@ -97,17 +90,16 @@ def test_what_a_tap_hands_over_is_what_is_recorded(scenario):
 
 @pytest.mark.long
 @pytest.mark.parametrize("blow", [signal.SIGSTOP, signal.SIGKILL])
-def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, tap, blow):
-    end = time.monotonic() + 120
-    while not tap._ring.opened:
-        assert time.monotonic() < end, "the observing process never began"
-        time.sleep(0.01)
-    os.kill(tap._process.pid, blow)
+@pytest.mark.parametrize(("work", "more"), [(terminal.work, ()), (live.work, (None,))])
+def test_an_observer_that_hangs_or_dies_changes_nothing_in_the_record(scenario, work, more, blow):
     chosen = scenario("duration=1")
-    begin = time.monotonic()
-    watched = run(chosen, watch=tap.watch)
-    assert not tap.finish(wait=0.2)
-    assert time.monotonic() - begin < 30
+    with closing(LiveProcess(work, (chosen, *more))) as tap:
+        assert tap.begun()
+        os.kill(tap._process.pid, blow)
+        begin = time.monotonic()
+        watched = run(chosen, watch=tap.watch)
+        assert not tap.finish(wait=0.2)
+        assert time.monotonic() - begin < 30
     assert same(watched, run(chosen))
 
 

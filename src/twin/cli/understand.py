@@ -44,9 +44,8 @@ def explain(
     typical: bool,
 ) -> int:
     """Attribute the tracking error to effects: run with all, without each, and with each alone."""
+    from twin.explain.attribution import draw, plan, summary, with_typical
     from twin.explain.attribution import explain as explain_scenario
-    from twin.explain.attribution import plan, summary, with_typical
-    from twin.explain.plot import draw
 
     chosen = scenario_of(scenario, changes_of(overrides, {}))
     if typical:
