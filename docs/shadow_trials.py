@@ -33,7 +33,7 @@ from twin.shadow.diagnosis import THRESHOLD, likely
 from twin.shadow.follow import shadow
 from twin.shadow.horizon import BAND, MEDIAN
 from twin.shadow.monitor import LATE_THRESHOLD
-from twin.shadow.plate import GAPS
+from twin.shadow.motion import GAPS
 from twin.shadow.simulated import logs
 from twin.study.family import drawn as drawn_rigs
 from twin.study.family import read

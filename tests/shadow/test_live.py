@@ -22,8 +22,7 @@ from twin.shadow.diagnosis import Alarm, Cause
 from twin.shadow.evidence import Evidence
 from twin.shadow.follow import Shadow
 from twin.shadow.horizon import BAND, Replays
-from twin.shadow.live import Commentary
-from twin.shadow.report import examine, scores, write
+from twin.shadow.report import Commentary, examine, scores, write
 from twin.view.recording import encoded
 from twin.view.streams import TwinStream, saved_twin
 

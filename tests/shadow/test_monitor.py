@@ -33,7 +33,7 @@ from twin.shadow.monitor import (
     statistic,
 )
 from twin.shadow.monitor import LATE_THRESHOLD as OWN
-from twin.shadow.plate import plate_evidence
+from twin.shadow.motion import plate_evidence
 from twin.sim.drives import Play
 
 LATE = PARAMETERS.index("delay")

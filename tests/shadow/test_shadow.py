@@ -22,7 +22,7 @@ from twin.shadow.diagnosis import THRESHOLD, weigh
 from twin.shadow.evidence import NONE, Evidence, log_evidence, posterior
 from twin.shadow.follow import shadow
 from twin.shadow.monitor import Before
-from twin.shadow.plate import whitened
+from twin.shadow.motion import whitened
 from twin.shadow.report import page
 from twin.shadow.simulated import logs
 

@@ -16,11 +16,10 @@ from scipy.special import log_ndtr
 from controllers.arrays import Array
 from twin.identify.parameters import BALL as BOUNDS
 from twin.identify.windows import Windows
-from twin.shadow.ball import ball_evidence
 from twin.shadow.belief import BALL, CAUSES, PARAMETERS, TABLES, Belief
 from twin.shadow.evidence import Evidence, log_evidence, posterior
 from twin.shadow.monitor import Before
-from twin.shadow.plate import GAPS
+from twin.shadow.motion import GAPS, ball_evidence
 
 LEAST = 0.05
 """Probability below which a cause counts as ruled out."""

@@ -21,7 +21,6 @@ from twin.identify.log_checks import check_ranges
 from twin.identify.prepare import PreparedLog, prepare
 from twin.identify.windows import Windows
 from twin.scenario.schema import Scenario
-from twin.shadow.ball import ball_evidence, ball_windows
 from twin.shadow.belief import Belief, check_commands
 from twin.shadow.diagnosis import THRESHOLD, Alarm, crossings, weigh
 from twin.shadow.evidence import NONE, Evidence, gaps, noise_evidence
@@ -39,7 +38,7 @@ from twin.shadow.monitor import (
     standing,
     statistic,
 )
-from twin.shadow.plate import plate_evidence
+from twin.shadow.motion import ball_evidence, ball_windows, plate_evidence
 from twin.shadow.proposal import Proposal
 from twin.view.streams import fingerprint
 

@@ -20,7 +20,6 @@ from twin.identify.problem import START_DIFFERENCES, START_PRIOR, Problem
 from twin.identify.replay import STEP
 from twin.identify.search import fit_starts
 from twin.identify.windows import BIN, LOOKBACK, Spans, Windows, cut
-from twin.shadow.ball import portions
 from twin.shadow.belief import BALL, PARAMETERS, ROUGH, Belief
 from twin.shadow.evidence import clear
 from twin.shadow.friction_map import (
@@ -38,6 +37,7 @@ from twin.shadow.friction_map import (
     unknown_motion,
     unresolved,
 )
+from twin.shadow.motion import portions
 
 LEAD = 1.2
 """Seconds of samples from which the state at a start is smoothed."""

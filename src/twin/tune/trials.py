@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import suppress
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -110,8 +110,7 @@ class Trials:
     Args:
         tune: Fields, tasks and family.
         store: Where finished runs are kept.
-        executor: Anything with the interface of ``concurrent.futures``; None for this process.
-        processes: How many of its workers.
+        how: Who carries them out, as for ``carry``.
 
     Attributes:
         start: The fields as the scenario and the tune's overrides have them.
@@ -122,18 +121,10 @@ class Trials:
             of range.
     """
 
-    def __init__(
-        self,
-        tune: Tune,
-        store: Store,
-        *,
-        executor: Executor | None = None,
-        processes: int = 1,
-    ) -> None:
+    def __init__(self, tune: Tune, store: Store, **how: Any) -> None:
         self.tune = tune
         self.finished = 0
-        self._executor = executor
-        self._store, self._how = store, {"executor": executor, "processes": processes}
+        self._store, self._how = store, {"processes": 1, "executor": None} | how
         self._family = read_family(tune.family)
         self._builder = cache(Builder)
         about = self._family.parameters | tune.fields
@@ -185,7 +176,8 @@ class Trials:
                 ready[place] = _controller(self.scenario(fields, 0))
             except ScenarioError as error:
                 found[place] = NominalLoop.none(error)
-        spread = map if self._executor is None else self._executor.map
+        executor: Executor | None = self._how["executor"]
+        spread = map if executor is None else executor.map
         try:
             found |= zip(ready, spread(_loop, ready.values()), strict=True)
         except BrokenExecutor as error:
