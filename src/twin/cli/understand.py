@@ -11,12 +11,12 @@ import click
 
 from ballplate.changes import changes_of, scenario_of
 from twin.cli import options
-from twin.cli.output import TERMINAL, Shown, bold, indicators, progress, show, show_titles, warn
+from twin.cli.output import TERMINAL, Shown, bold, indicators, listed, progress, show, warn
 from twin.identify.parameters import CHOICES, DEFAULT, SHARE
 from twin.identify.parameters import chosen as chosen_parameters
 from twin.page import Table
 from twin.run.files import ROOT, is_record, log_file, run_folder, run_name
-from twin.shipped import chosen, shipped_in, titles
+from twin.shipped import chosen, shipped_in
 from twin.writing import check_writable, write_json
 
 if TYPE_CHECKING:
@@ -167,11 +167,9 @@ def fit(
     are kept: an interrupted fit continues where it stopped. Writes report.html and fit.json; exit
     code 1 if no parameter is seen.
     """
-    known = shipped_in("fits")
     if table is None:
-        show_titles(titles(known))
-        return 0
-    chosen("table", table, known)  # a wrong name is told before anything heavy is imported
+        return listed("fits")
+    chosen("table", table, shipped_in("fits"))  # told before anything heavy is imported
     from twin.fit.fit import fit as fit_table
     from twin.fit.report import row, sentences, write
     from twin.fit.runs import Runs, read
