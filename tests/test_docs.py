@@ -65,6 +65,7 @@ WRITTEN = {
     "cure_floor.py",
     "cure_attacks.py",
     "cure_attacks.toml",
+    "shadow.toml",
     "shadow_trials.py",
     "tuned.py",
     "tuned.toml",

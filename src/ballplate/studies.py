@@ -352,8 +352,7 @@ def study(
         TwinError: If there is no such study, or anything in it is unknown or out of range.
     """
     from twin.study.answers import answers
-    from twin.study.cluster import Cluster
-    from twin.study.experiments import Store, carry
+    from twin.study.experiments import Cluster, Store, carry
 
     report = reporter or default()
     work = work_of(str(name), keys)

@@ -10,8 +10,7 @@ from click.testing import CliRunner
 from twin.cli.understand import fit as command
 from twin.errors import ScenarioError
 from twin.fit.fit import Search, bootstrap, correlation, descent, estimates, fit, searched, wide
-from twin.fit.runs import LOST, Runs, cells, rounded
-from twin.fit.schema import UNITS, FitTable, FittedParameter, read
+from twin.fit.runs import LOST, UNITS, FitTable, FittedParameter, Runs, cells, read, rounded
 from twin.run.batch import simulate
 from twin.run.metrics import Metrics
 from twin.shipped import shipped_in

@@ -393,16 +393,18 @@ class Viewing:
 
     def _summary(self, scenario: Scenario) -> LiveProcess:
         """Start the live summary."""
-        from twin.view import live_process, terminal
+        from twin.view import terminal
+        from twin.view.live_process import LiveProcess
 
-        return live_process.LiveProcess(terminal.work, (scenario,))
+        return LiveProcess(terminal.work, (scenario,))
 
     def _twin(self, scenario: Scenario, name: str) -> LiveProcess:
         """Start the twin beside the run, drawn in the view if there is one."""
-        from twin.shadow.live import beside
-        from twin.shadow.report import Shown
+        from twin.shadow import report
+        from twin.view.live_process import LiveProcess
 
-        return beside(scenario, Shown(self._url, self._recording, name) if self._url else None)
+        shown = report.Shown(self._url, self._recording, name) if self._url else None
+        return LiveProcess(report.work, (scenario, shown))
 
     def keep(self, folder: Path) -> None:
         """Write the recording of the saved run; keep a page until Ctrl-C."""
@@ -427,6 +429,7 @@ class Viewing:
         if not (self.window or self.connect or self.serve):
             return None
         from twin.view import recording, viewer
+        from twin.view.live_process import LiveProcess
 
         url = recording.address(self.connect) if self.connect is not None else ""
         try:
@@ -441,7 +444,7 @@ class Viewing:
         if self._opened is not None and self._opened.page:
             click.echo(f"open {self._opened.page} in a browser", err=True)
         self._url = url
-        return recording.show(scenario, name, url, recording=self._recording, twin=self.shadow)
+        return LiveProcess(recording.work, (scenario, name, url, self._recording, self.shadow))
 
 
 def VIEWING(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  an option, like JSON

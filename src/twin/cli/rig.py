@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+import webbrowser
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -263,7 +264,7 @@ def play(
     folder like any other. It ends with Ctrl-C, or when the page is closed; what was driven and not
     saved is saved then.
     """
-    from twin.play.serve import Server, folder_of, library, open_browser
+    from twin.play.serve import Server, folder_of, library
     from twin.scenario import load
 
     library()
@@ -276,7 +277,7 @@ def play(
     def begun() -> None:
         say(f"open {server.url} in a browser; Ctrl-C ends it")
         if not no_browser:
-            open_browser(server.url)
+            webbrowser.open(server.url)
 
     server.run(begun)
     if server.failure is not None:

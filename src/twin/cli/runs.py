@@ -20,7 +20,7 @@ from twin.run.files import former, free, run_folder
 
 if TYPE_CHECKING:
     from ballplate.studies import Sweep
-    from twin.shadow.examine import Examined
+    from twin.shadow.follow import Shadow
 
 
 @options.command("list", example="list")
@@ -99,8 +99,10 @@ def run(
     shown.append(bold(done.verdict))
     files = "picture.png, metrics.json, run.parquet"
     if examined is not None:
-        numbers["shadow"] = examined.numbers
-        shown += examined.sentences
+        from twin.shadow.report import advice
+
+        numbers["shadow"] = examined.as_dict()
+        shown += advice(examined)
         files += ", shadow.html, shadow.json, shadow.parquet"
     shown.append(
         dim(f"more: --all for every indicator; ballplate report, view, explain {scenario}")
@@ -110,9 +112,9 @@ def run(
     return int(not done.finished)
 
 
-def _examined(folder: Path) -> Examined | None:
+def _examined(folder: Path) -> Shadow | None:
     """What the twin says of the run as a whole: the same as `ballplate shadow RUN`."""
-    from twin.shadow.examine import examine
+    from twin.shadow.report import examine
 
     try:
         with TERMINAL.progress("the twin beside the whole run", 1.0) as advance:
