@@ -23,8 +23,8 @@ import pyarrow.parquet as pq
 
 from twin.errors import RecordError, TwinError
 from twin.jobs import AHEAD, cores, handed_out, pool, results
+from twin.run.indicators import METRICS
 from twin.study.cluster import Cluster
-from twin.study.schema import METRICS
 from twin.study.work import Job, Row, ScenarioRuns, StudyTask, carry_out
 from twin.writing import write_whole
 

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from twin.errors import ScenarioError, nearest
+from twin.run.indicators import METRICS
 from twin.shipped import chosen, shipped_in
 from twin.study.family import Parameter
 from twin.study.family import read as read_family
-from twin.study.schema import METRICS
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
 JUDGED = tuple(
