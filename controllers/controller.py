@@ -310,8 +310,7 @@ class _PartOf(Reference):
 
     def __call__(self, t: float | Array) -> Array:
         """Positions and four derivatives, shape (5, *shape(t), n, 2)."""
-        part: Array = self._whole(t)[..., self._place, :]
-        return part
+        return self._whole(t)[..., self._place, :]
 
 
 class PerRigLaw(Law):

@@ -216,8 +216,8 @@ def sweep(
     from twin.scenario.variants import comparison, headings
 
     base, varied = changes_of(settings, changes), varied_of(vary)
-    if not varied or not all(varied.values()):
-        raise ScenarioError("vary: name at least one key, each with at least one value")
+    if not varied:
+        raise ScenarioError("vary: name at least one key")
     report = reporter or default()
     title = scenario_of(scenario, base, titled=False).title
     cases = [case.scenario for case in cases_of([str(scenario)], base, varied).values()]
@@ -295,8 +295,7 @@ class StudyResult:
         """A row per run: variant, point, seed, parameters, outcome, indicators."""
         from twin.study.experiments import labelled
 
-        found: pd.DataFrame = labelled(self.work.labels, self.rows).to_pandas()
-        return found
+        return labelled(self.work.labels, self.rows).to_pandas()
 
     def plot(self) -> dict[str, Figure]:
         """Its figures by name: ``curves``, ``indices``, ``spread`` and more, as the method has."""

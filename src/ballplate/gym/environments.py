@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,14 +17,6 @@ from ballplate.stepping import shaped
 from controllers.arrays import Array, Mask, put
 from twin.errors import TwinError
 from twin.run.batch import Episodes
-
-
-class StepOfRigs(NamedTuple):
-    """What a step brought N rigs; each shape (N,)."""
-
-    reward: Array
-    terminated: Mask
-    truncated: Mask
 
 
 class Rigs:
@@ -79,8 +71,11 @@ class Rigs:
         self._paths = np.stack([self.task.path(scenario) for scenario in firsts])
         self._followed = distinct[0] if len(distinct) == 1 else None
 
-    def step(self, actions: ArrayLike) -> StepOfRigs:
+    def step(self, actions: ArrayLike) -> tuple[Array, Mask, Mask]:
         """Hold actions, shape (N, 2), for a step; rigs whose episode is over get nothing more.
+
+        Returns:
+            Reward, whether terminated, whether truncated, each shape (N,).
 
         Raises:
             TwinError: If they are of another shape.
@@ -98,7 +93,7 @@ class Rigs:
         terminated = episodes.over
         truncated = ~terminated & (episodes.ticks >= self.task.ticks)
         self._ended = terminated | truncated
-        return StepOfRigs(reward, terminated, truncated)
+        return reward, terminated, truncated
 
     def observation(self) -> Array:
         """What is seen now, shape (N, numbers)."""

@@ -111,8 +111,7 @@ def _ask(word: str) -> str:
 
     if word == "edge":
         question = "which edges of the plate dipped, the short or the long ones?"
-        answer: str = click.prompt(question, type=click.Choice(list(EDGES)), err=True)
-        return answer
+        return click.prompt(question, type=click.Choice(list(EDGES)), err=True)
     if word == "watch":
         ready = "lift the ball off and watch the edges of the plate; Enter when you are ready"
         click.prompt(ready, default="", show_default=False, err=True)
@@ -174,19 +173,14 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
 
 def toml(tables: dict[str, Any]) -> str:
     """A rig file's text; its values are texts, numbers and tables of those."""
+    from twin.scenario.variants import inline
+
     plain = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
     for key, table in tables.items():
         if isinstance(table, dict):
             plain += ["", f"[{key}]"]
-            plain += [f"{name} = {_value(value)}" for name, value in table.items()]
+            plain += [f"{name} = {inline(value)}" for name, value in table.items()]
     return "\n".join(plain) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        inner = ", ".join(f"{name} = {_value(each)}" for name, each in value.items())
-        return f"{{ {inner} }}"
-    return json.dumps(value)
 
 
 def _listen(rig: VirtualRig) -> None:

@@ -157,10 +157,9 @@ class Clamp:
 
     def towards_level(self, angle: Array) -> Array:
         """The rates that bring the plate level, with half of the acceleration allowed."""
-        rate: Array = -np.sign(angle) * np.minimum(
+        return -np.sign(angle) * np.minimum(
             np.sqrt(self._acceleration * np.abs(angle)), np.abs(angle) / (10 * self._period)
         )
-        return rate
 
 
 SCREEN = (0.70, 0.395)

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from twin.errors import ScenarioError, nearest, shortened
+from twin.run.indicators import METRICS
 from twin.shipped import shipped_labs
 from twin.study.family import Family
 from twin.study.family import read as read_family
-from twin.study.schema import METRICS
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
 SCHEMA = "ballplate/lab/v1"

@@ -23,15 +23,16 @@ from twin.errors import ScenarioError, TwinError
 from twin.hal.supervisor import State
 from twin.run.assemble import agree, assemble, build_rig, law_of, own_errors, shared
 from twin.run.loop import RAN_AWAY, Ending, drive
-from twin.run.metrics import Metrics, Motion, measure
+from twin.run.metrics import Motion, measure, unjudged
 from twin.run.plants import (
+    OF_PLANTS,
     PLANTS,
     build_friction,
     build_plant,
     change_devices,
     change_transmission,
+    differ,
     mistaken,
-    rebuild_plant,
     without_error,
 )
 from twin.run.record import Recorder
@@ -73,7 +74,7 @@ def alike(scenario: Scenario) -> dict[str, Any]:
 
 
 @own_errors()
-def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metrics]:
+def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[str, Any]]:
     """The indicators of each scenario, all of them alike.
 
     Args:
@@ -108,8 +109,7 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[Metri
         at = order.index(index)
         outcome = outcomes[at]
         if outcome.ending is not Ending.FINISHED:
-            time, reason = outcome.time, outcome.reason
-            found.append(Metrics(outcome=outcome.ending, outcome_time=time, reason=reason))
+            found.append(unjudged(outcome))
             continue
         motion = Motion.of(record, desired[paths[at]], at, seen=seen)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
@@ -226,7 +226,8 @@ class Episodes:
         new, rig = [self.scenarios[each] for each in rigs], self._rig
         plant = rig.devices.plant
         old = [before[each] for each in rigs]
-        rebuild_plant(plant, rigs, old, self.scenarios)
+        if differ(OF_PLANTS, old, new):
+            PLANTS[new[0].plant.kind].rebuild(plant, rigs, self.scenarios)
         change_devices(rig.devices, before, self.scenarios, plant=False)
         change_transmission(rig, self._known, before, self.scenarios)
         begun = build_rig(new, SomeRigs(plant, rigs), mistaken(self._known, new))

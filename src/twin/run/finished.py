@@ -151,14 +151,13 @@ class Run(Signals):
         if (laid := _laid(scenario, record, reference)) is not None:
             record.data["laid"] = laid[:, None]
         motion = Motion.of(record, desired, friction=always_friction(scenario))
-        found = measure(motion, outcome, **dict(scenario.metrics))
         columns = list(record.columns())
         run = cls(
             "run",
             scenario,
             {"time": record.time, **{column: values for column, _, values in columns}},
             {"time": "s", **{column: unit for column, unit, _ in columns}},
-            found.as_dict(),
+            measure(motion, outcome, **dict(scenario.metrics)),
             events=tuple(
                 {"time": time, "severity": str(note.condition.severity), "text": note.text}
                 for time, note in journal
@@ -476,8 +475,7 @@ def open_run(path: Path) -> list[Run]:
 
 def judged_as(run: Run, ended: Outcome) -> Run:
     """A run that nobody could judge when it ended, as one that ended so."""
-    metrics = measure(run.motion, ended, **dict(run.scenario.metrics))
-    return replace(run, metrics=metrics.as_dict())
+    return replace(run, metrics=measure(run.motion, ended, **dict(run.scenario.metrics)))
 
 
 def _check_rows(values: Mapping[str, Array], source: str) -> None:

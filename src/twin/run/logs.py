@@ -297,5 +297,4 @@ def _require(names: list[str], needed: Sequence[str], source: str) -> None:
 def _filled(time: Array, values: Array, at: Array) -> Array:
     """Values at some times, with straight lines where there is none."""
     known = np.isfinite(values)
-    filled: Array = np.interp(at, time[known], values[known])
-    return filled
+    return np.interp(at, time[known], values[known])

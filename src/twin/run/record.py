@@ -368,8 +368,7 @@ def read_beside(file: Path, name: str) -> bytes | None:
         schema = stored(file).schema if streamed else pq.read_schema(file)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{file}: not a readable record") from error
-    found: bytes | None = (schema.metadata or {}).get(name.encode())
-    return found
+    return (schema.metadata or {}).get(name.encode())
 
 
 def _numbers(column: pa.ChunkedArray) -> Array:

@@ -78,7 +78,11 @@ def resolved(
     merged = put(tables, settings)
     file = merged.pop("parameters", None)
     if file is not None:
-        merged = put(laid_over(tables, _parameters(file, source)), settings)
+        if not isinstance(file, str):
+            raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
+        path = chosen("rig", file, shipped_in("rigs"))
+        more = read_tables(path, f"{source}: parameters: {file}")
+        merged = put(laid_over(tables, more), settings)
         merged.pop("parameters", None)
         source = f"{source} with {file}"
     return _judged_in_time(tables, merged, settings), source
@@ -112,18 +116,6 @@ def read(name: str) -> tuple[Tables, str]:
     return read_tables(path, str(path)), path.name
 
 
-def _parameters(file: Any, source: str) -> Tables:
-    """The tables of a parameter file.
-
-    Raises:
-        ScenarioError: If it cannot be read.
-    """
-    if not isinstance(file, str):
-        raise ScenarioError(f"{source}: parameters: must be the name of a file, got {file!r}")
-    path = chosen("rig", file, shipped_in("rigs"))
-    return read_tables(path, f"{source}: parameters: {file}")
-
-
 def laid_over(tables: Mapping[str, Any], more: Mapping[str, Any]) -> Tables:
     """Tables with those of more tables put in, key by key.
 
@@ -146,12 +138,13 @@ def setting(text: str) -> tuple[str, Any]:
     Raises:
         ScenarioError: If it is not of the form ``key=value``.
     """
-    key, equals, value = text.partition("=")
-    key = key.strip()
+    key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not all(key.split(".")):
         raise ScenarioError(f"override '{shortened(text)}': write key=value, as in duration=10")
     try:
-        return key, _toml_value(value.strip())
+        return key, parse_toml(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
     except DataError as error:
         raise ScenarioError(f"override '{shortened(key)}': {error}") from None
 
@@ -277,10 +270,3 @@ def every_key() -> list[str]:
         for cls in choices(table).values():
             found += [f"{table}.{name}" for name in settings_model(cls).model_fields]
     return list(dict.fromkeys(found))
-
-
-def _toml_value(text: str) -> Any:
-    try:
-        return parse_toml(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text

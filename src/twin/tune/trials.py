@@ -19,13 +19,13 @@ from controllers.interfaces import Law, Observer
 from controllers.observers import Ideal
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.run.assemble import build_controller, own_errors
+from twin.run.indicators import METRICS
 from twin.scenario import Scenario
 from twin.scenario.schema import at_study_step
 from twin.shipped import chosen, shipped_in
 from twin.study.experiments import Store, evaluate, seconds
 from twin.study.family import FamilyRig, Parameter, Point, drawn
 from twin.study.family import read as read_family
-from twin.study.schema import METRICS
 from twin.study.work import Builder, ScenarioRuns
 from twin.validation import Checked, check_named_once, read_model, read_tables
 
