@@ -39,6 +39,8 @@ class Motion:
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
         reference: Desired ball position in m, shape (K, 2).
         held: Where friction held the ball at rest, shape (K,); None where nobody knows.
+        lateness: By how much the applied command was late, s, shape (K,); None of a law that takes
+            no time.
     """
 
     time: Array
@@ -47,6 +49,7 @@ class Motion:
     u: Array
     reference: Array
     held: Mask | None = None
+    lateness: Array | None = None
 
     @classmethod
     def of(
@@ -77,6 +80,7 @@ class Motion:
             u=record["applied"][:, rig].copy(),
             reference=desired,
             held=held(record.time, state[:, 1::4]) if known and friction else None,
+            lateness=record["computing"][:, rig, 1] if "computing" in record.data else None,
         )
 
     @property
@@ -108,6 +112,8 @@ class Metrics:
         u1_max: Largest applied |phi''|, rad/s^2.
         u2_max: Largest applied |theta''|, rad/s^2.
         u_rms: Root mean square of both applied plate accelerations, rad/s^2.
+        late_percent: Share of control periods in which the command was late for its computing
+            time, in %; None of a law that takes no time.
     """
 
     outcome: str
@@ -126,6 +132,7 @@ class Metrics:
     u1_max: float | None = None
     u2_max: float | None = None
     u_rms: float | None = None
+    late_percent: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """All indicators by name; None for one that is no finite number."""
@@ -163,6 +170,8 @@ def measure(
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
         "u_rms": _rms(motion.u),
     }
+    if motion.lateness is not None:
+        found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if outcome.ending.value in LEFT:
         return Metrics(**ended, **found)
     along = error[before, 0]
