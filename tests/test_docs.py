@@ -26,6 +26,7 @@ WRITTEN = {
     "fit.md",
     "glossary.md",
     "labs.md",
+    "solvers.md",
     "studies.md",
     "tune.md",
     "whatif.md",

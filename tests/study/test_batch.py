@@ -19,7 +19,7 @@ LAWS = (
     ("controller.kind=backstepping",),
     (),
     ("controller.kind=afl_integral",),
-    ("controller.kind=lqr",),
+    ("controller.kind=lqr", "controller.computing_time=0.007"),
     ("controller.kind=sliding_mode", "controller.betas=[1.5,3.0,5.0]"),
 )
 

@@ -10,6 +10,7 @@ N simulated rigs that run side by side, and of which any may begin again while o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,11 +91,15 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[
     first = scenarios[0]
     rig, controller = assemble([scenarios[i] for i in order], threads=1)
     ticks = round(first.duration / first.rig.period)
+    late = [bool(scenario.controller.computing_time) for scenario in scenarios]
     record = Recorder(
         ticks,
         len(order),
         first.rig.period,
-        keep=("estimate", "measured", "applied") if seen else ("state", "applied"),
+        keep=(
+            *(("estimate", "measured", "applied") if seen else ("state", "applied")),
+            *(["computing"] if any(late) else ()),
+        ),
         every=SEEN_EVERY if seen else 1,
     )
     with np.errstate(all="ignore"):
@@ -112,6 +117,8 @@ def simulate(scenarios: Sequence[Scenario], *, seen: bool = False) -> list[dict[
             found.append(unjudged(outcome))
             continue
         motion = Motion.of(record, desired[paths[at]], at, seen=seen)
+        if not late[index]:
+            motion = replace(motion, lateness=None)
         found.append(measure(motion, outcome, **dict(scenario.metrics)))
     return found
 

@@ -105,7 +105,7 @@ class ComputingTime(NamedTuple):
         Raises:
             TwinError: If the scenario cannot be assembled.
         """
-        rig, controller = assemble(scenario)
+        rig, controller = assemble(scenario.without_computing_time)
         times, ticks = LatencyHistogram(), round(seconds / rig.period)
         with own_errors(), real_time(), rig:
             measurement = rig.read()

@@ -268,6 +268,7 @@ class Run(Signals):
             u=applied,
             reference=self.followed(time)[0],
             held=held(time, state[:, 1::4]) if known else None,
+            lateness=self.rows.get("command_lateness"),
         )
 
 
@@ -304,7 +305,7 @@ def run(
         rig, controller = assemble(scenario)
         keeper = Keeper(rig, controller, scenario.duration)
     else:
-        controller = build_controller(scenario)
+        controller = build_controller(scenario.without_computing_time)
     period = scenario.rig.period
     ticks, knows = round(scenario.duration / period), controller.observer.knows
     record = Recorder(ticks, 1, period, rig.channels, knows)
@@ -410,7 +411,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in names}}
 
 
-_OPTIONAL = {"state", "age", "touched", "timing", "reference", "laid"}
+_OPTIONAL = {"state", "age", "touched", "timing", "computing", "reference", "laid"}
 NEEDED = (
     "time",
     *(name for key, each in CHANNELS.items() if key not in _OPTIONAL for name in each.columns),

@@ -39,6 +39,8 @@ class Motion:
         u: Applied plate accelerations in rad/s^2, shape (K, 2).
         reference: Desired ball position in m, shape (K, 2).
         held: Where friction held the ball at rest, shape (K,); None where nobody knows.
+        lateness: By how much the applied command was late, s, shape (K,); None of a law that takes
+            no time.
     """
 
     time: Array
@@ -47,6 +49,7 @@ class Motion:
     u: Array
     reference: Array
     held: Mask | None = None
+    lateness: Array | None = None
 
     @classmethod
     def of(
@@ -77,6 +80,7 @@ class Motion:
             u=record["applied"][:, rig].copy(),
             reference=desired,
             held=held(record.time, state[:, 1::4]) if known and friction else None,
+            lateness=record["computing"][:, rig, 1] if "computing" in record.data else None,
         )
 
     @property
@@ -117,6 +121,8 @@ def measure(
         "u2_max": float(np.abs(motion.u[:, 1]).max()),
         "u_rms": _rms(motion.u),
     }
+    if motion.lateness is not None:
+        found["late_percent"] = 100 * float((motion.lateness > 0).mean())
     if outcome.ending.value in LEFT:
         return judged | _finite(found)
     along = error[before, 0]

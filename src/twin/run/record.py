@@ -52,6 +52,8 @@ CHANNELS = {
     for name, columns in read_toml(Path(__file__).with_name("channels.toml")).items()
 }
 """The channels of records: ``state`` of simulated ones only, ``timing`` of real-time ones only,
+``computing`` of those whose law has a computing time: that of a command that was begun, else NaN,
+and how much older the measurement behind what is applied is than the law's period explains;
 ``reference`` of those whose reference is not part of this program, ``laid`` where the law laid
 another path because the plate cannot give it: of these times, else NaN."""
 

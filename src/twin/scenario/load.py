@@ -27,7 +27,7 @@ def clean(scenario: Scenario) -> Scenario:
 
     Nothing a scenario may say of its rig is left but the ball that the designer knows, where it
     starts, control period and limits: no friction, tilt or mechanism, no dead time, quantisation or
-    noise, and no predictor, which has nothing to predict.
+    noise, no computing time, and no predictor, which has nothing to predict.
     """
     known = scenario.designed_on
     none = (0.0, 0.0)
@@ -49,7 +49,8 @@ def clean(scenario: Scenario) -> Scenario:
         "disturbance": {"variance": none},
     }
     tables = {name: TABLES[name].model_validate(table) for name, table in said.items()}
-    return scenario.model_copy(update={**tables, "predictor": None, "change": ()})
+    prompt = scenario.without_computing_time
+    return prompt.model_copy(update={**tables, "predictor": None, "change": ()})
 
 
 Tables = dict[str, Any]

@@ -466,6 +466,10 @@ class ControllerChoice(Choice):
     period: Positive | None = None
     """Control period of the law in s, a multiple of rig.period: its command is held between; that
     of the rig if none is given."""
+    computing_time: NotNegative | Literal["measured"] = 0.0
+    """How long a command is computed in s, or "measured" for what it takes on this computer: what
+    takes longer than rig.period is applied so many periods later, the one before held meanwhile. A
+    real rig's time passes by itself: there it means nothing."""
     model: KnownBall = KnownBall()
 
 
@@ -558,6 +562,12 @@ class Scenario(Section):
         """Control periods of the rig in one of the law's."""
         ticks = round((self.controller.period or 0.0) / float(self.rig.period))
         return max(1, ticks)
+
+    @property
+    def without_computing_time(self) -> Scenario:
+        """The same with a law that computes in no time, or whose time passes by itself."""
+        controller = self.controller.model_copy(update={"computing_time": 0.0})
+        return self.model_copy(update={"controller": controller})
 
 
 KINDS: dict[str, type[Law] | type[Observer] | type[Reference]] = {
