@@ -82,7 +82,7 @@ def of(tmp_path: Path, text: str) -> Path:
         ("full = 0\nnone = 1", "full = 1\nnone = 1", "full, none: must differ"),
         ('name = "wind"', 'name = "mass"', "two of them are called 'mass'"),
         ('number = "wind"', 'metric = "rms_error"', "scenario: missing"),
-        ("answer.toml", "answer.py", "file: must be .py for a law, .toml for numbers"),
+        ("answer.toml", "answer.py", "file: must be .toml for numbers and parameters, else .py"),
     ],
 )
 def test_a_wrong_lab_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
