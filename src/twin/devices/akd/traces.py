@@ -79,6 +79,10 @@ _DISORDER = 0.01
 _EXTENDED, _REMOTE, _ERROR, _SENT = 1 << 29, 1 << 30, 1 << 31, 1 << 32
 
 
+COLUMNS = ("time", "identifier", "length", "low", "high")
+"""What ``to_row`` makes of a frame."""
+
+
 def check_ending(file: Path) -> None:
     """Make sure that a trace can be written into a file of this name.
 
