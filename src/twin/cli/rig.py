@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED, rig_of
+from ballplate.running import EMULATED, TRACE, rig_of
 from twin.cli import options
 from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
+from twin.errors import LogError
 from twin.jobs import cores
 from twin.page import Table, digits
+from twin.run.files import export
 from twin.writing import check_writable, write_whole
 
 if TYPE_CHECKING:
@@ -230,21 +232,38 @@ def _table(rows: list[FaultRow]) -> Table:
 @click.option("--eds", type=options.PATH, help="EDS file of the drives: what objects are called.")
 @click.option("--channel", help="Which channel of the trace [the one with most frames].")
 @click.option("--out", type=options.PATH, help="Also write the events there, a CSV file.")
+@click.option("--touch", type=options.PATH, help="What the touch screen said, a CSV file.")
+@click.option("--log", type=options.PATH, help="With --rig and --touch: write a log there, .csv.")
 @options.JSON
 def trace(
-    file: Path, rig: Path | None, eds: Path | None, channel: str | None, out: Path | None
+    file: Path,
+    rig: Path | None,
+    eds: Path | None,
+    channel: str | None,
+    out: Path | None,
+    touch: Path | None,
+    log: Path | None,
 ) -> int:
     """Say what the drives and their host said, from a trace of the CAN bus.
 
     FILE is a trace of any program (.log of candump, .asc, .blf, .trc, .csv, also .gz), or the
-    folder of a run on the wire. Of PDOs only changes are told.
+    folder of a run on the wire. Of PDOs only changes are told. --log makes a log of it, which
+    compare, identify and shadow take: encoders, motors and what was commanded, whoever drove.
     """
+    import numpy as np
+
     from twin.devices.akd.decoding import Conversation, Event, Names
     from twin.devices.akd.traces import read_trace
+    from twin.run.connect import cams_of
+    from twin.run.logs import TRACE_UNITS, log_of_trace
     from twin.scenario.rig import read_rig
 
-    found = read_trace(file, channel)
-    drives = read_rig(rig).servos(0.002) if rig else None
+    if log is not None and (rig is None or touch is None):
+        raise LogError("--log: needs the scales of --rig, and what the ball did by --touch")
+    place = file / TRACE if file.is_dir() else file
+    found = read_trace(place, channel)
+    own = read_rig(rig) if rig else None
+    drives = own.servos(0.002) if own else None
     said = Conversation(found.frames, Names(eds), drives)
     summary = {"trace": str(file), "channel": found.channel, "frames": len(found.frames)}
     summary |= said.summary()
@@ -253,6 +272,10 @@ def trace(
         "remarks": found.remarks,
         "events": [event._asdict() for event in said.events],
     }
+    written = [each for each in (out, log) if each is not None]
+    if log and own and drives and touch:
+        home = np.radians(own.home_deg)
+        export(log, log_of_trace(said, drives, cams_of(own), home, touch), TRACE_UNITS)
     rows = [(f"{each.time:.6f}", *each[1:]) for each in said.events]
     if out is not None:
         with io.StringIO(newline="") as text:
@@ -265,7 +288,7 @@ def trace(
         *_nodes(summary),
         Table("", ("time [s]", "who", "kind", "what"), rows, words=(1, 2, 3)),
     )
-    show(numbers, shown, out and out.parent, out.name if out else "")
+    show(numbers, (*shown, *(f"written: {each}" for each in written)))
     return 0
 
 

@@ -218,6 +218,11 @@ class Conversation:
         self._find_gaps()
         self.events.sort(key=lambda each: each.time)
 
+    @property
+    def sync(self) -> array[float]:
+        """When SYNC was sent, s since the first frame."""
+        return self._times["SYNC"]
+
     def called(self, node: int) -> str:
         """What a node is called."""
         axis = self._axes.get(node)
