@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -246,17 +246,21 @@ def log_of_trace(
         LogError: If the trace or the file lacks what is needed.
     """
 
-    def carried(index: int, sub: int = 0, *, plate: bool = False) -> Array:
-        """What PDOs have carried of an object by each SYNC, both axes side by side, (K, 2)."""
+    def carried(index: int | None, *, commanded: bool = False) -> Array:
+        """What PDOs have carried before each SYNC, both axes side by side, shape (K, 2).
+
+        What a SYNC is answered with belongs to the next, what is commanded goes with its own.
+        """
         both = []
+        side: Literal["left", "right"] = "right" if commanded else "left"
         for axis in drives.axes:
-            key = axis.plate_object if plate else (index, sub)
+            key = axis.plate_object if index is None else (index, 0)
             series = said.series.get((axis.node, key))
             if series is None:
                 raise LogError(
                     f"{said.called(axis.node)}: no PDO in the trace carries {key[0]:04X}h"
                 )
-            newest = np.searchsorted(series.time, sync, side="right") - 1
+            newest = np.searchsorted(series.time, sync, side) - 1
             counts = np.unwrap(np.asarray(series.counts, float), period=2.0**32)
             both.append(counts[np.maximum(newest, 0)] * said.scale(axis.node, key)[0])
         return np.stack(both, axis=1)
@@ -266,12 +270,14 @@ def log_of_trace(
     if len(torque) < 2:
         raise LogError("at no two SYNCs of the trace both drives have torque")
     sync = sync[torque[0] : torque[-1] + 1]
-    plate, motor = carried(0, plate=True), carried(0x6064)
+    plate, motor = carried(None), carried(0x6064)
     plate += home - plate[0]
     motor += cams.motor(home) - motor[0]
     near = 1e-4 * np.eye(2)
     slope = [(cams.motor(plate + each) - cams.motor(plate - each)) / 2e-4 for each in near]
-    rate = np.linalg.solve(np.stack(slope, axis=-1), carried(0x60FF)[..., None])[..., 0]
+    rate = np.linalg.solve(np.stack(slope, axis=-1), carried(0x60FF, commanded=True)[..., None])[
+        ..., 0
+    ]
     known = {
         "measured_{}": plate,
         "motor_{}": motor,
