@@ -148,8 +148,8 @@ def trace_file(
     """
     if on is None:
         if trace is not None:
-            name = reporter.name_of("trace")
-            raise ScenarioError(f"{name}: a simulated rig has no bus; it needs --rig")
+            what, needed = reporter.name_of("trace"), reporter.name_of("on")
+            raise ScenarioError(f"{what}: a simulated rig has no bus; it needs {needed}")
         return None
     if trace is None:
         return None if folder is None else free(folder) / TRACE
