@@ -1,6 +1,9 @@
 """The trace of an emulated rig gives again what its run recorded, in words and as a log."""
 
 import json
+import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,6 +39,7 @@ def wired(tmp_path_factory, tables):
         writer.write(heard)
         writer.close()
     rows = {name: np.asarray(values) for name, values in done.rows.items()}
+    shutil.copy(Path(__file__).parents[1] / "devices" / "akd" / "servo.eds", folder)
     (folder / "rig.toml").write_text('[touch]\nport = "none"\n')
     times = np.array(begun)
     # a trace has microseconds: what comes with the tick is put before it
@@ -151,3 +155,25 @@ def test_mistakes_are_one_line(said, arguments, line):
     assert not out
     assert line in err
     assert err.count("\n") == 1
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "can-trace.md"
+SHOWN = re.findall(
+    r"^uv run ballplate (trace trace\.log.*?)(?:\s+#.*)?$", PAGE.read_text(), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize("command", sorted(set(SHOWN)))
+def test_every_command_of_the_page_works(said, command):
+    code, out, _ = said(*command.split()[1:])
+    assert code == 0
+    assert "operation enabled" in out
+
+
+def test_the_page_shows_what_a_trace_of_the_rig_says(said):
+    rows = re.findall(r"^\| 0\.\d+ \| (\S+(?: \d)?) \| (.*?) \|$", PAGE.read_text(), re.MULTILINE)
+    _, out, _ = said("trace.log", "--json")
+    events = [(each["who"], each["text"]) for each in json.loads(out)["events"]]
+    assert len(rows) == 6
+    own = [each for each in events if each in rows]
+    assert own == rows
