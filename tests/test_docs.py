@@ -85,6 +85,7 @@ WRITTEN = {
     "python.md",
     "own-rig.md",
     "wire.md",
+    "can-trace.md",
     "thesis.md",
     "installation.md",
     "build.py",

@@ -44,6 +44,12 @@ def list_scenarios() -> None:
 )
 @options.RIG
 @options.RESET
+@click.option(
+    "--trace",
+    type=options.PATH,
+    help="Of a rig: keep what is said on its CAN bus there; .log, .asc, .blf, .trc, .csv, also .gz "
+    "[trace.log in the run folder].",
+)
 @options.VIEWING
 @options.ALL
 @options.JSON
@@ -53,6 +59,7 @@ def run(
     out: Path | None,
     beside: tuple[str, ...],
     rig: str | None,
+    trace: Path | None,
     *,
     reset: bool,
     everything: bool,
@@ -76,6 +83,7 @@ def run(
         out=folder,
         on=rig,
         reset=reset,
+        trace=trace,
         watch=lambda chosen: viewing.of(chosen, folder),
         reporter=TERMINAL,
     )
@@ -98,6 +106,9 @@ def run(
         )
     shown.append(bold(done.verdict))
     files = "picture.png, metrics.json, run.parquet"
+    if rig is not None:
+        spoken = folder / "trace.log" if trace is None else trace
+        shown.append(dim(f"what was said on the CAN bus: ballplate trace {spoken}"))
     if examined is not None:
         from twin.shadow.report import advice
 

@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from can import BusABC
 
+from twin.devices.akd.bus import open_bus
+from twin.devices.akd.config import BusConfig
 from twin.devices.akd.servos import AkdServos
+from twin.devices.akd.traces import Hear, TracedBus
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.own import Direct, OwnConfig, OwnScreen, OwnServos, load_backend
 from twin.devices.realtime import LatencyHistogram, Paused, RealTimeClock, never
@@ -29,6 +33,7 @@ def connect(
     reset: bool = False,
     transmission: Transmission | None = None,
     paused: Paused = never,
+    hear: Hear | None = None,
 ) -> HardwareRig:
     """The rig of a file, to run a scenario's controller on; nothing is opened yet.
 
@@ -38,6 +43,7 @@ def connect(
         reset: Whether faults found in the drives are reset when they are switched on.
         transmission: Of a virtual rig that has another; that of the rig file by default.
         paused: Tells how long this computer paused, for which a virtual rig's time stands still.
+        hear: Is given every frame on the bus of the drives; must not wait.
 
     Raises:
         TwinError: If the settings do not go together.
@@ -64,8 +70,13 @@ def connect(
             transmission=Direct(),
             **common,
         )
+
+    def opened(config: BusConfig) -> BusABC:
+        bus = open_bus(config)
+        return bus if hear is None else TracedBus(bus, hear)
+
     return HardwareRig(
-        servos=AkdServos(rig.servos(period)),
+        servos=AkdServos(rig.servos(period), opener=opened),
         screen=LumioScreen(rig.screen()),
         clock=RealTimeClock(period, allowed=allowed, paused=paused),
         transmission=transmission or cams_of(rig),
