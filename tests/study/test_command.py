@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from twin.cli import main
-from twin.shipped import shipped_in
 
 STUDY = """
 title = "Short study"
@@ -48,12 +47,6 @@ def study(capsys, tmp_path: Path, monkeypatch):
         return caught.value.code, out, err
 
     return call
-
-
-def test_without_a_name_the_shipped_studies_are_listed(study) -> None:
-    code, out, _ = study()
-    assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(shipped_in("studies"))
 
 
 def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:
