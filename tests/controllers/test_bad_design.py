@@ -105,7 +105,7 @@ def test_in_a_scenario_they_are_one_clear_line_too(scenario, overrides, words):
 
 def test_gains_too_fast_for_the_period_are_warned_about_with_their_poles(ballplate):
     law = ("--set", "controller.kind=afl", "--set", "controller.poles=[-30,-31,-32,-33]")
-    *_, err = ballplate("run", "hold", "--plant", "lagrange", "--set", "duration=0.1", *law)
+    _, _, err = ballplate("run", "hold", "--plant", "lagrange", "--set", "duration=0.1", *law)
     assert "warning: the sampled loop is unstable" in err
     assert "poles" in err
 

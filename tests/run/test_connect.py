@@ -51,6 +51,5 @@ def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(
     file = tmp_path / "rig.toml"
     file.write_text('[touch]\nport = "/dev/null"\nprotocol = "elo"\n')
     code, _, error = ballplate("run", "circle", "--rig", file, *changes, "--out", "out")
-    assert code == 2
-    assert error.count("\n") == 1
+    assert (code, error.count("\n")) == (2, 1)
     assert "describes a simulated rig" in error

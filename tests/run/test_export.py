@@ -82,8 +82,7 @@ def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
 def test_wrong_requests_are_one_line_and_write_nothing(
     folder, tmp_path, ballplate, options, expected
 ):
-    code, _, text = ballplate("export", folder, *options)
-    assert code == 2
-    assert expected in text
-    assert text.count("\n") == 1
+    code, _, err = ballplate("export", folder, *options)
+    assert (code, err.count("\n")) == (2, 1)
+    assert expected in err
     assert not list(tmp_path.iterdir())
