@@ -23,6 +23,8 @@ DATA = ("numbers", "parameters")
 NUMBERS = ("numbers", "function")
 """Kinds that give numbers by name."""
 Visible = Literal["visible", "hidden", "after_published"]
+NAMED = "[a-z0-9_-]+"
+"""What a lab may be called."""
 MOST = 256
 """Runs of a check."""
 PRIVATE = ("solution.*", "mutants", "hidden.toml", "truth.py", "notes.md")
@@ -195,7 +197,7 @@ class Lab(Checked):
     """
 
     schema_: Annotated[str, Field(alias="schema")]
-    name: Annotated[str, Field(pattern=r"^[a-z0-9_-]+$")]
+    name: Annotated[str, Field(pattern=f"^{NAMED}$")]
     version: Annotated[int, Field(ge=1)]
     title: str
     minutes: Annotated[int, Field(ge=1)] = 90
