@@ -83,7 +83,7 @@ def test_the_power_stages_go_through_their_states(said):
     assert told["pdos"]["281h"] == {
         "node": 1,
         "name": "TPDO2",
-        "carries": ["606Ch Velocity actual", "2050h Secondary feedback position"],
+        "entries": ["606Ch Velocity actual", "2050h Secondary feedback position"],
         "source": "trace",
     }
     texts = [each["text"] for each in told["events"]]

@@ -252,7 +252,8 @@ def trace(
     """
     import numpy as np
 
-    from twin.devices.akd.decoding import Conversation, Event, Names
+    from twin.devices.akd.decoding import Conversation, Event
+    from twin.devices.akd.dictionary import Names
     from twin.devices.akd.traces import read_trace
     from twin.run.connect import cams_of
     from twin.run.logs import TRACE_UNITS, log_of_trace

@@ -10,10 +10,12 @@ import gzip
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -156,6 +158,18 @@ class TraceWriter:
     def close(self) -> None:
         """End the file."""
         self._logger.stop()
+
+
+@contextmanager
+def appended(
+    _: Sequence[str], file: Path, part: int | None
+) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Write a trace; what is given ``COLUMNS``, shape (K,) each, appends their frames."""
+    writer = TraceWriter(file, "can0", part)
+    try:
+        yield lambda block: writer.write(map(from_row, *(each.tolist() for each in block.values())))
+    finally:
+        writer.close()
 
 
 def _part(file: Path, number: int) -> Path:
