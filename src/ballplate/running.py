@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from ballplate.changes import Changes, Settings, changes_of, scenario_of
 from ballplate.reporter import Reporter, default, writable
+from twin.devices.akd import TRACE
 from twin.errors import RigError, ScenarioError, TwinError
 from twin.run.files import STREAM, free
 from twin.shipped import find
@@ -132,8 +133,6 @@ def run(
         return result
 
 
-TRACE = "trace.log"
-"""What was said on the CAN bus of a rig, in its run's folder."""
 FRAMES = 1 << 18
 """Frames the buffer holds: more than a minute of two drives at 2 ms."""
 
@@ -198,15 +197,14 @@ def traced(
 
 def _place_trace(file: Path | None, folder: Path) -> None:
     """Put the trace of a run, if it has one, in the place of that of the former run there."""
-    if file == folder / TRACE:
-        return
-    for old in folder.glob("trace*.log"):
-        old.unlink()
-    for part in file.parent.glob("trace*.log") if file else ():
-        part.replace(folder / part.name)
-    with suppress(OSError):  # there is none, or it holds more
-        if file:
-            file.parent.rmdir()
+    if file != folder / TRACE:
+        for old in folder.glob("trace*.log"):
+            old.unlink()
+        if file is not None:
+            for part in file.parent.glob("trace*.log"):
+                part.replace(folder / part.name)
+            with suppress(OSError):  # it holds more
+                file.parent.rmdir()
 
 
 def one_run(

@@ -84,7 +84,6 @@ def test_the_power_stages_go_through_their_states(said):
         "node": 1,
         "name": "TPDO2",
         "entries": ["606Ch Velocity actual", "2050h Secondary feedback position"],
-        "source": "trace",
     }
     texts = [each["text"] for each in told["events"]]
     assert "start: node 1 (phi)" in texts

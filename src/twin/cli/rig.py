@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballplate.running import EMULATED, TRACE, rig_of
+from ballplate.running import EMULATED, rig_of
 from twin.cli import options
 from twin.cli.output import TERMINAL, bold, console, json_wanted, progress, say, show, warn
+from twin.devices.akd import TRACE
 from twin.doctor.check import CheckStatus, next_step
 from twin.emulator.screen_bytes import Protocol
 from twin.errors import LogError

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, NamedTuple
 
 import can
@@ -19,7 +18,7 @@ import numpy as np
 from twin.devices.akd import cia402, dictionary, frames
 from twin.devices.akd.cia402 import DriveState
 from twin.devices.akd.config import RPM, TURN, AkdConfig
-from twin.devices.akd.dictionary import PDO_INVALID, Key, Names, table
+from twin.devices.akd.dictionary import PDO_INVALID, PDOS, Key, Names, table
 
 CONTROL, STATUS, PLACE, SPEED, TARGET = 0x6040, 0x6041, 0x6064, 0x606C, 0x60FF
 _TOLD = {CONTROL, STATUS, 0x6060, 0x6061, 0x603F, 0x1001, 0x60FD, 0x2001}
@@ -29,7 +28,6 @@ _VELOCITIES = (0x606B, SPEED, TARGET)
 _AKD = 0x6A
 """Vendor whose drives count velocities in 0.001 rpm."""
 _KINDS = {0x080: "EMCY", 0x580: "SDO", 0x600: "SDO", 0x700: "heartbeat"}
-_TIME, _LSS = 0x100, (0x7E4, 0x7E5)
 _IRREGULAR = 0.05
 """Share of long pauses from which a sequence of frames is no regular one."""
 _LONG = 1.6
@@ -41,8 +39,6 @@ _ENDED, _ENDED_FOR = 5, 0.05
 _SEGMENT, _DOWNLOAD, _UPLOAD, _ABORT = 0, 1, 2, 4
 _BLOCKS = (5, 6)
 """Command specifiers of SDO: reading is an upload, writing a download."""
-_PDOS = (0x1400, 0x1C00)
-"""Objects of PDOs: parameters, and 200h above them mappings."""
 HOST = "host"
 """Who sends what only a master sends."""
 
@@ -70,18 +66,11 @@ class Pdo(NamedTuple):
         node: Whose it is.
         name: ``TPDO1``, ``RPDO2``, ...
         entries: Its objects and their bits, in order.
-        source: Where that is known from.
     """
 
     node: int
     name: str
     entries: tuple[tuple[Key, int], ...]
-    source: str
-
-    @property
-    def bits(self) -> int:
-        """Length of all entries."""
-        return sum(bits for _, bits in self.entries)
 
 
 @dataclass
@@ -163,7 +152,13 @@ class Conversation:
         self._pdos: dict[int, Pdo | None] = {}
         self._last: dict[tuple[int, Key], str] = {}
         self._lengths: dict[str, int] = {}
-        self._values: defaultdict[int, dict[Key, int]] = defaultdict(dict)
+        # what the trace does not show: the standard, the maker's file, the rig's
+        known = dictionary.mapping_objects() | self._names.defaults
+        self._values: defaultdict[int, dict[Key, int]] = defaultdict(known.copy)
+        for axis in self._axes.values():
+            maps = frames.pdo_maps(axis.plate_object).items()
+            own = {at: [dictionary.entry(*key) for key in each] for at, each in maps}
+            self._values[axis.node] |= dictionary.as_objects(own)
         for message in heard:
             self._take(message, message.timestamp - self.begin)
         for node, left in sorted(self._sdo.items()):
@@ -207,9 +202,9 @@ class Conversation:
             said = table()["modes"].get(f"{value}", f"mode {value}")
         elif index == 0x1016 and sub and value:
             said = f"node {value >> 16 & 0x7F} within {value & 0xFFFF} ms"
-        elif _PDOS[0] <= index < _PDOS[1] and not index & 0x200 and sub == 1:
+        elif PDOS[0] <= index < PDOS[1] and not index & 0x200 and sub == 1:
             said = f"{value & 0x7FF:03X}h{' off' if value & PDO_INVALID else ''}"
-        elif _PDOS[0] <= index < _PDOS[1] and index & 0x200 and sub and value:
+        elif PDOS[0] <= index < PDOS[1] and index & 0x200 and sub and value:
             said = f"{self._object((value >> 16, value >> 8 & 0xFF))}, {value & 0xFF} bits"
         elif index == 0x2001 and sub and value:
             said = frames.fault_words([value])
@@ -254,7 +249,7 @@ class Conversation:
         identifier, data = message.arbitration_id, bytes(message.data)
         if message.is_error_frame:
             self._say(at, "adapter", "bus", f"error frame {identifier:03X}h {data.hex(' ')}")
-        elif message.is_extended_id or identifier in _LSS or identifier == _TIME:
+        elif message.is_extended_id:
             self.strangers[identifier] += 1
         elif identifier == frames.NMT and len(data) == 2:
             whom = self.called(data[1]) if data[1] else "all nodes"
@@ -318,21 +313,13 @@ class Conversation:
         return self._pdos[identifier]
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
-        """What a PDO of a node carries, from the best that is known of it."""
-        first, mapping = 0x1800 if parameters >= 0x1800 else 0x1400, parameters + 0x200
-        axis = self._axes.get(number)
-        sources = {
-            "trace": self._values[number],
-            "rig file": _rig_values(axis.plate_object) if axis else {},
-            "EDS": self._names.defaults,
-            "CiA 402": _standard_values(),
-        }
-        source = next((each for each, its in sources.items() if (mapping, 0) in its), "nothing")
-        known = sources.get(source, {(mapping, 0): 0})
-        entries = [known.get((mapping, sub), 0) for sub in range(1, known[mapping, 0] + 1)]
-        name = f"{'T' if first == 0x1800 else 'R'}PDO{parameters - first + 1}"
+        """What a PDO of a node carries, as far as it is known now."""
+        first, mapping, values = parameters & ~3, parameters + 0x200, self._values[number]
+        count = values.get((mapping, 0), 0)
+        entries = [values.get((mapping, sub), 0) for sub in range(1, count + 1)]
         carried = tuple(((e >> 16, e >> 8 & 0xFF), e & 0xFF) for e in entries)
-        return Pdo(number, name, carried, source)
+        name = f"{'T' if first == 0x1800 else 'R'}PDO{parameters - first + 1}"
+        return Pdo(number, name, carried)
 
     def _exchange(self, at: float, pdo: Pdo, data: bytes) -> None:
         node = self._node(pdo.node)
@@ -341,11 +328,12 @@ class Conversation:
             node.frames["PDO"] += 1
         stream = f"{pdo.name} of {node.name}"
         self._times[stream].append(at)
-        if 8 * len(data) != pdo.bits:
+        mapped = sum(bits for _, bits in pdo.entries)
+        if 8 * len(data) != mapped:
             if self._lengths.get(stream) != len(data):
                 self._lengths[stream] = len(data)
-                fits = f"{pdo.bits} bits by {pdo.source}: not decoded"
-                self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {fits}")
+                known = f"{mapped} bits are known: not decoded"
+                self._say(at, who, "PDO", f"{stream}: {len(data)} bytes {data.hex(' ')}, {known}")
             return
         packed = int.from_bytes(data, "little")
         for key, bits in pdo.entries:
@@ -426,7 +414,7 @@ class Conversation:
         else:
             value = self._values[number][key] = known.decode(data)
             said = self.words(number, key, value)
-            if _PDOS[0] <= key[0] < _PDOS[1]:
+            if PDOS[0] <= key[0] < PDOS[1]:
                 self._assign(number, key[0] & ~0x200)
             elif key[0] == STATUS:
                 self._power(at, number, value)
@@ -488,27 +476,3 @@ def _expedited(data: bytes, size: int) -> bytes:
     if not data[0] & 2:
         return b""
     return data[4 : 8 - (data[0] >> 2 & 3)] if data[0] & 1 else data[4 : 4 + (size or 4)]
-
-
-@cache
-def _rig_values(plate: Key) -> dict[Key, int]:
-    """The mapping objects of a drive as the host sets them, with its plate encoder's object."""
-    known, maps = dictionary.objects(), frames.pdo_maps(plate).items()
-    return _values(
-        {at: [i << 16 | s << 8 | known[i, s].bits for i, s in each] for at, each in maps}
-    )
-
-
-@cache
-def _standard_values() -> dict[Key, int]:
-    """The mapping objects of CiA 402's default PDOs."""
-    return _values({int(key, 16): entries for key, entries in table()["defaults"].items()})
-
-
-def _values(mappings: Mapping[int, Sequence[int]]) -> dict[Key, int]:
-    """Mappings, by the index of the PDO's parameters, as the objects that hold them."""
-    return {
-        (parameters + 0x200, sub): value
-        for parameters, entries in mappings.items()
-        for sub, value in enumerate((len(entries), *entries))
-    }

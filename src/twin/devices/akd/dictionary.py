@@ -5,6 +5,7 @@ What objects of any drive are called, by its maker's EDS file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,8 @@ from twin.errors import LogError
 PDO_INVALID = 1 << 31
 """Bit of a PDO's COB-ID that switches it off."""
 PDO_ENTRIES = 8
+PDOS = (0x1400, 0x1C00)
+"""First and last of their parameters, and 200h above these mappings."""
 Key = tuple[int, int]
 """Index and subindex."""
 
@@ -83,6 +86,31 @@ def abort_words(code: int) -> str:
     return f"code {code:08X}h, {known}"
 
 
+def entry(index: int, sub: int) -> int:
+    """An object as an entry of a mapping.
+
+    Raises:
+        KeyError: If the host does not know it.
+    """
+    return index << 16 | sub << 8 | objects()[index, sub].bits
+
+
+@cache
+def mapping_objects() -> dict[Key, int]:
+    """The mappings of the PDOs that CiA 402 has by default, as the objects that hold them."""
+    entries = {int(key, 16): each for key, each in table()["defaults"].items()}
+    return as_objects(entries)
+
+
+def as_objects(entries: Mapping[int, Sequence[int]]) -> dict[Key, int]:
+    """Mappings, by the index of their PDO's parameters, as the objects that hold them."""
+    return {
+        (parameters + 0x200, sub): value
+        for parameters, each in entries.items()
+        for sub, value in enumerate((len(each), *each))
+    }
+
+
 class Names:
     """What objects are called: by an EDS file, else as the standards and an AKD have them.
 
@@ -97,11 +125,11 @@ class Names:
         known = [Object(*each) for each in table()["standard"]]
         self._known = {(each.index, each.sub): each for each in known} | objects()
         self.defaults: dict[Key, int] = {}
-        """Default values that the file gives."""
+        """Default values that the file gives for parameters and mappings of PDOs."""
         for each, kind in () if eds is None else _variables(eds):
             key = each.index, each.subindex
             self._known[key] = Object(*key, each.qualname.replace(".", ": "), kind)
-            if isinstance(each.default, int):
+            if isinstance(each.default, int) and PDOS[0] <= each.index < PDOS[1]:
                 self.defaults[key] = each.default
 
     def __getitem__(self, key: Key) -> Object:
