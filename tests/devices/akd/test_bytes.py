@@ -67,20 +67,24 @@ def test_a_counter_leaves_out_a_jump_and_the_jump_back():
 
 def test_late_answers_that_come_at_once_are_a_period_apart_and_one_too_many_is_not():
     config = AkdConfig()
-    axis, T = Axis(config.axes[0], config, at=0.0), config.period
+    axis, T = Axis(config.axes[0], config, FaultReports(1.0), at=0.0), config.period
     step = round(6.0 * T / abs(config.axes[0].position.unit))  # 6 rad/s: 12 mrad a period
-    status = 0x1237
-    axis.update_motion(frames.MotionPdo(status, 3, 0), 1, T)
-    axis.tpdo1.close()
+
+    def sampled(position, cycle):
+        data = struct.pack("<Hbi", 0x1237, 3, position)
+        axis.receive(0x180, data, cycle, cycle * T, cycle * T)
+
+    sampled(0, 1)
+    axis.motor.pdo.close()
     for _ in range(4):  # an adapter keeps them back
-        axis.tpdo1.close()
+        axis.motor.pdo.close()
     for number in range(1, 6):
-        axis.update_motion(frames.MotionPdo(status, 3, number * step), 6, 6 * T)
+        sampled(number * step, 6)
         assert not axis.motor.jump
     assert axis.motor.counts == 5 * step
-    axis.tpdo1.close()
-    axis.update_motion(frames.MotionPdo(status, 3, 6 * step), 7, 7 * T)
-    axis.update_motion(frames.MotionPdo(status, 3, 7 * step), 7, 7 * T)
+    axis.motor.pdo.close()
+    sampled(6 * step, 7)
+    sampled(7 * step, 7)
     assert axis.motor.jump == step  # nothing was owed: two steps in one period
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
+from twin.devices.akd.axis import Axis
 from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames
 from twin.devices.akd.bus import CanTransport, open_bus
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.monitor import MonitoredAxis
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.akd.sdo_poll import SdoPolling
 from twin.hal.interface import Fault, Severity
@@ -49,7 +49,7 @@ class AkdServos:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.config = config
-        self.axes: tuple[MonitoredAxis, ...] = ()
+        self.axes: tuple[Axis, ...] = ()
         """phi and theta, since ``start``."""
         self.found: tuple[SettingsFound, ...] = ()
         """What phi's and theta's drive were found to be at the last start."""
@@ -94,7 +94,7 @@ class AkdServos:
             raise
         transport.send_heartbeat(config.host)
         at = self.now()
-        self.axes = tuple(MonitoredAxis(axis, config, self._reports, at=at) for axis in config.axes)
+        self.axes = tuple(Axis(axis, config, self._reports, at=at) for axis in config.axes)
         for axis, found in zip(self.axes, self.found, strict=True):
             axis.found_faults = found.faults
         self._polling = SdoPolling(config, self._reports, at)
@@ -131,7 +131,7 @@ class AkdServos:
         run_until(lambda: all(axis.state is DriveState.SWITCH_ON_DISABLED for axis in axes), 5)
         for axis in axes:
             node = axis.config.node
-            if axis.powerless and axis.tpdo1.missed < self.config.watch.stale:
+            if axis.powerless and axis.motor.pdo.missed < self.config.watch.stale:
                 monitoring_off = frames.encode_sdo_write(0x1016, 1, bytes(4))
                 transport.send(frames.SDO_REQUEST + node, monitoring_off)
             transport.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
@@ -229,7 +229,7 @@ class AkdServos:
 
     def age(self) -> Array:
         """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
-        oldest = [min(axis.sampled, axis.plate_sampled) for axis in self.axes]
+        oldest = [min(axis.motor.sampled, axis.plate.sampled) for axis in self.axes]
         return self.now() - np.array([oldest])
 
     def home(self, plate: Array, motor: Array) -> None:
@@ -275,6 +275,8 @@ class AkdServos:
             if service == frames.SDO_RESPONSE:
                 self._polling.receive(node, data, at)
             elif self.round_trip is None and all(
-                pdo.cycle == self._cycle for axis in self.axes for pdo in (axis.tpdo1, axis.tpdo2)
+                counter.pdo.cycle == self._cycle
+                for axis in self.axes
+                for counter in (axis.motor, axis.plate)
             ):
                 self.round_trip = at - self._synced
