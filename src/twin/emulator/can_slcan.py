@@ -1,4 +1,4 @@
-"""A serial-line CAN adapter (LAWICEL protocol) on a pseudo-terminal, stepped in real time."""
+"""Ports of the virtual rig: a serial-line CAN adapter (LAWICEL protocol), served in real time."""
 
 from __future__ import annotations
 
@@ -287,6 +287,8 @@ class BusServer:
         self.lag = LatencyHistogram()
         """How late the bus's time was at each round: an emulator that starves answers late."""
         self.paused: Paused = never
+        self.beside: Passing = nothing
+        """Is called in every round with the time in s: another port that is served."""
         self._step = step
         self._stop = threading.Event()
 
@@ -311,6 +313,7 @@ class BusServer:
                 # of SYNCs that have waited each has its own time; who comes meanwhile waits, too
                 self.port.pump(passing)
                 passing(1.0)
+                self.beside(now)
 
     def stop(self) -> None:
         """End ``run``, from another thread."""

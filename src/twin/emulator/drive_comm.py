@@ -20,8 +20,6 @@ _HUNDRED_US = 1e-4
 def sdo_answer(
     store: ObjectStore,
     request: bytes,
-    *,
-    at_rest: bool,
     aborts: dict[tuple[int, int], int],
     written: Callable[[int, int], None],
 ) -> bytes | None:
@@ -32,7 +30,6 @@ def sdo_answer(
     Args:
         store: The objects.
         request: What the host sent.
-        at_rest: Whether the motor stands.
         aborts: Objects that are refused, with the abort code.
         written: Called with index and subindex of what was written.
     """
@@ -50,7 +47,7 @@ def sdo_answer(
             return head + data.ljust(4, b"\0")
         if command & 0xE3 == 0x23 or command == 0x22:
             size = 4 - (command >> 2 & 3) if command != 0x22 else store.find(index, sub).size
-            store.write(index, sub, request[4 : 4 + size], at_rest=at_rest)
+            store.write(index, sub, request[4 : 4 + size])
             written(index, sub)
             return _HEAD.pack(0x60, index, sub) + bytes(4)
         raise AbortError(_UNKNOWN_COMMAND)
@@ -72,27 +69,25 @@ class Pdos:
     def __init__(self, store: ObjectStore, written: Callable[[int, int], None]) -> None:
         self._store = store
         self._written = written
-        self._pending: dict[int, bytes] = {}
-        self._counts = [0] * 4
-        self._last: list[bytes | None] = [None] * 4
         self._since = [0.0] * 4
+        self.forget()
 
     def forget(self) -> None:
         """Start from nothing, as on entering the operational state."""
-        self._pending.clear()
+        self._pending: dict[int, bytes] = {}
         self._counts = [0] * 4
-        self._last = [None] * 4
+        self._last: list[bytes | None] = [None] * 4
 
     def receive(self, frame: Frame) -> int | None:
         """Take in a receive PDO; an emergency code if its length is wrong."""
         for number in range(4):
-            cob_id = self._store.get(0x1400 + number, 1)
-            if cob_id & _INVALID or cob_id & 0x7FF != frame.cob_id:
+            cob_id, kind = self._parameters(0x1400 + number)
+            if cob_id != frame.cob_id:
                 continue
             needed = sum(size for _, _, size in self._entries(0x1600 + number))
             if len(frame.data) < needed:
                 return _TOO_SHORT
-            if self._store.get(0x1400 + number, 2) <= _SYNCHRONOUS:
+            if kind <= _SYNCHRONOUS:
                 self._pending[number] = frame.data
             else:
                 self._apply(number, frame.data)
@@ -103,13 +98,13 @@ class Pdos:
         """Sample the synchronous transmit PDOs, then apply what was received for this SYNC."""
         sent = []
         for number in range(4):
-            cob_id, kind = self._transmit(number)
-            if cob_id & _INVALID or not 1 <= kind <= _SYNCHRONOUS:
+            cob_id, kind = self._parameters(0x1800 + number)
+            if cob_id is None or not 1 <= kind <= _SYNCHRONOUS:
                 continue
             self._counts[number] += 1
             if self._counts[number] >= kind:
                 self._counts[number] = 0
-                sent.append(Frame(cob_id & 0x7FF, self._pack(number)))
+                sent.append(Frame(cob_id, self._pack(number)))
         for number, data in self._pending.items():
             self._apply(number, data)
         self._pending.clear()
@@ -119,19 +114,21 @@ class Pdos:
         """Event-driven transmit PDOs that are due after dt seconds more."""
         sent = []
         for number in range(4):
-            cob_id, kind = self._transmit(number)
+            cob_id, kind = self._parameters(0x1800 + number)
             self._since[number] += dt
-            if cob_id & _INVALID or kind < 254:
+            if cob_id is None or kind < 254:
                 continue
             inhibit = self._store.get(0x1800 + number, 3) * _HUNDRED_US
             data = self._pack(number)
             if data != self._last[number] and self._since[number] >= inhibit:
                 self._last[number], self._since[number] = data, 0.0
-                sent.append(Frame(cob_id & 0x7FF, data))
+                sent.append(Frame(cob_id, data))
         return sent
 
-    def _transmit(self, number: int) -> tuple[int, int]:
-        return self._store.get(0x1800 + number, 1), self._store.get(0x1800 + number, 2)
+    def _parameters(self, index: int) -> tuple[int | None, int]:
+        """Identifier of a PDO, None if it is off, and its transmission type."""
+        cob_id = self._store.get(index, 1)
+        return None if cob_id & _INVALID else cob_id & 0x7FF, self._store.get(index, 2)
 
     def _entries(self, index: int) -> Iterator[tuple[int, int, int]]:
         for sub in range(1, self._store.get(index, 0) + 1):

@@ -109,6 +109,8 @@ class ObjectStore:
         self._live: dict[tuple[int, int], Callable[[], int]] = {}
         self.stuck: set[tuple[int, int]] = set()
         """Objects that acknowledge what is written and keep what they have."""
+        self.turning: Callable[[], bool] = lambda: False
+        """Whether the motor turns: its mode cannot be changed then."""
 
     def live(self, index: int, sub: int, value: Callable[[], int]) -> None:
         """Let an object always be what a function gives."""
@@ -143,14 +145,13 @@ class ObjectStore:
         size = self.find(index, sub).size
         return (self.get(index, sub) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
-    def write(self, index: int, sub: int, data: bytes, *, at_rest: bool = True) -> None:
+    def write(self, index: int, sub: int, data: bytes) -> None:
         """Write an object from outside.
 
         Args:
             index: Index.
             sub: Subindex.
             data: Bytes, as many as the object has.
-            at_rest: Whether the motor stands, as a change of mode wants it.
 
         Raises:
             AbortError: If the object, its access, the length or the value forbids it.
@@ -164,7 +165,7 @@ class ObjectStore:
         if index == 0x6060:
             if value not in MODES:
                 raise AbortError(OUT_OF_RANGE)
-            if value != self.get(0x6060) and not at_rest:
+            if value != self.get(0x6060) and self.turning():
                 raise AbortError(NOT_NOW)
         self._check_pdo(index, sub, value)
         if (index, sub) not in self.stuck:

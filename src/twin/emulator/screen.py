@@ -1,17 +1,13 @@
-"""An emulated Lumio screen: what it sends and when, its port, and faults made on purpose."""
+"""An emulated Lumio screen: what it sends and when, and faults made on purpose."""
 
 from __future__ import annotations
 
 import random
-import threading
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Self
 
 from twin.devices.lumio.calibration import Calibration
-from twin.emulator.can_slcan import PseudoTerminal
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 
 
@@ -180,8 +176,6 @@ class ScreenLine:
         seed: int = 0,
     ) -> None:
         self.damage = Damage(protocol, seed)
-        self.due = 0.0
-        """When there is something to do next, s."""
         self._ball = ball
         self.protocol = protocol
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
@@ -204,7 +198,6 @@ class ScreenLine:
         sent = []
         while self._queue and self._queue[0][0] <= now:
             sent.append(self._queue.popleft()[1])
-        self.due = min(frame, self._queue[0][0]) if self._queue else frame
         return sent
 
     def _look(self, now: float) -> None:
@@ -239,44 +232,3 @@ class ScreenLine:
             part = packet[at : at + step]
             self._queue.append((begin + (at + len(part)) * self._byte, part))
         self._free = begin + len(packet) * self._byte
-
-
-class EmulatedScreen(PseudoTerminal):
-    """A screen on a pseudo-terminal, served by a thread; a context manager.
-
-    A pseudo-terminal knows no baud rate: the bytes of the serial protocols are sent at their pace
-    here, so that the last byte of a packet arrives a dead time after the look. HID reports go in
-    one piece. A reader that does not read loses the newest bytes, as on a real line.
-
-    Args:
-        line: What is sent and when; it asks for the ball in the screen's thread.
-
-    Raises:
-        RigError: This system has no pseudo-terminals.
-    """
-
-    def __init__(self, line: ScreenLine) -> None:
-        super().__init__("lumio")
-        self.protocol = line.protocol
-        self.line = line
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="emulated screen", daemon=True)
-
-    def __enter__(self) -> Self:
-        self.plug()
-        self._thread.start()
-        return self
-
-    def close(self) -> None:
-        """Stop sending and take the port away for good."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        super().close()
-
-    def _run(self) -> None:
-        """Send what is due, when it is due."""
-        while not self._stop.is_set():
-            for part in self.line.step(time.monotonic()):
-                self.write(part)
-            self._stop.wait(max(0.0, self.line.due - time.monotonic()))

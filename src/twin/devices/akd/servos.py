@@ -19,7 +19,7 @@ from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.akd.sdo_poll import SdoPolling
-from twin.hal.interface import Fault, Severity
+from twin.hal.interface import Fault
 
 _STANDSTILL = 0.05
 """Motor rate in rad/s that counts as standstill."""
@@ -162,7 +162,7 @@ class AkdServos:
         if self._cycle:
             for axis in self.axes:
                 axis.cycle(at, self._synced)
-        if self._reports.stopped:
+        if self._reports.stopping:
             self.quick_stop()
         for axis in self.axes:
             axis.finish_quick_stop()
@@ -203,9 +203,8 @@ class AkdServos:
         Raises:
             DriveError: If a fault stands that forbids it; it must be reset first.
         """
-        standing = [f for f in self._reports.standing if f.condition.severity is Severity.STOP]
-        if standing:
-            fault = standing[0]
+        if self._reports.stopping:
+            fault = self._reports.stopping[0]
             detail = f"{fault.condition.name} stands ({fault.detail}); reset the faults first"
             raise DriveError(fault.condition, fault.where, detail)
         if not self._up:
