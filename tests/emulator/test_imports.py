@@ -17,7 +17,7 @@ from twin.emulator.process import Emulator, PauseWatch, emulated
 from twin.errors import RigError
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
-HOST_SIDE = {"twin.devices.akd.config", "twin.devices.akd.servos"}
+HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "traces")}
 """What the host runs on; the lockstep rig puts it on the emulated drives."""
 POSIX = {"pty", "tty", "termios", "fcntl", "resource", "pwd", "grp"}
 

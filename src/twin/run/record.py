@@ -251,15 +251,15 @@ def write_run(
 
 @contextmanager
 def stream(
-    file: Path, columns: Sequence[str], units: Mapping[str, str], metadata: Mapping[str, Any]
+    columns: Sequence[str], file: Path, units: Mapping[str, str], metadata: Mapping[str, Any]
 ) -> Iterator[Callable[[Mapping[str, Array]], None]]:
     """Write a record while its run lasts; what is given columns, shape (K,) each, keeps them.
 
     When it returns they are on the disk, whatever becomes of this process or of the computer.
 
     Args:
-        file: A new file; its folder is made if missing.
         columns: Their names, ``time`` first.
+        file: A new file; its folder is made if missing.
         units: Name to unit.
         metadata: Of the run; JSON.
     """

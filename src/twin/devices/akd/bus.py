@@ -8,14 +8,13 @@ piece; opening, bit rate and closing are the library's.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import logging
 import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -32,6 +31,7 @@ from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.ports import claim, in_words
+from twin.errors import nearest
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -344,8 +344,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
         DriveError: If there is no such interface or channel, or it may not or cannot be used.
     """
     if config.interface not in can.VALID_INTERFACES:
-        near = _nearest(config.interface, can.VALID_INTERFACES)
-        raise _bad(config, f"unknown CAN interface {config.interface!r}; {near}")
+        near = nearest(config.interface, sorted(can.VALID_INTERFACES))
+        raise _bad(config, f"unknown CAN interface {config.interface!r}{near}")
     try:
         # On Windows a serial port has no file descriptor: the library's own slcan has to do.
         if config.interface == "slcan" and sys.platform != "win32":
@@ -361,8 +361,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 def _reason(config: BusConfig, error: Exception) -> str:
     channel = config.channel
-    nearest = _nearest(channel, _channels(config))
-    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=nearest)
+    near = nearest(channel, sorted(_channels(config)))
+    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=near)
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
@@ -386,14 +386,6 @@ def _channels(config: BusConfig) -> list[str]:
         return [port.device for port in comports()]
     devices = Path("/sys/class/net").glob("*/type")
     return [each.parent.name for each in devices if each.read_text().strip() == _CAN_DEVICE]
-
-
-def _nearest(wrong: str, right: Iterable[str]) -> str:
-    names = sorted(right)
-    near = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
-    if near:
-        return "nearest: " + ", ".join(near)
-    return "there are: " + ", ".join(names) if names else "there is none here"
 
 
 def _line(error: Exception) -> str:
