@@ -15,8 +15,7 @@ from enum import IntEnum
 from functools import partial
 
 from twin.emulator.can_faults import Frame
-from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
-from twin.emulator.drive_objects import ObjectStore, emergency_code
+from twin.emulator.drive_objects import Heartbeats, ObjectStore, Pdos, emergency_code, sdo_answer
 from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30

@@ -90,8 +90,8 @@ def test_late_answers_that_come_at_once_are_a_period_apart_and_one_too_many_is_n
 
 @given(st.binary(max_size=12))
 def test_decoders_take_any_bytes(data):
-    assert (frames.decode_tpdo1(data) is None) == (len(data) != 7)
-    assert (frames.decode_tpdo2(data) is None) == (len(data) != 8)
+    assert (frames.decode_tpdo(frames.TPDO1, data) is None) == (len(data) != 7)
+    assert (frames.decode_tpdo(frames.TPDO2, data) is None) == (len(data) != 8)
     assert frames.decode_emergency(data).short == (len(data) < 8)
     assert (frames.decode_nmt_state(data) is None) == (len(data) != 1)
 
@@ -161,8 +161,12 @@ def test_one_request_is_on_the_wire_at_a_time():
 
 def test_frames_are_laid_out_as_mapped_and_as_the_manual_prints_them():
     assert frames.encode_rpdo1(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
-    assert frames.decode_tpdo1(bytes.fromhex("3702 03 00001000")) == (0x0237, 3, 1 << 20)
-    assert frames.decode_tpdo2(bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
+    assert frames.decode_tpdo(frames.TPDO1, bytes.fromhex("3702 03 00001000")) == (
+        0x0237,
+        3,
+        1 << 20,
+    )
+    assert frames.decode_tpdo(frames.TPDO2, bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
     hot = frames.decode_emergency(bytes.fromhex("1043080100000000"))
     assert (hot.code, hot.short, "heat sink hot" in hot.words) == (0x4310, False, True)
     silent = frames.decode_emergency(b"\x30\x81\x01F129\0")

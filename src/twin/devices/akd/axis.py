@@ -226,25 +226,27 @@ class Axis:
             sync: When that was sent, s.
             at: Time now, s.
         """
-        if service == frames.TPDO1:
-            motion = frames.decode_tpdo1(data)
-            if motion is None:
-                self._wrong_length("TPDO1", data, at)
-                return
-            self._take(self.motor, motion.position, cycle, sync)
-            self.status, self.mode = motion.status, motion.mode
-            self.state = cia402.state(motion.status)
-        elif service == frames.TPDO2:
-            feedback = frames.decode_tpdo2(data)
-            if feedback is None:
-                self._wrong_length("TPDO2", data, at)
-                return
-            self._take(self.plate, feedback.plate, cycle, sync)
-            self.rate = self.config.velocity.value(feedback.velocity)
+        if service in frames.TPDOS:
+            self._pdo(service, data, cycle, sync, at)
         elif service == frames.HEARTBEAT:
             self._heartbeat(frames.decode_nmt_state(data), at)
         elif service == frames.EMERGENCY:
             self._emergency(frames.decode_emergency(data), at)
+
+    def _pdo(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
+        values = frames.decode_tpdo(service, data)
+        if values is None:
+            self._short = True
+            name = "TPDO1" if service == frames.TPDO1 else "TPDO2"
+            self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
+        elif service == frames.TPDO1:
+            self.status, self.mode, position = values
+            self.state = cia402.state(self.status)
+            self._take(self.motor, position, cycle, sync)
+        else:
+            velocity, position = values
+            self.rate = self.config.velocity.value(velocity)
+            self._take(self.plate, position, cycle, sync)
 
     def _take(self, counter: EncoderCounter, raw: int, cycle: int, sync: float) -> None:
         elapsed = sync - counter.sampled
@@ -294,10 +296,6 @@ class Axis:
 
     def _report(self, condition: Condition, detail: str, at: float) -> None:
         self._reports.report(condition, self.config.where, detail, at)
-
-    def _wrong_length(self, name: str, data: bytes, at: float) -> None:
-        self._short = True
-        self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
 
     def _heartbeat(self, state: int | None, at: float) -> None:
         if state is None:

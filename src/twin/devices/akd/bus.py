@@ -174,12 +174,7 @@ class PromptSlcanBus(slcanBus):
             # Python also reads 1_2 and -12 as numbers; no adapter writes them
             plain = line.isalnum() and identifier <= _LAST_IDENTIFIER and length <= 8
             if kind == b"t" and plain and len(data) in {2 * length, 2 * length + 4}:
-                return Message(
-                    timestamp=time.time(),
-                    arbitration_id=identifier,
-                    is_extended_id=False,
-                    data=bytes.fromhex(data[: 2 * length].decode("ascii")),
-                )
+                return _message(identifier, bytes.fromhex(data[: 2 * length].decode("ascii")))
         except ValueError:
             pass
         self.unreadable_lines += 1
@@ -187,13 +182,14 @@ class PromptSlcanBus(slcanBus):
 
     def _refusal(self) -> Message | None:
         self._refused += 1
-        return _error(*BUS_OFF_FRAME) if self._refused == self.REFUSALS else None
+        off = self._refused == self.REFUSALS
+        return _message(*BUS_OFF_FRAME, error=True) if off else None
 
     @staticmethod
     def _flags(flags: int) -> Message | None:
         if flags & _FLAG_PASSIVE:
-            return _error(*ERROR_PASSIVE_FRAME)
-        return _error(*BUS_ERROR_FRAME) if flags & _FLAG_BUS_ERROR else None
+            return _message(*ERROR_PASSIVE_FRAME, error=True)
+        return _message(*BUS_ERROR_FRAME, error=True) if flags & _FLAG_BUS_ERROR else None
 
 
 def _claimed(channel: str) -> ExitStack:
@@ -208,20 +204,18 @@ def _claimed(channel: str) -> ExitStack:
     return kept
 
 
-def _error(identifier: int, data: bytes) -> Message:
+def _message(identifier: int, data: bytes, *, error: bool = False) -> Message:
     return Message(
         timestamp=time.time(),
         arbitration_id=identifier,
-        is_extended_id=True,
-        is_error_frame=True,
+        is_extended_id=error,
+        is_error_frame=error,
         data=data,
     )
 
 
-_ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x040, 0x004
 _PASSIVE = 0x30
-"""Bits of SocketCAN's error frames: identifier, and passive flags in data byte 1."""
-
+"""Bits of data byte 1 of SocketCAN's error frames that say that an adapter is error passive."""
 _MOST = 400
 """Frames taken at one time; a flood must not hold up the loop."""
 _BLOCKED = 5
@@ -312,9 +306,11 @@ class CanTransport:
             return
 
     def _error(self, message: can.Message) -> None:
-        if message.arbitration_id & _ERROR_BUS_OFF:
+        if message.arbitration_id & BUS_OFF_FRAME[0]:
             self._report_off("the adapter has left the bus")
-        elif message.arbitration_id & _ERROR_CONTROLLER and _passive(bytes(message.data)):
+        elif message.arbitration_id & ERROR_PASSIVE_FRAME[0] and any(
+            flags & _PASSIVE for flags in message.data[1:2]
+        ):
             detail = "many errors on the line"
             self._reports.report(c.ERROR_PASSIVE, self._where, detail, self._now())
 
@@ -324,10 +320,6 @@ class CanTransport:
     def _gone(self, error: Exception) -> None:
         self.up = False
         self._reports.report(c.ADAPTER_GONE, self._where, str(error), self._now())
-
-
-def _passive(data: bytes) -> bool:
-    return len(data) > 1 and bool(data[1] & _PASSIVE)
 
 
 # The library logs to stderr what becomes one line here.
