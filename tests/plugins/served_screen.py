@@ -13,13 +13,25 @@ class EmulatedScreen(PseudoTerminal):
         super().__init__("lumio")
         self.protocol = line.protocol
         self.line = line
-        self._stop = threading.Event()
+        self._stop, self._lock = threading.Event(), threading.RLock()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self):
         self.plug()
         self._thread.start()
         return self
+
+    def plug(self):
+        with self._lock:
+            super().plug()
+
+    def unplug(self):
+        with self._lock:
+            super().unplug()
+
+    def write(self, data):
+        with self._lock:
+            return super().write(data)
 
     def close(self):
         self._stop.set()

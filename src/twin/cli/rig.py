@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -163,7 +162,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
-        text = toml(rig.tables())
+        text = rig.rig_file()
         write_whole(file, text)
         console.print(text, markup=False)
         say(f"written to {file}; use it with: ballplate run circle --rig {file}")
@@ -174,23 +173,6 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
         except KeyboardInterrupt:
             console.print("ended")
     return 0
-
-
-def toml(tables: dict[str, Any]) -> str:
-    """A rig file's text; its values are texts, numbers and tables of those."""
-    plain = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
-    for key, table in tables.items():
-        if isinstance(table, dict):
-            plain += ["", f"[{key}]"]
-            plain += [f"{name} = {_value(value)}" for name, value in table.items()]
-    return "\n".join(plain) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        inner = ", ".join(f"{name} = {_value(each)}" for name, each in value.items())
-        return f"{{ {inner} }}"
-    return json.dumps(value)
 
 
 def _listen(rig: VirtualRig) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import gc
+import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
+from importlib.resources import files
+from string import Template
 
 import numpy as np
 
-from twin.data_file import packaged
 from twin.emulator.can_bus import EmulatedBus
 from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
 from twin.emulator.drive import EmulatedDrive
@@ -214,17 +216,19 @@ class VirtualRig:
         self._open.close()
         gc.unfreeze()
 
-    def tables(self) -> Tables:
-        """The rig file that a host needs to find it."""
+    def rig_file(self) -> str:
+        """The text of the rig file that a host needs to find it."""
         serial = self.line.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
-        tables = packaged("twin.emulator", "rig.toml")
-        tables["bus"]["channel"] = str(self.adapter.path)
-        tables["touch"] |= {
-            "port": str(self.screen.path),
-            "transport": "serial" if serial else "hidraw",
-            "protocol": str(self.line.protocol),
-        }
-        return tables
+        return Template((files("twin.emulator") / "rig.toml").read_text("utf-8")).substitute(
+            adapter=self.adapter.path,
+            screen=self.screen.path,
+            transport="serial" if serial else "hidraw",
+            protocol=self.line.protocol,
+        )
+
+    def tables(self) -> Tables:
+        """The tables of that file."""
+        return tomllib.loads(self.rig_file())
 
     def obey(self, word: str) -> str:
         """Do something to it while it runs: press its STO button, take the ball away, ...

@@ -14,7 +14,7 @@ from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
-from twin.devices.akd.sdo_poll import SdoPolling
+from twin.devices.akd.servos import SdoPolling
 from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
