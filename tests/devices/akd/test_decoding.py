@@ -191,6 +191,18 @@ def test_gaps_and_ends_of_what_comes_regularly_are_told():
     }
 
 
+def test_a_pdo_that_is_missing_with_its_sync_is_no_gap_of_its_own():
+    heard = []
+    for k in range(500):
+        if not 200 < k < 205:
+            heard.append(frame(0.002 * k, 0x080))
+            heard += [frame(0.002 * k + 0.001, 0x181, "3702")] if k != 300 else []
+    assert texts(said(*heard), "gap") == [
+        "no SYNC for 10 ms (usually every 2 ms)",
+        "no TPDO1 of node 1 for 4 ms (usually every 2 ms)",
+    ]
+
+
 def test_a_request_that_nobody_answers_is_told():
     told = said(frame(0, 0x605, "4041600000000000"), frame(1, 0x605, "4064600000000000"))
     assert texts(told, "SDO") == [
