@@ -8,7 +8,7 @@ from math import degrees, radians
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd.cia402 import DriveState, StatusBit
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.frames import fault_words
@@ -23,7 +23,6 @@ SCALE = 0.2
 """Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
 OTHER = radians(0.1)
 """Motion of the other axis's encoder that is no coupling between the axes."""
-DC_LINK = 1 << 4
 
 
 def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
@@ -47,13 +46,13 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
             yield warned(what, each.seen, each.advice) if each.advice else passed(what, each.seen)
         yield passed(
             axis.config.where,
-            f"an AKD, configured and monitored; {axis.state.name.lower().replace('_', ' ')}",
+            f"an AKD, configured and monitored; {axis.state.value}",
         )
         if axis.state is DriveState.FAULT:
             advice = "remove the cause, then run with --reset"
             words = fault_words(found.faults) or "in fault"
             yield failed(f"{axis.config.where} fault", words, advice)
-        elif not (axis.status or 0) & DC_LINK:
+        elif not (axis.status or 0) & StatusBit.VOLTAGE:
             advice = "switch the main supply on; close the STO circuit"
             yield failed(f"{axis.config.where} power", "no DC link", advice)
         else:
@@ -67,7 +66,7 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     enable(servos)
     if not servos.enabled:
-        states = ", ".join(axis.state.name.lower() for axis in servos.axes)
+        states = ", ".join(axis.state.value for axis in servos.axes)
         yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
         return
     yield passed("torque", "both drives hold their position")

@@ -9,6 +9,7 @@ from twin.devices.akd import frames
 from twin.devices.akd.bringup import monitoring
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import AkdConfig
+from twin.devices.akd.dictionary import abort_words
 
 _MONITORING = (0x1016, 1)
 _FAULT_NUMBER = (0x2001, 1)
@@ -67,7 +68,7 @@ class SdoPolling:
             return
         self._pending, where = None, self._where[node]
         if answer.aborted:
-            detail = f"{_reading(*answer.key)}: code {answer.value:08X}h"
+            detail = f"{_reading(*answer.key)}: {abort_words(answer.value)}"
             self._reports.report(c.SDO_ABORT, where, detail, at)
         elif answer.key == _FAULT_NUMBER:
             self._report_number(answer.value, where, at)
