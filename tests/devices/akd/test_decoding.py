@@ -158,6 +158,17 @@ def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
     assert told.nodes[5].drive == ["operation enabled"]
 
 
+def test_a_fifth_pdo_has_no_identifier_but_the_one_it_is_given():
+    fifth = [frame(each.timestamp, each.arbitration_id, bytes(each.data).hex()) for each in MAPPING]
+    for each in fifth:
+        if each.data[2] in {0x1A, 0x18}:
+            each.data[1] = 4
+    told = said(*fifth, frame(0.1, 0x3C5, "370200080000"), names=Names(EDS))
+    assert told.summary()["pdos"]["3C5h"]["name"] == "TPDO5"
+    assert list(told.series[5, (0x6064, 0)].counts) == [2048]
+    assert list(said(*fifth[:8]).summary()["pdos"]) == []
+
+
 def test_without_a_mapping_the_rig_file_then_the_eds_then_the_standard_count():
     rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
     long, short, two = (frame(0.1, 0x185, data) for data in ("37020301000000", "3702ffff", "3702"))
