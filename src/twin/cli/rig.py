@@ -238,8 +238,7 @@ def trace(
     from twin.devices.akd.decoding import Conversation, Event
     from twin.devices.akd.dictionary import Names
     from twin.devices.akd.traces import read_trace
-    from twin.run.connect import cams_of
-    from twin.run.logs import TRACE_UNITS, log_of_trace
+    from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
 
     if log is not None and (rig is None or touch is None):

@@ -65,7 +65,7 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     enable(servos)
     if not servos.enabled:
-        states = ", ".join(axis.state.name.lower() for axis in servos.axes)
+        states = ", ".join(axis.state.value for axis in servos.axes)
         yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
         return
     yield passed("torque", "both drives hold their position")

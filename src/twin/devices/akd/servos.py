@@ -79,7 +79,7 @@ class SdoPolling:
             return
         self._pending, where = None, self._where[node]
         if answer.aborted:
-            detail = f"{_reading(*answer.key)} refused: {abort_words(answer.value)}"
+            detail = f"{_reading(*answer.key)}: {abort_words(answer.value)}"
             self._reports.report(c.SDO_ABORT, where, detail, at)
         elif answer.key == _FAULT_NUMBER:
             self._report_number(answer.value, where, at)
