@@ -104,6 +104,22 @@ def test_the_words_of_an_emergency_are_one_printable_line_that_begins_with_its_c
     assert words.isprintable()
 
 
+def test_a_warning_is_told_again_after_a_while_with_how_often_it_was_seen_and_a_stop_once():
+    reports = FaultReports(1.0)
+    for at in (0.0, 0.3, 0.9, 1.1, 1.5, 3.0):
+        reports.report(c.PDO_LATE, "drive phi", "late", at)
+        reports.report(c.FROZEN, "drive phi", f"seen at {at} s", at)
+        assert reports.stopping[0].at == 0.0
+    told = [(each.at, each.detail) for each in reports.take()]
+    assert told == [
+        (0.0, "late"),
+        (0.0, "seen at 0.0 s"),
+        (1.1, "late (2 more before)"),
+        (3.0, "late (1 more before)"),
+    ]
+    assert not reports.take()
+
+
 def reading():
     """Polling whose request for 1016h:1 of node 2 is on the wire since 0.6 s, and its reports."""
     reports = FaultReports(1.0)
