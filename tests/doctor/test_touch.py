@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from served_screen import EmulatedScreen
 
 from twin.devices.lumio.calibration import Calibration, CalibrationError, Mounting
 from twin.devices.lumio.config import LumioConfig
@@ -20,7 +21,7 @@ from twin.doctor.touch import (
     usual_points,
 )
 from twin.emulator.lockstep import LockstepRig
-from twin.emulator.screen import EmulatedScreen, ScreenLine
+from twin.emulator.screen import ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.errors import RigError, TwinError
 from twin.scenario.rig import check_rig

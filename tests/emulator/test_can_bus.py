@@ -10,7 +10,7 @@ from serving import serving
 
 from twin.devices.akd.config import AkdConfig, BusConfig, MonitorConfig
 from twin.devices.akd.servos import AkdServos
-from twin.emulator.can_bus import EmulatedBus, ErrorFrames, message
+from twin.emulator.can_bus import EmulatedBus, message
 from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.can_slcan import BusServer
 from twin.emulator.drive import EmulatedDrive, Power
@@ -29,7 +29,6 @@ class VirtualPort:
         self.bus = bus
         self.channel = can.Bus(interface="virtual", channel=channel)
         self.first = None
-        self.errors = ErrorFrames(bus.faults)
 
     def wait(self, seconds):
         self.first = self.first or self.channel.recv(seconds)
@@ -42,8 +41,6 @@ class VirtualPort:
             heard = self.channel.recv(0)
         for frame in self.bus.to_host():
             self.channel.send(message(frame.cob_id, frame.data))
-        for error in self.errors.new():
-            self.channel.send(error)
 
     def __enter__(self):
         return self

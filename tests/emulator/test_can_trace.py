@@ -63,6 +63,11 @@ def said(wired, capsys, monkeypatch):
     return call
 
 
+def test_of_a_run_folder_its_trace_is_told(said):
+    (_, of_folder, _), (_, of_file, _) = said(".", "--json"), said("trace.log", "--json")
+    assert {**json.loads(of_folder), "trace": ""} == {**json.loads(of_file), "trace": ""}
+
+
 def test_the_power_stages_go_through_their_states(said):
     code, out, _ = said("trace.blf", "--rig", "rig.toml", "--json")
     told = json.loads(out)

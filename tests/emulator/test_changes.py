@@ -1,14 +1,18 @@
 """[[change]] on the emulated rig: its plant, its screen and what the host knows change."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from twin.emulator.lockstep import LockstepRig
+from twin.emulator.screen_bytes import Protocol
 from twin.emulator.serve import BEGIN, VirtualRig, follow_changes
 from twin.run.assemble import build_controller
 from twin.run.loop import drive
 from twin.run.record import Recorder
 from twin.scenario.load import load
+from twin.scenario.rig import check_rig
 
 AT = 0.4
 
@@ -55,3 +59,17 @@ def test_the_virtual_rig_counts_from_when_it_is_told_that_the_run_begins():
         assert rig.plant.dead_time == 0.042
         rig.plant.advance(AT)
         assert rig.plant.dead_time == 0.07
+
+
+@pytest.mark.parametrize(
+    ("protocol", "transport"), [(Protocol.ELO, "serial"), (Protocol.HID_0006, "hidraw")]
+)
+def test_the_rig_file_of_a_virtual_rig_names_its_ports_and_what_they_speak(
+    scenario, protocol, transport
+):
+    with VirtualRig(scenario("plant.kind=lagrange"), protocol) as rig:
+        found = check_rig(rig.tables(), "virtual")
+        assert Path(found.touch.port).is_char_device()
+        assert Path(found.bus.channel).is_char_device()
+    assert (found.touch.transport, found.touch.protocol) == (transport, str(protocol))
+    assert found.bus.interface == "slcan"

@@ -12,13 +12,12 @@ import twin.devices
 import twin.emulator
 from twin.cli.rig import emulate
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import SlcanPort
+from twin.emulator.can_slcan import PseudoTerminal, SlcanPort
 from twin.emulator.process import Emulator, PauseWatch, emulated
-from twin.emulator.screen import EmulatedScreen, ScreenLine
 from twin.errors import RigError
 
 FILES = sorted(Path(twin.emulator.__file__).parent.glob("*.py"))
-HOST_SIDE = {"twin.devices.akd.config", "twin.devices.akd.servos"}
+HOST_SIDE = {f"twin.devices.akd.{each}" for each in ("config", "servos", "traces")}
 """What the host runs on; the lockstep rig puts it on the emulated drives."""
 POSIX = {"pty", "tty", "termios", "fcntl", "resource", "pwd", "grp"}
 
@@ -49,7 +48,7 @@ def test_no_module_of_emulator_or_devices_needs_a_posix_system_to_be_imported():
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: SlcanPort(EmulatedBus([])), lambda: EmulatedScreen(ScreenLine(list))],
+    [lambda: SlcanPort(EmulatedBus([])), lambda: PseudoTerminal("lumio")],
     ids=["adapter", "screen"],
 )
 def test_a_port_that_this_system_cannot_have_is_said_so_in_one_line(make, monkeypatch):

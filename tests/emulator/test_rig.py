@@ -19,14 +19,15 @@ from click.testing import CliRunner
 from serving import serving
 
 from twin.cli.look import export, report
-from twin.cli.rig import toml
 from twin.devices.akd.traces import read_trace
 from twin.emulator.drive import MASTER_SILENT
 from twin.emulator.process import emulated
 from twin.emulator.serve import TICK, VirtualRig
+from twin.report.numbers import flat
 from twin.run.finished import open_run
 from twin.run.record import read_run
 from twin.scenario.rig import check_rig, read_rig
+from twin.tune.report import toml
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time]
 
@@ -47,7 +48,7 @@ def patient(tables):
 def virtual(scenario, tmp_path):
     # the mechanism: what the host knows of its rig are real cams
     with VirtualRig(scenario("plant.kind=mujoco")) as rig, serving(rig.server):
-        (tmp_path / "rig.toml").write_text(toml(patient(rig.tables())))
+        (tmp_path / "rig.toml").write_text(toml(flat(patient(rig.tables())), []))
         yield rig
 
 

@@ -2,8 +2,9 @@ import time
 
 import numpy as np
 import pytest
+from served_screen import EmulatedScreen
 
-from twin.emulator.screen import Damage, EmulatedScreen, ScreenFault, ScreenLine
+from twin.emulator.screen import Damage, ScreenFault, ScreenLine
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot
 
 pytestmark = pytest.mark.real_time

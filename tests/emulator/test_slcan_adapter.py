@@ -230,7 +230,7 @@ def test_another_bit_rate_is_named_as_the_likely_cause(port, bus):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"interface": "sockecan"}, "nearest: socketcan"),
+        ({"interface": "sockecan"}, "did you mean 'socketcan'?"),
         ({"interface": "slcan", "channel": "/dev/ttyNONE9"}, "no channel"),
         ({"interface": "slcan", "bitrate": 123}, "bitrate"),
     ],

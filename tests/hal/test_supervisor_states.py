@@ -162,7 +162,7 @@ def test_no_behaviour_hangs_on_the_words_of_a_condition(condition):
         supervisor.report(Fault(each, "device", "detail"))
         reports = FaultReports(repeat=1.0)
         reports.report(each, "device", "detail", 0.0)
-        answers.append((supervisor.state[0], supervisor.by_device[0], reports.stopped))
+        answers.append((supervisor.state[0], supervisor.by_device[0], bool(reports.stopping)))
     assert answers[0] == answers[1]
     assert not supervisor.by_device[0] or condition is not BALL_LOST
 

@@ -54,7 +54,7 @@ def close(servos):
 
 
 def no_watch():
-    modules = ("bringup", "sdo_poll")
+    modules = ("bringup", "servos")
     return together(*(patch(f"twin.devices.akd.{m}.monitoring", lambda _: 0) for m in modules))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import sys
 import threading
 import webbrowser
@@ -163,7 +162,7 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
     from twin.scenario import load
 
     with VirtualRig(load(scenario, overrides), Protocol(protocol)) as rig:
-        text = toml(rig.tables())
+        text = rig.rig_file()
         write_whole(file, text)
         console.print(text, markup=False)
         say(f"written to {file}; use it with: ballplate run circle --rig {file}")
@@ -174,18 +173,6 @@ def emulate(scenario: str, overrides: tuple[str, ...], protocol: str, file: Path
         except KeyboardInterrupt:
             console.print("ended")
     return 0
-
-
-def toml(tables: dict[str, Any]) -> str:
-    """A rig file's text; its values are texts, numbers and tables of those."""
-    from twin.scenario.variants import inline
-
-    plain = [f"{key} = {json.dumps(v)}" for key, v in tables.items() if not isinstance(v, dict)]
-    for key, table in tables.items():
-        if isinstance(table, dict):
-            plain += ["", f"[{key}]"]
-            plain += [f"{name} = {inline(value)}" for name, value in table.items()]
-    return "\n".join(plain) + "\n"
 
 
 def _listen(rig: VirtualRig) -> None:
@@ -251,8 +238,7 @@ def trace(
     from twin.devices.akd.decoding import Conversation, Event
     from twin.devices.akd.dictionary import Names
     from twin.devices.akd.traces import read_trace
-    from twin.run.connect import cams_of
-    from twin.run.logs import TRACE_UNITS, log_of_trace
+    from twin.run.connect import TRACE_UNITS, cams_of, log_of_trace
     from twin.scenario.rig import read_rig
 
     if log is not None and (rig is None or touch is None):

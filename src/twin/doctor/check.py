@@ -7,6 +7,7 @@ from enum import StrEnum
 from functools import wraps
 from typing import NamedTuple, ParamSpec
 
+from twin.devices.scheduling import Scheduling
 from twin.errors import TwinError
 
 
@@ -85,6 +86,18 @@ def warned(what: str, seen: str, advice: str) -> CheckResult:
 def failed(what: str, seen: str, advice: str) -> CheckResult:
     """A run would not work."""
     return CheckResult(what, CheckStatus.FAIL, seen, advice)
+
+
+def noted(what: str, seen: str, advice: str) -> CheckResult:
+    """As it must be where there is no advice; else it works, with reservations."""
+    return warned(what, seen, advice) if advice else passed(what, seen)
+
+
+def scheduled(obtained: Scheduling) -> Iterator[CheckResult]:
+    """What the operating system allowed a real-time loop."""
+    for words in obtained.words[:2]:
+        seen, _, advice = words.partition(": ")
+        yield noted("real-time priority" if "priority" in seen else "memory", seen, advice)
 
 
 Given = ParamSpec("Given")

@@ -11,7 +11,7 @@ from twin.devices.akd.bringup import BY_HAND
 from twin.devices.akd.config import AkdConfig, unconfirmed
 from twin.devices.realtime import RealTimeClock, TimingLog
 from twin.devices.scheduling import real_time
-from twin.doctor.check import CheckResult, failed, passed, warned
+from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
 from twin.hal.cams import CamTable
 from twin.paths import model_path
@@ -41,12 +41,10 @@ def computer(scenario: Scenario, rig: RigFile) -> Iterator[CheckResult]:
         f"{limits.acceleration:g} rad/s^2, ball within {limits.area[0]:g} x {limits.area[1]:g} m "
         f"and {limits.margin:g} m beyond",
     )
-    relaxed = rig.relaxed(scenario.rig.period)
-    if relaxed:
-        advice = "take these keys out of the rig file; every run is warned of them"
-        yield warned("safety nets", f"relaxed: {', '.join(relaxed)}", advice)
-    else:
-        yield passed("safety nets", "as by default, or tighter")
+    relaxed = ", ".join(rig.relaxed(scenario.rig.period))
+    advice = "take these keys out of the rig file; every run is warned of them"
+    seen = f"relaxed: {relaxed}" if relaxed else "as by default, or tighter"
+    yield noted("safety nets", seen, advice if relaxed else "")
     if rig.backend is not None:
         return
     yield warned(
@@ -70,28 +68,22 @@ def _law(scenario: Scenario) -> CheckResult:
 
 def _bus_load(drives: AkdConfig) -> CheckResult:
     seen = f"{100 * drives.bus_load:.0f} % at {drives.bus.bitrate / 1e6:g} Mbit/s, stuffed at worst"
-    if drives.bus_load <= FULL_BUS:
-        return passed("bus load", seen)
-    return warned("bus load", seen, "set drives and adapter to 1 Mbit/s")
+    advice = "set drives and adapter to 1 Mbit/s"
+    return noted("bus load", seen, advice if drives.bus_load > FULL_BUS else "")
 
 
 def _scheduling(period: float) -> Iterator[CheckResult]:
     timing = TimingLog(period)
     clock = RealTimeClock(period, timing)
     with real_time() as obtained:
-        for words, good in zip(obtained.words, (obtained.fifo, obtained.locked), strict=False):
-            head, _, advice = words.partition(": ")
-            what = "real-time priority" if "priority" in head else "memory"
-            yield passed(what, head) if good else warned(what, head, advice)
+        yield from scheduled(obtained)
         for _ in range(round(TIMED / period)):
             clock.wait()
     late = timing.lateness.quantile(0.99)
     share = 100 * timing.missed / max(1, timing.ticks + timing.missed)
     seen = f"p99 {1e6 * late:.0f} us late, {share:.2f} % of {1e3 * period:g} ms periods missed"
-    if share > 0.5 or late > period / 4:
-        yield warned("timer", seen, "close other programs; use a kernel with PREEMPT_RT")
-    else:
-        yield passed("timer", seen)
+    advice = "close other programs; use a kernel with PREEMPT_RT"
+    yield noted("timer", seen, advice if share > 0.5 or late > period / 4 else "")
 
 
 def _cams(rig: RigFile) -> CheckResult:

@@ -8,12 +8,12 @@ from math import degrees, radians
 import numpy as np
 
 from controllers.arrays import Array
-from twin.devices.akd.cia402 import DriveState
+from twin.devices.akd.cia402 import DriveState, StatusBit
 from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AkdConfig
 from twin.devices.akd.frames import fault_words
 from twin.devices.akd.servos import AkdServos
-from twin.doctor.check import CheckResult, failed, passed, reported, warned
+from twin.doctor.check import CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.steps import enable, exchange, hold_level, stopped_by, turn, until
 from twin.hal.interface import Transmission
 
@@ -23,7 +23,6 @@ SCALE = 0.2
 """Share by which a scale may be wrong: play, cams of the model instead of the rig's."""
 OTHER = radians(0.1)
 """Motion of the other axis's encoder that is no coupling between the axes."""
-DC_LINK = 1 << 4
 
 
 def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
@@ -43,17 +42,16 @@ def bus(config: AkdConfig, servos: AkdServos) -> Iterator[CheckResult]:
         yield passed(f"{axis.config.where} units", found.units)
         yield passed(f"{axis.config.where} limits", found.limits)
         for each in found.preconditions:
-            what = f"{axis.config.where} {each.name}"
-            yield warned(what, each.seen, each.advice) if each.advice else passed(what, each.seen)
+            yield noted(f"{axis.config.where} {each.name}", each.seen, each.advice)
         yield passed(
             axis.config.where,
-            f"an AKD, configured and monitored; {axis.state.name.lower().replace('_', ' ')}",
+            f"an AKD, configured and monitored; {axis.state.value}",
         )
         if axis.state is DriveState.FAULT:
             advice = "remove the cause, then run with --reset"
             words = fault_words(found.faults) or "in fault"
             yield failed(f"{axis.config.where} fault", words, advice)
-        elif not (axis.status or 0) & DC_LINK:
+        elif not (axis.status or 0) & StatusBit.VOLTAGE:
             advice = "switch the main supply on; close the STO circuit"
             yield failed(f"{axis.config.where} power", "no DC link", advice)
         else:
@@ -67,7 +65,7 @@ def torque(servos: AkdServos) -> Iterator[CheckResult]:
     """Torque at standstill; then let the heartbeat end: the drives must stop by themselves."""
     enable(servos)
     if not servos.enabled:
-        states = ", ".join(axis.state.name.lower() for axis in servos.axes)
+        states = ", ".join(axis.state.value for axis in servos.axes)
         yield failed("torque", f"not within 1 s ({states})", "check STO, enable input, supply")
         return
     yield passed("torque", "both drives hold their position")

@@ -13,7 +13,7 @@ from serial.tools import list_ports
 
 from twin import installation
 from twin.devices.scheduling import real_time
-from twin.doctor.check import CheckResult, failed, passed, warned
+from twin.doctor.check import CheckResult, failed, noted, passed, scheduled, warned
 from twin.errors import TwinError
 from twin.view.viewer import has_display, program
 
@@ -39,15 +39,11 @@ def examine_installation() -> Iterator[CheckResult]:
     for extra, purpose in EXTRAS.items():
         missing = [name for name in _packages(extra) if not _is_here(name)]
         what, command = f"extra {extra} ({purpose})", f"pip install 'ballplate[{extra}]'"
-        if missing:
-            yield warned(what, f"{', '.join(missing)} missing", command)
-        else:
-            yield passed(what, "installed")
+        seen = f"{', '.join(missing)} missing" if missing else "installed"
+        yield noted(what, seen, command if missing else "")
     yield from _pictures()
     with real_time() as obtained:
-        for words, granted in zip(obtained.words, (obtained.fifo, obtained.locked), strict=False):
-            seen, _, advice = words.partition(": ")
-            yield passed("real time", seen) if granted else warned("real time", seen, advice)
+        yield from scheduled(obtained)
     yield from _ports()
 
 
@@ -90,7 +86,6 @@ def _ports() -> Iterator[CheckResult]:
             "serial ports", "none", "connect adapter or screen; the virtual rig needs none"
         )
     for port in found:
-        if os.access(port, os.R_OK | os.W_OK):
-            yield passed("serial ports", port)
-        else:
-            yield warned("serial ports", f"{port}: not permitted", "add yourself to group dialout")
+        permitted = os.access(port, os.R_OK | os.W_OK)
+        seen = port if permitted else f"{port}: not permitted"
+        yield noted("serial ports", seen, "" if permitted else "add yourself to group dialout")

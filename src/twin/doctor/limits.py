@@ -73,8 +73,8 @@ def _asked(servos: AkdServos, index: int, rate: float) -> tuple[Array, Array]:
         axis.target = target
         for _ in range(round(seconds / servos.config.period)):
             exchange(servos, servos.config.period)
-            if target and (not samples or axis.plate_sampled > samples[-1][0]):
-                samples.append((axis.plate_sampled, axis.rate))
+            if target and (not samples or axis.plate.sampled > samples[-1][0]):
+                samples.append((axis.plate.sampled, axis.rate))
     times, rates = np.array(samples).T
     return times, rates
 

@@ -31,7 +31,7 @@ from twin.devices.lumio.config import LumioConfig, PlausibilityLimits
 from twin.devices.lumio.screen import LumioScreen
 from twin.devices.lumio.stream import Sample, TouchState
 from twin.devices.lumio.transports import HIDRAW_CLASS, Interface, panels
-from twin.doctor.check import Ask, CheckResult, failed, passed, reported, warned
+from twin.doctor.check import Ask, CheckResult, failed, noted, passed, reported, warned
 from twin.doctor.steps import exchange, hold_level, stopped_by, turn
 from twin.errors import RigError, TwinError
 from twin.hal.interface import SCREEN, Transmission
@@ -201,7 +201,7 @@ def touch(screen: LumioScreen, ask: Ask, patience: float) -> Iterator[CheckResul
     rate = screen.stream.rate
     seen = f"{rate:.1f} reports per second"
     slow = "check the baud rate; other programs may read the port"
-    yield passed("report rate", seen) if rate >= SLOWEST else warned("report rate", seen, slow)
+    yield noted("report rate", seen, slow if rate < SLOWEST else "")
     x, y = screen.read().position[0].tolist()
     yield passed("touch position", f"x {1e3 * x:+.1f}, y {1e3 * y:+.1f} mm: is the ball there?")
     stats = screen.stream.stats

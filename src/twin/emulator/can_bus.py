@@ -17,6 +17,8 @@ from can.exceptions import CanOperationError
 from twin.emulator.can_faults import BusFaults, Frame, Towards
 from twin.emulator.drive import EmulatedDrive
 
+_REPORTS = ((0x040, bytes(8)), (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0))))
+"""How SocketCAN's error frames say that an adapter is off the bus, and that it is error passive."""
 _INSTANT = 1e-9
 """Seconds that count as no time."""
 
@@ -117,7 +119,7 @@ class DirectBus(can.BusABC):
         self._bus = bus
         self._step = step
         self._inbox: deque[can.Message] = deque()
-        self._errors = ErrorFrames(bus.faults)
+        self._told = (False, False)
 
     def now(self) -> float:
         """Bus time in s."""
@@ -159,36 +161,17 @@ class DirectBus(can.BusABC):
 
     def _collected(self) -> bool:
         """Whether anything is there, now that it has been looked for."""
-        self._inbox.extend(self._errors.new())
+        faults, before = self._bus.faults, self._told
+        self._told = (faults.bus_off, faults.error_passive)
+        for (identifier, data), now, then in zip(_REPORTS, self._told, before, strict=True):
+            if now and not then:
+                self._inbox.append(message(identifier, data, error=True))
         self._inbox.extend(message(each.cob_id, each.data) for each in self._bus.to_host())
         return bool(self._inbox)
 
     def _check(self) -> None:
         if not self.plugged:
             raise CanOperationError("the adapter is gone")
-
-
-class ErrorFrames:
-    """An adapter's reports of the bus's state: error frames in SocketCAN's format.
-
-    Args:
-        faults: The damage that is reported.
-    """
-
-    def __init__(self, faults: BusFaults) -> None:
-        self._faults = faults
-        self._off = self._passive = False
-
-    def new(self) -> list[can.Message]:
-        """Error frames for what has become worse since the last call."""
-        off, passive = self._faults.bus_off, self._faults.error_passive
-        found = []
-        if off and not self._off:
-            found.append(message(0x040, bytes(8), error=True))
-        if passive and not self._passive:
-            found.append(message(0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)), error=True))
-        self._off, self._passive = off, passive
-        return found
 
 
 def message(identifier: int, data: bytes, *, error: bool = False) -> can.Message:

@@ -1,4 +1,4 @@
-"""A serial-line CAN adapter (LAWICEL protocol) on a pseudo-terminal, stepped in real time."""
+"""Ports of the virtual rig: a serial-line CAN adapter (LAWICEL protocol), served in real time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
@@ -21,6 +21,8 @@ from twin.errors import RigError
 
 class PseudoTerminal:
     """A port that another program can open, and the end from which it is served; context manager.
+
+    It is for one thread at a time.
 
     Args:
         name: What the port is called, in a temporary folder.
@@ -34,10 +36,9 @@ class PseudoTerminal:
         self._folder = tempfile.TemporaryDirectory(prefix=f"{name}-")
         self.path = Path(self._folder.name) / name
         """The port to open; stays the same when unplugged and plugged in again."""
-        self.handle = self._port = -1
+        self.handle = -1
         """File descriptor to read from and write to, which never blocks; -1 while unplugged."""
-        self._lock = threading.Lock()
-        """Is held by whoever writes or takes the port away."""
+        self._plugged = ExitStack()
 
     def plug(self) -> None:
         """Bring the port up, freshly."""
@@ -45,24 +46,22 @@ class PseudoTerminal:
         import tty  # noqa: PLC0415
 
         self.unplug()
-        self.handle, self._port = pty.openpty()
-        tty.setraw(self._port)
+        self.handle, port = pty.openpty()
+        for each in (self.handle, port):
+            self._plugged.callback(os.close, each)
+        tty.setraw(port)
         os.set_blocking(self.handle, False)
-        self.path.symlink_to(os.ttyname(self._port))
+        self.path.symlink_to(os.ttyname(port))
 
     def unplug(self) -> None:
         """Take the port away, as when the cable is pulled."""
-        with self._lock:
-            self.path.unlink(missing_ok=True)
-            handles, self.handle, self._port = (self.handle, self._port), -1, -1
-            for handle in handles:
-                if handle >= 0:
-                    with suppress(OSError):
-                        os.close(handle)
+        self.path.unlink(missing_ok=True)
+        self.handle = -1
+        self._plugged.close()
 
     def write(self, data: bytes) -> int:
         """Write what there is room for; how many bytes that was, none while unplugged."""
-        with self._lock, suppress(OSError):
+        with suppress(OSError):
             return os.write(self.handle, data) if self.handle >= 0 else 0
         return 0
 
@@ -287,6 +286,8 @@ class BusServer:
         self.lag = LatencyHistogram()
         """How late the bus's time was at each round: an emulator that starves answers late."""
         self.paused: Paused = never
+        self.beside: Passing = nothing
+        """Is called in every round with the time in s: another port that is served."""
         self._step = step
         self._stop = threading.Event()
 
@@ -311,6 +312,7 @@ class BusServer:
                 # of SYNCs that have waited each has its own time; who comes meanwhile waits, too
                 self.port.pump(passing)
                 passing(1.0)
+                self.beside(now)
 
     def stop(self) -> None:
         """End ``run``, from another thread."""

@@ -15,8 +15,7 @@ from enum import IntEnum
 from functools import partial
 
 from twin.emulator.can_faults import Frame
-from twin.emulator.drive_comm import Heartbeats, Pdos, sdo_answer
-from twin.emulator.drive_objects import ObjectStore, emergency_code
+from twin.emulator.drive_objects import Heartbeats, ObjectStore, Pdos, emergency_code, sdo_answer
 from twin.sim.sensors import COUNTS
 
 RPM = math.pi / 30
@@ -271,23 +270,8 @@ class EmulatedDrive:
         self.node = node
         self.parameter_count = parameter_count
         self._start_counts = start_counts
-        self.silent = False
-        """Says nothing at all, but keeps running."""
-        self.mute: set[int] = set()
-        """COB-IDs it does not send."""
-        self.remote = True
-        """False: a tool has taken the drive over; control words and new targets are ignored."""
-        self.mode_override: int | None = None
-        """Mode it shows and is in, whatever 6060h says."""
-        self.limit_active: bool | None = None
-        """Internal limit bit, None for what the velocity limit says."""
-        self.warning = False
-        self.sdo_silent = False
-        self.sdo_aborts: dict[tuple[int, int], int] = {}
-        """Objects that are refused, with the abort code."""
-        self.short_emergencies = False
-        """Sends two bytes of every emergency instead of eight."""
         self.power_on()
+        self._let_alone()
 
     def power_on(self) -> None:
         """Begin as after power-up: defaults, counters at their start, boot-up message next."""
@@ -300,6 +284,7 @@ class EmulatedDrive:
         self._out: list[Frame] = [self._own(0x700, b"\0")]
         self._target = 0.0
         store = self.store
+        store.turning = lambda: abs(self.motor.rate) >= _MODE_REST
         store.set(0x608F, 1, MOTOR_COUNTS)
         store.live(0x1001, 0, lambda: int(bool(self.power.faults)))
         for place in range(10):
@@ -358,14 +343,30 @@ class EmulatedDrive:
     def restore(self) -> None:
         """Remove whatever has been done to it; faults that came of it stay until they are reset."""
         self.power.causes.clear()
-        self.power.sto_closed = self.power.dc_link = self.remote = True
-        self.power.refuse_reset = self.silent = self.sdo_silent = self.short_emergencies = False
-        self.motor.encoder.frozen = self.motor.plate.frozen = self.warning = False
-        self.mode_override = self.limit_active = None
+        self.power.sto_closed = self.power.dc_link = True
+        self.power.refuse_reset = False
+        self.motor.encoder.frozen = self.motor.plate.frozen = False
         self.store.set(0x1018, 1, _VENDOR)
-        self.mute.clear()
         self.store.stuck.clear()
-        self.sdo_aborts.clear()
+        self._let_alone()
+
+    def _let_alone(self) -> None:
+        """Do nothing more to it, apart from what is in its power stage, motor and objects."""
+        self.silent = False
+        """Says nothing at all, but keeps running."""
+        self.mute: set[int] = set()
+        """COB-IDs it does not send."""
+        self.remote = True
+        """False: a tool has taken the drive over; control words and new targets are ignored."""
+        self.mode_override: int | None = None
+        """Mode it shows and is in, whatever 6060h says."""
+        self.limit_active: bool | None = None
+        """Internal limit bit, None for what the velocity limit says."""
+        self.warning = self.sdo_silent = False
+        self.sdo_aborts: dict[tuple[int, int], int] = {}
+        """Objects that are refused, with the abort code."""
+        self.short_emergencies = False
+        """Sends two bytes of every emergency instead of eight."""
 
     def emergency(self, code: int, register: int = 0, extra: bytes = b"") -> None:
         """Send an emergency message."""
@@ -382,13 +383,7 @@ class EmulatedDrive:
         elif service == self.store.get(0x1005) & 0x7FF and self.nmt == OPERATIONAL:
             self._out += self.pdos.sync()
         elif service == 0x600 + node and self.nmt != STOPPED and not self.sdo_silent:
-            reply = sdo_answer(
-                self.store,
-                data,
-                at_rest=abs(self.motor.rate) < _MODE_REST,
-                aborts=self.sdo_aborts,
-                written=self._written,
-            )
+            reply = sdo_answer(self.store, data, self.sdo_aborts, self._written)
             self._out += [] if reply is None else [self._own(0x580, reply)]
         elif service & ~0x7F == 0x700:
             self.heartbeats.heard(service & 0x7F)
@@ -452,10 +447,7 @@ class EmulatedDrive:
         if self.power.state is Power.OPERATION_ENABLED:
             moving = self.mode == PROFILE_VELOCITY and not store.get(0x6040) & _HALT
             target = self._target if moving else 0.0
-            ramps = (
-                store.get(0x6083) * ramp_unit,
-                store.get(0x6084) * ramp_unit,
-            )
+            ramps = store.get(0x6083) * ramp_unit, store.get(0x6084) * ramp_unit
             most = store.get(0x207F) or (1 << 31)
             low = max(store.get(0x3623), -most) * unit
             motor.follow(target, ramps, (low, min(store.get(0x3622), most) * unit), dt)

@@ -1,17 +1,13 @@
-"""An emulated Lumio screen: what it sends and when, its port, and faults made on purpose."""
+"""An emulated Lumio screen: what it sends and when, and faults made on purpose."""
 
 from __future__ import annotations
 
 import random
-import threading
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Self
 
 from twin.devices.lumio.calibration import Calibration
-from twin.emulator.can_slcan import PseudoTerminal
 from twin.emulator.screen_bytes import ENCODERS, Protocol, Spot, beyond
 
 
@@ -81,9 +77,9 @@ class Damage:
         self._until.clear()
         self._last, self._kept = (), b""
 
-    def active(self, fault: ScreenFault, time: float) -> bool:
-        """Whether a fault is in force at a time in s."""
-        return time < self._until.get(fault, -1.0)
+    def active(self, time: float, *faults: ScreenFault) -> bool:
+        """Whether a fault, or one of several, is in force at a time in s."""
+        return any(time < self._until.get(fault, -1.0) for fault in faults)
 
     def noise(self, count: int) -> bytes:
         """Random bytes."""
@@ -92,18 +88,17 @@ class Damage:
     def contacts(self, time: float, spots: Sequence[Spot]) -> tuple[Spot, ...]:
         """What the screen believes to touch it."""
         seen = tuple(spots)
-        if self.active(ScreenFault.FREEZE, time):
+        if self.active(time, ScreenFault.FREEZE):
             seen = self._last
         self._last = seen
         if self._until.pop(ScreenFault.JUMP, -1.0) > time and seen:
             ball = seen[0]
             seen = (ball._replace(x=(ball.x + 0.45) % 1, y=(ball.y + 0.45) % 1), *seen[1:])
-        if self.active(ScreenFault.SWAP_AXES, time):
+        if self.active(time, ScreenFault.SWAP_AXES):
             seen = tuple(spot._replace(x=spot.y, y=spot.x) for spot in seen)
-        gone = (ScreenFault.PEN_UP, ScreenFault.MISSING_PEN_UP, ScreenFault.DROPOUT)
-        if any(self.active(fault, time) for fault in gone):
+        if self.active(time, ScreenFault.PEN_UP) or self.hides_lift(time):
             seen = ()
-        if self.active(ScreenFault.TWO_CONTACTS, time):
+        if self.active(time, ScreenFault.TWO_CONTACTS):
             if self._protocol in {Protocol.MICROTOUCH, Protocol.ELO}:
                 self._turn = not self._turn
                 return (self.FINGER._replace(id=1),) if self._turn else seen
@@ -112,22 +107,18 @@ class Damage:
 
     def hides_lift(self, time: float) -> bool:
         """Whether a lift-off goes unreported."""
-        return self.active(ScreenFault.MISSING_PEN_UP, time) or self.active(
-            ScreenFault.DROPOUT, time
-        )
+        return self.active(time, ScreenFault.MISSING_PEN_UP, ScreenFault.DROPOUT)
 
     def packet(self, time: float, packet: bytes) -> list[bytes]:
         """What is sent for a packet: nothing, itself, or parts to be sent some time apart."""
-        if self.active(ScreenFault.OUT_OF_RANGE, time) and self._protocol is Protocol.MICROTOUCH:
-            packet = packet[:1] + b"\x7f\x7f\x7f\x7f"
         for fault, change in self._bytes.items():
-            if self.active(fault, time):
+            if self.active(time, fault):
                 packet = change(packet)
-        if self.active(ScreenFault.MERGE, time) and not self._kept:
+        if self.active(time, ScreenFault.MERGE) and not self._kept:
             self._kept = packet
             return []
         packet, self._kept = self._kept + packet, b""
-        if self.active(ScreenFault.SPLIT, time) and len(packet) > 1:
+        if self.active(time, ScreenFault.SPLIT) and len(packet) > 1:
             cut = self._random.randrange(1, len(packet))
             return [packet[:cut], packet[cut:]]
         return [packet]
@@ -180,8 +171,6 @@ class ScreenLine:
         seed: int = 0,
     ) -> None:
         self.damage = Damage(protocol, seed)
-        self.due = 0.0
-        """When there is something to do next, s."""
         self._ball = ball
         self.protocol = protocol
         self._byte = 10 / baud if protocol in {Protocol.MICROTOUCH, Protocol.ELO} else 0.0
@@ -204,7 +193,6 @@ class ScreenLine:
         sent = []
         while self._queue and self._queue[0][0] <= now:
             sent.append(self._queue.popleft()[1])
-        self.due = min(frame, self._queue[0][0]) if self._queue else frame
         return sent
 
     def _look(self, now: float) -> None:
@@ -222,7 +210,7 @@ class ScreenLine:
         for packet in ENCODERS[self.protocol]((*spots, *lifted)):
             for number, part in enumerate(self.damage.packet(now, packet)):
                 self._schedule(arrival + number * SPLIT_GAP, part)
-        if self.damage.active(ScreenFault.FLOOD, now):
+        if self.damage.active(now, ScreenFault.FLOOD):
             rate = self._baud / 10 if self._byte else 100_000
             self._schedule(arrival, self.damage.noise(int(self._frame * rate)))
 
@@ -239,44 +227,3 @@ class ScreenLine:
             part = packet[at : at + step]
             self._queue.append((begin + (at + len(part)) * self._byte, part))
         self._free = begin + len(packet) * self._byte
-
-
-class EmulatedScreen(PseudoTerminal):
-    """A screen on a pseudo-terminal, served by a thread; a context manager.
-
-    A pseudo-terminal knows no baud rate: the bytes of the serial protocols are sent at their pace
-    here, so that the last byte of a packet arrives a dead time after the look. HID reports go in
-    one piece. A reader that does not read loses the newest bytes, as on a real line.
-
-    Args:
-        line: What is sent and when; it asks for the ball in the screen's thread.
-
-    Raises:
-        RigError: This system has no pseudo-terminals.
-    """
-
-    def __init__(self, line: ScreenLine) -> None:
-        super().__init__("lumio")
-        self.protocol = line.protocol
-        self.line = line
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="emulated screen", daemon=True)
-
-    def __enter__(self) -> Self:
-        self.plug()
-        self._thread.start()
-        return self
-
-    def close(self) -> None:
-        """Stop sending and take the port away for good."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        super().close()
-
-    def _run(self) -> None:
-        """Send what is due, when it is due."""
-        while not self._stop.is_set():
-            for part in self.line.step(time.monotonic()):
-                self.write(part)
-            self._stop.wait(max(0.0, self.line.due - time.monotonic()))

@@ -79,12 +79,17 @@ ENCODERS: dict[Protocol, Callable[[Sequence[Spot]], list[bytes]]] = {
 
 
 def beyond(packet: bytes, protocol: Protocol) -> bytes:
-    """The packet with its first coordinate beyond the range; Format Tablet cannot say that."""
+    """The packet with its first coordinate beyond the range; Format Tablet's names the far corner.
+
+    It cannot say more.
+    """
     changed = bytearray(packet)
     if protocol is Protocol.ELO:
         changed[3:5] = b"\xff\x7f"
         changed[9] = (sum(changed[:9]) + 0xAA) % 256
-    elif protocol is not Protocol.MICROTOUCH:
+    elif protocol is Protocol.MICROTOUCH:
+        changed[1:] = b"\x7f\x7f\x7f\x7f"
+    else:
         changed[2:4] = b"\xf8\xff"
     return bytes(changed)
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import gc
+import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
+from importlib.resources import files
+from string import Template
 
 import numpy as np
 
-from twin.data_file import packaged
 from twin.emulator.can_bus import EmulatedBus
-from twin.emulator.can_slcan import BusServer, SlcanPort
+from twin.emulator.can_slcan import BusServer, PseudoTerminal, SlcanPort
 from twin.emulator.drive import EmulatedDrive
-from twin.emulator.screen import Ball, EmulatedScreen, ScreenLine
+from twin.emulator.screen import Ball, ScreenLine
 from twin.emulator.screen_bytes import Protocol
 from twin.hal.interface import Touch, Transmission
 from twin.hal.rig import Rig
@@ -193,7 +195,9 @@ class VirtualRig:
         self.bus = EmulatedBus(self.drives)
         self.adapter = SlcanPort(self.bus)
         self.server = BusServer(self.bus, self.adapter, step=TICK)
-        self.screen = EmulatedScreen(self.plant.screen_line(self._ball, protocol))
+        self.line = self.plant.screen_line(self._ball, protocol)
+        self.screen = PseudoTerminal("lumio")
+        self.server.beside = self._show
         self._finger: tuple[float, float] | None = None
         self.plant.attach(self.drives)
         self.bus.moved = self.plant.advance
@@ -202,7 +206,7 @@ class VirtualRig:
     def __enter__(self) -> VirtualRig:
         with ExitStack() as opened:
             opened.enter_context(self.adapter)
-            opened.enter_context(self.screen)
+            opened.enter_context(self.screen).plug()
             self._open = opened.pop_all()
         gc.collect()
         gc.freeze()  # a collection of everything takes longer than a period
@@ -212,17 +216,19 @@ class VirtualRig:
         self._open.close()
         gc.unfreeze()
 
+    def rig_file(self) -> str:
+        """The text of the rig file that a host needs to find it."""
+        serial = self.line.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
+        return Template((files("twin.emulator") / "rig.toml").read_text("utf-8")).substitute(
+            adapter=self.adapter.path,
+            screen=self.screen.path,
+            transport="serial" if serial else "hidraw",
+            protocol=self.line.protocol,
+        )
+
     def tables(self) -> Tables:
-        """The rig file that a host needs to find it."""
-        serial = self.screen.protocol in {Protocol.MICROTOUCH, Protocol.ELO}
-        tables = packaged("twin.emulator", "rig.toml")
-        tables["bus"]["channel"] = str(self.adapter.path)
-        tables["touch"] |= {
-            "port": str(self.screen.path),
-            "transport": "serial" if serial else "hidraw",
-            "protocol": str(self.screen.protocol),
-        }
-        return tables
+        """The tables of that file."""
+        return tomllib.loads(self.rig_file())
 
     def obey(self, word: str) -> str:
         """Do something to it while it runs: press its STO button, take the ball away, ...
@@ -284,5 +290,13 @@ class VirtualRig:
             self.plant.restart()  # whoever puts it back puts it where it was, on a level plate
 
     def _ball(self) -> tuple[tuple[float, float], ...]:
-        with self.server.lock:
-            return self.plant.ball() if self._finger is None else (self._finger,)
+        return self.plant.ball() if self._finger is None else (self._finger,)
+
+    def _show(self, now: float) -> None:
+        """Send what the screen has to say by a time in s.
+
+        A pseudo-terminal knows no baud rate: bytes are sent at their pace. A reader that does not
+        read loses the newest, as on a real line.
+        """
+        for part in self.line.step(now):
+            self.screen.write(part)

@@ -14,7 +14,7 @@ from twin.devices.akd.axis import Axis, EncoderCounter, PdoTracker, difference
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import RPM, AkdConfig, AxisConfig, Scale, unconfirmed
-from twin.devices.akd.sdo_poll import SdoPolling
+from twin.devices.akd.servos import SdoPolling
 from twin.errors import ScenarioError
 
 AXIS = AxisConfig(name="phi", node=1)
@@ -67,27 +67,31 @@ def test_a_counter_leaves_out_a_jump_and_the_jump_back():
 
 def test_late_answers_that_come_at_once_are_a_period_apart_and_one_too_many_is_not():
     config = AkdConfig()
-    axis, T = Axis(config.axes[0], config, at=0.0), config.period
+    axis, T = Axis(config.axes[0], config, FaultReports(1.0), at=0.0), config.period
     step = round(6.0 * T / abs(config.axes[0].position.unit))  # 6 rad/s: 12 mrad a period
-    status = 0x1237
-    axis.update_motion(frames.MotionPdo(status, 3, 0), 1, T)
-    axis.tpdo1.close()
+
+    def sampled(position, cycle):
+        data = struct.pack("<Hbi", 0x1237, 3, position)
+        axis.receive(0x180, data, cycle, cycle * T, cycle * T)
+
+    sampled(0, 1)
+    axis.motor.pdo.close()
     for _ in range(4):  # an adapter keeps them back
-        axis.tpdo1.close()
+        axis.motor.pdo.close()
     for number in range(1, 6):
-        axis.update_motion(frames.MotionPdo(status, 3, number * step), 6, 6 * T)
+        sampled(number * step, 6)
         assert not axis.motor.jump
     assert axis.motor.counts == 5 * step
-    axis.tpdo1.close()
-    axis.update_motion(frames.MotionPdo(status, 3, 6 * step), 7, 7 * T)
-    axis.update_motion(frames.MotionPdo(status, 3, 7 * step), 7, 7 * T)
+    axis.motor.pdo.close()
+    sampled(6 * step, 7)
+    sampled(7 * step, 7)
     assert axis.motor.jump == step  # nothing was owed: two steps in one period
 
 
 @given(st.binary(max_size=12))
 def test_decoders_take_any_bytes(data):
-    assert (frames.decode_tpdo1(data) is None) == (len(data) != 7)
-    assert (frames.decode_tpdo2(data) is None) == (len(data) != 8)
+    assert (frames.decode_tpdo(frames.TPDO1, data) is None) == (len(data) != 7)
+    assert (frames.decode_tpdo(frames.TPDO2, data) is None) == (len(data) != 8)
     assert frames.decode_emergency(data).short == (len(data) < 8)
     assert (frames.decode_nmt_state(data) is None) == (len(data) != 1)
 
@@ -98,6 +102,22 @@ def test_the_words_of_an_emergency_are_one_printable_line_that_begins_with_its_c
     code = f"{int.from_bytes(data[:2], 'little'):04X}h" if len(data) >= 2 else "no code"
     assert words.startswith(code)
     assert words.isprintable()
+
+
+def test_a_warning_is_told_again_after_a_while_with_how_often_it_was_seen_and_a_stop_once():
+    reports = FaultReports(1.0)
+    for at in (0.0, 0.3, 0.9, 1.1, 1.5, 3.0):
+        reports.report(c.PDO_LATE, "drive phi", "late", at)
+        reports.report(c.FROZEN, "drive phi", f"seen at {at} s", at)
+        assert reports.stopping[0].at == 0.0
+    told = [(each.at, each.detail) for each in reports.take()]
+    assert told == [
+        (0.0, "late"),
+        (0.0, "seen at 0.0 s"),
+        (1.1, "late (2 more before)"),
+        (3.0, "late (1 more before)"),
+    ]
+    assert not reports.take()
 
 
 def reading():
@@ -157,8 +177,12 @@ def test_one_request_is_on_the_wire_at_a_time():
 
 def test_frames_are_laid_out_as_mapped_and_as_the_manual_prints_them():
     assert frames.encode_rpdo1(0x0F, -9549) == bytes.fromhex("0f00 b3daffff")
-    assert frames.decode_tpdo1(bytes.fromhex("3702 03 00001000")) == (0x0237, 3, 1 << 20)
-    assert frames.decode_tpdo2(bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
+    assert frames.decode_tpdo(frames.TPDO1, bytes.fromhex("3702 03 00001000")) == (
+        0x0237,
+        3,
+        1 << 20,
+    )
+    assert frames.decode_tpdo(frames.TPDO2, bytes.fromhex("4d250000 ffffffff")) == (9549, -1)
     hot = frames.decode_emergency(bytes.fromhex("1043080100000000"))
     assert (hot.code, hot.short, "heat sink hot" in hot.words) == (0x4310, False, True)
     silent = frames.decode_emergency(b"\x30\x81\x01F129\0")

@@ -158,6 +158,17 @@ def test_a_pdo_is_decoded_by_the_mapping_that_the_trace_shows():
     assert told.nodes[5].drive == ["operation enabled"]
 
 
+def test_a_fifth_pdo_has_no_identifier_but_the_one_it_is_given():
+    fifth = [frame(each.timestamp, each.arbitration_id, bytes(each.data).hex()) for each in MAPPING]
+    for each in fifth:
+        if each.data[2] in {0x1A, 0x18}:
+            each.data[1] = 4
+    told = said(*fifth, frame(0.1, 0x3C5, "370200080000"), names=Names(EDS))
+    assert told.summary()["pdos"]["3C5h"]["name"] == "TPDO5"
+    assert list(told.series[5, (0x6064, 0)].counts) == [2048]
+    assert list(said(*fifth[:8]).summary()["pdos"]) == []
+
+
 def test_without_a_mapping_the_rig_file_then_the_eds_then_the_standard_count():
     rig = AkdConfig(axes=(AxisConfig(name="phi", node=5), AxisConfig(name="theta", node=2)))
     long, short, two = (frame(0.1, 0x185, data) for data in ("37020301000000", "3702ffff", "3702"))
@@ -189,6 +200,18 @@ def test_gaps_and_ends_of_what_comes_regularly_are_told():
         "gaps": 1,
         "longest": pytest.approx(0.01),
     }
+
+
+def test_a_pdo_that_is_missing_with_its_sync_is_no_gap_of_its_own():
+    heard = []
+    for k in range(500):
+        if not 200 < k < 205:
+            heard.append(frame(0.002 * k, 0x080))
+            heard += [frame(0.002 * k + 0.001, 0x181, "3702")] if k != 300 else []
+    assert texts(said(*heard), "gap") == [
+        "no SYNC for 10 ms (usually every 2 ms)",
+        "no TPDO1 of node 1 for 4 ms (usually every 2 ms)",
+    ]
 
 
 def test_a_request_that_nobody_answers_is_told():

@@ -3,11 +3,13 @@
 from itertools import pairwise
 
 import can
+import can.interfaces.virtual
 import pytest
 from can.io.canutils import CanutilsLogReader
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.devices.akd.bus import QueuedBus
 from twin.devices.akd.traces import (
     WRITTEN,
     TracedBus,
@@ -191,3 +193,21 @@ def test_a_bus_that_is_traced_tells_every_frame_once():
 def test_an_ending_that_is_not_written_is_refused(tmp_path, name):
     with pytest.raises(LogError, match=r"\.blf"):
         check_ending(tmp_path / name)
+
+
+def test_a_bus_that_is_traced_queues_frames_only_if_it_does_so_itself():
+    class Queuing(can.interfaces.virtual.VirtualBus):
+        unreadable_lines = 3
+        sent = 0
+
+        def send_queued(self):
+            self.sent += 1
+
+    with (
+        TracedBus(can.Bus(interface="virtual"), print) as plain,
+        TracedBus(Queuing("queue"), print) as queuing,
+    ):
+        assert not isinstance(plain, QueuedBus)
+        assert isinstance(queuing, QueuedBus)
+        queuing.send_queued()
+        assert (queuing.sent, queuing.unreadable_lines) == (1, 3)

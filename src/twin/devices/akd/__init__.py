@@ -1,7 +1,7 @@
 """Kollmorgen AKD servo drives on CANopen (CiA 402, profile velocity), two axes.
 
 Bytes are in `frames`, states in `cia402`: pure. `bringup` configures the drives over SDO,
-`exchange` runs the cycle, `monitor` judges every cycle, `servos` is what a rig is given;
+`axis` judges every cycle and says what is sent next, `servos` is what a rig is given;
 `conditions` is the table of what can go wrong. `traces` keeps what is said on a bus, `decoding`
 says what it means. Servos on another wire implement `twin.devices.interface.PoweredServos` in one
 file of their own.

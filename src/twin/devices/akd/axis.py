@@ -1,4 +1,4 @@
-"""One servo axis as the host sees it: its newest data, and the control word that follows.
+"""One servo axis as the host sees it: its newest data, judged every cycle, and what is sent next.
 
 A PDO carries no number, so its frames are counted: every SYNC owes one. A frame too many pays a
 debt of the last cycles (late) or belongs to no SYNC at all (surplus). A PDO that lags by exactly
@@ -9,11 +9,15 @@ says nothing of the drive: its frame is waited for until the next judgement.
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 from twin.devices.akd import cia402, frames
-from twin.devices.akd.cia402 import AxisRequest, DriveState
+from twin.devices.akd import conditions as c
+from twin.devices.akd.cia402 import AxisRequest, DriveState, StatusBit
+from twin.devices.akd.conditions import FaultReports
 from twin.devices.akd.config import AkdConfig, AxisConfig, Scale
+from twin.hal.interface import Condition
 
 _TORQUE = {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP, DriveState.UNKNOWN}
 _POWERLESS = {
@@ -28,49 +32,17 @@ _STANDSTILL = 0.01
 """Motor rate in rad/s that counts as standstill."""
 _OWED_CYCLES = 25
 """Cycles after which a missing frame is no longer expected."""
+_WINDOW = 50
+"""Cycles over which irregular PDOs are counted."""
+ANSWER = 0.8
+"""Share of a period that a drive may take to answer a SYNC."""
+_DOUBLED = 10
+"""Cycles in a row with doubled PDOs that mean a second node with this id."""
 
 
 def difference(new: int, old: int) -> int:
     """Motion of a signed 32-bit counter, the shorter way round its wrap, in counts."""
     return (new - old + (1 << 31)) % (1 << 32) - (1 << 31)
-
-
-class EncoderCounter:
-    """A 32-bit position counter, unwrapped; implausible steps are left out.
-
-    Args:
-        scale: Counts to rad.
-        speed: Fastest plausible motion, rad/s.
-        slack: Motion that is always plausible, rad.
-    """
-
-    def __init__(self, scale: Scale, speed: float, slack: float) -> None:
-        self.scale = scale
-        self.counts = 0
-        """Position without wraps and jumps; starts at the first value of the drive."""
-        self.jump = 0
-        """Last step that was left out, in counts; whoever reports it sets it back to 0."""
-        self._speed = abs(speed / scale.unit)
-        self._slack = abs(slack / scale.unit)
-        self._raw: int | None = None
-
-    @property
-    def angle(self) -> float:
-        """Position in rad."""
-        return self.scale.value(self.counts)
-
-    def update(self, raw: int, elapsed: float) -> int:
-        """Take in the drive's counter, s after the last time; return the step in counts."""
-        if self._raw is None:
-            self.counts = self._raw = raw
-            return 0
-        step = difference(raw, self._raw)
-        self._raw = raw
-        if abs(step) > self._speed * elapsed + self._slack:
-            self.jump = step
-            return 0
-        self.counts += step
-        return step
 
 
 class PdoCycleStats(NamedTuple):
@@ -131,27 +103,79 @@ class PdoTracker:
         return PdoCycleStats(missing=False, late=late, surplus=surplus)
 
 
+class EncoderCounter:
+    """A 32-bit position counter, unwrapped; implausible steps are left out.
+
+    Args:
+        scale: Counts to rad.
+        speed: Fastest plausible motion, rad/s.
+        slack: Motion that is always plausible, rad.
+    """
+
+    def __init__(self, scale: Scale, speed: float, slack: float) -> None:
+        self.scale = scale
+        self.counts = 0
+        """Position without wraps and jumps; starts at the first value of the drive."""
+        self.jump = 0
+        """Last step that was left out, in counts; whoever reports it sets it back to 0."""
+        self.pdo = PdoTracker()
+        """The PDO that carries it."""
+        self.sampled = -float("inf")
+        """Time in s of the SYNC that sampled it."""
+        self.travel = self.quiet = 0.0
+        """Motion in rad that should have been seen since the last count, and for how long, s."""
+        self._speed = abs(speed / scale.unit)
+        self._slack = abs(slack / scale.unit)
+        self._raw: int | None = None
+
+    @property
+    def angle(self) -> float:
+        """Position in rad."""
+        return self.scale.value(self.counts)
+
+    def update(self, raw: int, elapsed: float) -> int:
+        """Take in the drive's counter, s after the last time; return the step in counts."""
+        if self._raw is None:
+            self.counts = self._raw = raw
+            return 0
+        step = difference(raw, self._raw)
+        self._raw = raw
+        if abs(step) > self._speed * elapsed + self._slack:
+            self.jump = step
+            return 0
+        self.counts += step
+        return step
+
+    def expect(self, rate: float, period: float) -> None:
+        """Count a period of fresh data in which the motor should have turned at a rate in rad/s."""
+        self.travel += rate * period
+        self.quiet = self.quiet + period if self.travel else 0.0
+
+
 class Axis:
-    """A drive's newest data, its state, and what is requested of it.
+    """A drive's newest data, its state, and what is requested of it; judged before every SYNC.
 
     Args:
         config: The axis.
-        drives: Thresholds of what is plausible.
+        drives: Thresholds of what is plausible, and the period.
+        reports: Where faults are reported.
         at: Time in s from which its heartbeat is awaited.
     """
 
-    def __init__(self, config: AxisConfig, drives: AkdConfig, *, at: float) -> None:
-        limits = drives.watch
+    def __init__(
+        self, config: AxisConfig, drives: AkdConfig, reports: FaultReports, *, at: float
+    ) -> None:
+        self._limits = limits = drives.watch
         self.config = config
         self._period = drives.period
+        self._silence = drives.silence
+        self._reports = reports
         self.motor = EncoderCounter(
             config.position, limits.jump * drives.rate_limit, limits.slack[0]
         )
+        """The motor's encoder, in TPDO1."""
         self.plate = EncoderCounter(config.plate, limits.plate_rate, limits.slack[1])
-        self.tpdo1, self.tpdo2 = PdoTracker(), PdoTracker()
-        self.sampled = -float("inf")
-        """Time in s of the SYNC that sampled the motor position."""
-        self.plate_sampled = -float("inf")
+        """The plate's encoder, in TPDO2."""
         self.status: int | None = None
         """Status word; None before the first."""
         self.state = DriveState.UNKNOWN
@@ -171,7 +195,16 @@ class Axis:
         """Rate to be sent while operation is enabled, rad/s at the cam shaft."""
         self.sent = 0.0
         """Rate sent last, rad/s."""
+        self.stop_ignored = False
+        """Whether the drive keeps its torque in spite of a quick stop."""
         self._reset_cycles = 0
+        self._irregular: deque[bool] = deque(maxlen=_WINDOW)
+        self._emergencies: deque[float] = deque(maxlen=limits.burst)
+        self._short = False
+        self._was_enabled = False
+        self._limited = self._lagging = 0.0
+        self._request, self._requested = AxisRequest.DISABLE, 0.0
+        self._resetting: float | None = None
 
     @property
     def enabled(self) -> bool:
@@ -183,45 +216,52 @@ class Axis:
         """Whether its newest state shows a motor without torque."""
         return self.state in _POWERLESS
 
-    @property
-    def newest_fault(self) -> str:
-        """What is known of its fault beyond the status word, to be appended to that in words."""
-        if self.found_faults:
-            return f", found in fault: {frames.fault_words(self.found_faults)}"
-        return f", {self.emergency}" if self.emergency else ""
+    def receive(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
+        """Take in a frame of this node; any service, any bytes.
 
-    def update_motion(self, data: frames.MotionPdo, cycle: int, at: float) -> int:
-        """Take in TPDO1 that answers a SYNC sent at a time in s; return the step in counts."""
-        step = self.motor.update(data.position, self._passed(at - self.sampled, self.tpdo1))
-        self.status, self.mode = data.status, data.mode
-        self.state = cia402.state(data.status)
-        self.sampled = at
-        self.tpdo1.arrive(cycle)
-        return step
+        Args:
+            service: Its identifier without the node.
+            data: Its bytes.
+            cycle: Number of the last SYNC.
+            sync: When that was sent, s.
+            at: Time now, s.
+        """
+        if service in frames.TPDOS:
+            self._pdo(service, data, cycle, sync, at)
+        elif service == frames.HEARTBEAT:
+            self._heartbeat(frames.decode_nmt_state(data), at)
+        elif service == frames.EMERGENCY:
+            self._emergency(frames.decode_emergency(data), at)
 
-    def update_feedback(self, data: frames.FeedbackPdo, cycle: int, at: float) -> int:
-        """Take in TPDO2 that answers a SYNC sent at a time in s; return the plate's step."""
-        passed = self._passed(at - self.plate_sampled, self.tpdo2)
-        step = self.plate.update(data.plate, passed)
-        self.rate = self.config.velocity.value(data.velocity)
-        self.plate_sampled = at
-        self.tpdo2.arrive(cycle)
-        return step
+    def _pdo(self, service: int, data: bytes, cycle: int, sync: float, at: float) -> None:
+        values = frames.decode_tpdo(service, data)
+        if values is None:
+            self._short = True
+            name = "TPDO1" if service == frames.TPDO1 else "TPDO2"
+            self._report(c.PDO_SHORT, f"{name} with {len(data)} bytes", at)
+        elif service == frames.TPDO1:
+            self.status, self.mode, position = values
+            self.state = cia402.state(self.status)
+            self._take(self.motor, position, cycle, sync)
+        else:
+            velocity, position = values
+            self.rate = self.config.velocity.value(velocity)
+            self._take(self.plate, position, cycle, sync)
 
-    def _passed(self, elapsed: float, pdo: PdoTracker) -> float:
-        """Time in s since a datum was sampled: late ones arrive at once and are a period apart."""
-        return max(elapsed, self._period) if pdo.owed else elapsed
+    def _take(self, counter: EncoderCounter, raw: int, cycle: int, sync: float) -> None:
+        elapsed = sync - counter.sampled
+        if counter.pdo.owed:  # late ones arrive at once and are a period apart
+            elapsed = max(elapsed, self._period)
+        if counter.update(raw, elapsed):
+            counter.travel = counter.quiet = 0.0
+        counter.sampled = sync
+        counter.pdo.arrive(cycle)
 
     def finish_quick_stop(self) -> None:
         """End a quick stop that has brought the drive out of operation, or to standstill."""
         resting = self.state is DriveState.QUICK_STOP and abs(self.rate) < _STANDSTILL
         if self.request is AxisRequest.QUICK_STOP and (resting or self.state not in _TORQUE):
             self.request = AxisRequest.DISABLE
-
-    def request_reset(self) -> None:
-        """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault."""
-        self._reset_cycles = _RESET_CYCLES
-        self.found_faults = ()
 
     def next_rpdo1(self) -> bytes:
         """RPDO1 of this cycle: at most one transition further towards the request."""
@@ -233,3 +273,135 @@ class Axis:
         self._reset_cycles = max(0, self._reset_cycles - 1)
         self.sent = self.target if self.enabled else 0.0
         return frames.encode_rpdo1(control, self.config.velocity.counts32(self.sent))
+
+    def reset(self, at: float) -> None:
+        """Request one rising edge of the reset bit, if the drive is, or soon shows, in fault.
+
+        It is watched whether that succeeds.
+        """
+        self._resetting = at
+        self._reset_cycles = _RESET_CYCLES
+        self.found_faults = ()
+
+    def cycle(self, at: float, synced: float) -> None:
+        """Judge the cycle whose SYNC was sent at a time in s and that ends now, before the next."""
+        self._judge_pdos(at, early=at - synced < ANSWER * self._period)
+        if at - self.heartbeat > self._silence:
+            silent = at - self.heartbeat
+            self._report(c.HEARTBEAT_LOST, f"none for {1e3 * silent:.0f} ms", at)
+        if self.status is not None:
+            self._judge_status(self.status, at)
+            self._judge_motion(at)
+        self._judge_stop(at)
+
+    def _report(self, condition: Condition, detail: str, at: float) -> None:
+        self._reports.report(condition, self.config.where, detail, at)
+
+    def _heartbeat(self, state: int | None, at: float) -> None:
+        if state is None:
+            return
+        if state == 0:
+            self.booted = True
+            self._report(c.DRIVE_REBOOTED, "boot-up message in mid-run", at)
+        elif state != frames.OPERATIONAL:
+            self._report(c.NMT_LEFT, f"is {frames.nmt_words(state)}", at)
+        elif self.booted:
+            self._report(c.DUPLICATE_ID, "one node boots while another with its id runs", at)
+        self.heartbeat = at
+
+    def _emergency(self, message: frames.Emergency, at: float) -> None:
+        self.emergency = message.words
+        if message.short:
+            self._report(c.EMERGENCY_SHORT, message.words, at)
+        elif message.code:
+            self._report(c.EMERGENCY, message.words, at)
+        self._emergencies.append(at)
+        if len(self._emergencies) == self._limits.burst and at - self._emergencies[0] <= 1.0:
+            self._report(c.EMERGENCY_BURST, f"{self._limits.burst} within 1 s", at)
+
+    def _judge_pdos(self, at: float, *, early: bool) -> None:
+        irregular, self._short = self._short, False
+        doubled = True
+        for name, pdo in (("TPDO1", self.motor.pdo), ("TPDO2", self.plate.pdo)):
+            stats = pdo.close(early=early)
+            irregular = irregular or stats != (False, 0, 0)
+            doubled = doubled and pdo.doubled >= _DOUBLED
+            if stats.missing:
+                self._report(c.PDO_MISSING, f"{name}, {pdo.missed} in a row", at)
+            if stats.late:
+                self._report(c.PDO_LATE, f"{name}, {stats.late} of earlier cycles", at)
+            if stats.surplus:
+                self._report(c.PDO_WRONG_CYCLE, f"{name}, {stats.surplus} without a SYNC", at)
+            if pdo.missed >= self._limits.stale:
+                self._report(c.PDO_STALE, f"{name} missing for {pdo.missed} cycles", at)
+        if doubled:
+            self._report(c.DUPLICATE_ID, f"every PDO twice for {_DOUBLED} cycles", at)
+        self._irregular.append(irregular)
+        if (count := sum(self._irregular)) >= self._limits.unsteady:
+            self._report(c.PDO_UNSTEADY, f"{count} of {len(self._irregular)} cycles irregular", at)
+
+    def _judge_status(self, status: int, at: float) -> None:
+        limits = self._limits
+        words = f"status word {status:04X}h"
+        if self.state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
+            found = frames.fault_words(self.found_faults)
+            known = f"found in fault: {found}" if found else self.emergency
+            detail = ", ".join(filter(None, (words, known)))
+            if self._resetting is None:
+                self._report(c.DRIVE_FAULT, detail, at)
+            elif at - self._resetting > limits.reset:
+                self._resetting = None
+                self._report(c.RESET_REFUSED, detail, at)
+        elif self._resetting is not None and at - self._resetting > limits.reset:
+            self._resetting = None
+        if self.mode != cia402.PROFILE_VELOCITY:
+            self._report(c.MODE_CHANGED, f"mode {self.mode}, not {cia402.PROFILE_VELOCITY}", at)
+        if not status & StatusBit.REMOTE:
+            self._report(c.REMOTE_LOST, f"{words}: another tool controls the drive", at)
+        if status & StatusBit.WARNING:
+            self._report(c.DRIVE_WARNING, words, at)
+        if self.request is AxisRequest.ENABLE:
+            if not status & StatusBit.VOLTAGE:
+                self._report(c.NO_DC_LINK, words, at)
+            if self.state is DriveState.QUICK_STOP:
+                self._report(c.QUICK_STOPPED, f"{words}: nobody here asked for it", at)
+            elif self._was_enabled and self.state is not DriveState.OPERATION_ENABLED:
+                self._report(c.DRIVE_DISABLED, f"{words}: {self.state.value}", at)
+        self._was_enabled = self.enabled
+        limited = status & StatusBit.INTERNAL_LIMIT and self.enabled
+        self._limited = self._limited + self._period if limited else 0.0
+        if self._limited > limits.limit_time:
+            self._report(c.INTERNAL_LIMIT, f"{words} for {1e3 * self._limited:.0f} ms", at)
+
+    def _judge_motion(self, at: float) -> None:
+        limits, period = self._limits, self._period
+        for name, counter in (("motor", self.motor), ("plate", self.plate)):
+            if counter.jump:
+                self._report(c.ENCODER_JUMP, f"{name} encoder by {counter.jump} counts", at)
+                counter.jump = 0
+        if not self.enabled:
+            self.motor.travel = self.plate.travel = self._lagging = 0.0
+            return
+        for counter, rate, most, condition, whose in (
+            (self.motor, self.sent, limits.travel, c.FROZEN, "commanded"),
+            (self.plate, self.rate, limits.plate_travel, c.PLATE_FROZEN, "of the motor"),
+        ):
+            if not counter.pdo.missed:
+                counter.expect(rate, period)
+            if abs(counter.travel) > most and counter.quiet > limits.frozen:
+                self._report(condition, f"no count over {counter.travel:.3f} rad {whose}", at)
+        lagging = abs(self.rate - self.sent) > limits.lag
+        self._lagging = self._lagging + period if lagging else 0.0
+        if self._lagging > limits.lag_time:
+            detail = f"turns at {self.rate:.2f} rad/s, commanded {self.sent:.2f} rad/s"
+            self._report(c.RUNAWAY, detail, at)
+
+    def _judge_stop(self, at: float) -> None:
+        if self.request is not self._request:
+            self._request, self._requested = self.request, at
+        torque = self.state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP}
+        ignored = torque and at - self._requested > self._limits.stop
+        if self._request is AxisRequest.QUICK_STOP and ignored:
+            self.stop_ignored = True
+            detail = f"still {self.state.value} after {self._limits.stop} s"
+            self._report(c.STOP_IGNORED, detail, at)

@@ -195,7 +195,6 @@ def current_limit(remote: Remote, config: AkdConfig) -> CurrentLimit:
 
 VENDOR = 0x6A
 DEVICE = 0x00020192
-PROFILE_VELOCITY = 3
 _PROFILE_VELOCITY_BIT = 1 << 2
 """Bit of 6502h; 0 as a whole says nothing."""
 QUICK_STOP_THEN_OFF = 2
@@ -343,7 +342,7 @@ def _configure(remote: Remote, config: AkdConfig) -> SettingsFound:
     current = current_limit(remote, config)
     for index, sub, value in (
         (0x1005, 0, frames.SYNC),
-        (0x6060, 0, PROFILE_VELOCITY),
+        (0x6060, 0, cia402.PROFILE_VELOCITY),
         (0x605A, 0, QUICK_STOP_THEN_OFF),
         (0x6083, 0, ramp),
         (0x6084, 0, ramp),

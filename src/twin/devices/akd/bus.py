@@ -8,14 +8,13 @@ piece; opening, bit rate and closing are the library's.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import logging
 import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -32,6 +31,7 @@ from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import BusConfig
 from twin.devices.akd.network import BUS_ERRORS
 from twin.devices.ports import claim, in_words
+from twin.errors import nearest
 
 ERROR_PASSIVE_FRAME = (0x004, bytes((0, 0x30, 0, 0, 0, 0, 0, 0)))
 BUS_ERROR_FRAME = (0x080, bytes(8))
@@ -174,12 +174,7 @@ class PromptSlcanBus(slcanBus):
             # Python also reads 1_2 and -12 as numbers; no adapter writes them
             plain = line.isalnum() and identifier <= _LAST_IDENTIFIER and length <= 8
             if kind == b"t" and plain and len(data) in {2 * length, 2 * length + 4}:
-                return Message(
-                    timestamp=time.time(),
-                    arbitration_id=identifier,
-                    is_extended_id=False,
-                    data=bytes.fromhex(data[: 2 * length].decode("ascii")),
-                )
+                return _message(identifier, bytes.fromhex(data[: 2 * length].decode("ascii")))
         except ValueError:
             pass
         self.unreadable_lines += 1
@@ -187,13 +182,14 @@ class PromptSlcanBus(slcanBus):
 
     def _refusal(self) -> Message | None:
         self._refused += 1
-        return _error(*BUS_OFF_FRAME) if self._refused == self.REFUSALS else None
+        off = self._refused == self.REFUSALS
+        return _message(*BUS_OFF_FRAME, error=True) if off else None
 
     @staticmethod
     def _flags(flags: int) -> Message | None:
         if flags & _FLAG_PASSIVE:
-            return _error(*ERROR_PASSIVE_FRAME)
-        return _error(*BUS_ERROR_FRAME) if flags & _FLAG_BUS_ERROR else None
+            return _message(*ERROR_PASSIVE_FRAME, error=True)
+        return _message(*BUS_ERROR_FRAME, error=True) if flags & _FLAG_BUS_ERROR else None
 
 
 def _claimed(channel: str) -> ExitStack:
@@ -208,20 +204,18 @@ def _claimed(channel: str) -> ExitStack:
     return kept
 
 
-def _error(identifier: int, data: bytes) -> Message:
+def _message(identifier: int, data: bytes, *, error: bool = False) -> Message:
     return Message(
         timestamp=time.time(),
         arbitration_id=identifier,
-        is_extended_id=True,
-        is_error_frame=True,
+        is_extended_id=error,
+        is_error_frame=error,
         data=data,
     )
 
 
-_ERROR_BUS_OFF, _ERROR_CONTROLLER = 0x040, 0x004
 _PASSIVE = 0x30
-"""Bits of SocketCAN's error frames: identifier, and passive flags in data byte 1."""
-
+"""Bits of data byte 1 of SocketCAN's error frames that say that an adapter is error passive."""
 _MOST = 400
 """Frames taken at one time; a flood must not hold up the loop."""
 _BLOCKED = 5
@@ -312,9 +306,11 @@ class CanTransport:
             return
 
     def _error(self, message: can.Message) -> None:
-        if message.arbitration_id & _ERROR_BUS_OFF:
+        if message.arbitration_id & BUS_OFF_FRAME[0]:
             self._report_off("the adapter has left the bus")
-        elif message.arbitration_id & _ERROR_CONTROLLER and _passive(bytes(message.data)):
+        elif message.arbitration_id & ERROR_PASSIVE_FRAME[0] and any(
+            flags & _PASSIVE for flags in message.data[1:2]
+        ):
             detail = "many errors on the line"
             self._reports.report(c.ERROR_PASSIVE, self._where, detail, self._now())
 
@@ -324,10 +320,6 @@ class CanTransport:
     def _gone(self, error: Exception) -> None:
         self.up = False
         self._reports.report(c.ADAPTER_GONE, self._where, str(error), self._now())
-
-
-def _passive(data: bytes) -> bool:
-    return len(data) > 1 and bool(data[1] & _PASSIVE)
 
 
 # The library logs to stderr what becomes one line here.
@@ -344,8 +336,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
         DriveError: If there is no such interface or channel, or it may not or cannot be used.
     """
     if config.interface not in can.VALID_INTERFACES:
-        near = _nearest(config.interface, can.VALID_INTERFACES)
-        raise _bad(config, f"unknown CAN interface {config.interface!r}; {near}")
+        near = nearest(config.interface, sorted(can.VALID_INTERFACES))
+        raise _bad(config, f"unknown CAN interface {config.interface!r}{near}")
     try:
         # On Windows a serial port has no file descriptor: the library's own slcan has to do.
         if config.interface == "slcan" and sys.platform != "win32":
@@ -361,8 +353,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
 
 def _reason(config: BusConfig, error: Exception) -> str:
     channel = config.channel
-    nearest = _nearest(channel, _channels(config))
-    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=nearest)
+    near = nearest(channel, sorted(_channels(config)))
+    known = in_words("bus", _errno(error) or 0, channel=channel, nearest=near)
     if known is not None:
         return known
     if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError, NameError)):
@@ -386,14 +378,6 @@ def _channels(config: BusConfig) -> list[str]:
         return [port.device for port in comports()]
     devices = Path("/sys/class/net").glob("*/type")
     return [each.parent.name for each in devices if each.read_text().strip() == _CAN_DEVICE]
-
-
-def _nearest(wrong: str, right: Iterable[str]) -> str:
-    names = sorted(right)
-    near = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
-    if near:
-        return "nearest: " + ", ".join(near)
-    return "there are: " + ", ".join(names) if names else "there is none here"
 
 
 def _line(error: Exception) -> str:

@@ -84,6 +84,7 @@ _SAID = (
 )
 """What a bit says beside the state, where it is set or where it is not."""
 _HALT = 1 << 8
+PROFILE_VELOCITY = 3
 
 
 def status_words(status: int) -> str:

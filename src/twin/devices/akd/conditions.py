@@ -5,7 +5,7 @@ The table is ``conditions.toml``; each of its rows is a constant here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import TYPE_CHECKING
 
 from twin.errors import TwinError
@@ -36,12 +36,6 @@ class DriveError(TwinError, ConnectionError):
         super().__init__(f"{where}: {detail}")
 
 
-@dataclass
-class _LastWarning:
-    at: float
-    suppressed: int = 0
-
-
 class FaultReports:
     """Faults on their way to the supervisor: stops and levels are latched.
 
@@ -53,37 +47,33 @@ class FaultReports:
         self._repeat = repeat
         self._new: list[Fault] = []
         self._latched: dict[tuple[str, str], Fault] = {}
-        self._warned: dict[tuple[str, str], _LastWarning] = {}
-        self.stopped = False
-        """Whether something is latched that forbids torque."""
+        self._warned: dict[tuple[str, str], tuple[float, int]] = {}
+        """When each warning was reported last, and how often it has been seen since."""
 
     def report(self, condition: Condition, where: str, detail: str, at: float) -> None:
         """Report a condition seen at a time in s: once, a warning every while."""
         key = condition.name, where
         if condition.severity is Severity.WARNING:
-            last = self._warned.get(key)
-            if last is not None and at - last.at < self._repeat:
-                last.suppressed += 1
+            last, held_back = self._warned.get(key, (-math.inf, 0))
+            if at - last < self._repeat:
+                self._warned[key] = last, held_back + 1
                 return
-            if last is not None and last.suppressed:
-                detail = f"{detail} ({last.suppressed} more before)"
-            self._warned[key] = _LastWarning(at)
-        elif key in self._latched:
-            return
-        fault = Fault(condition, where, detail, at)
-        if condition.severity is not Severity.WARNING:
-            self._latched[key] = fault
-            self.stopped = self.stopped or condition.severity is Severity.STOP
-        self._new.append(fault)
+            self._warned[key] = at, 0
+            more = f" ({held_back} more before)" if held_back else ""
+            self._new.append(Fault(condition, where, detail + more, at))
+        elif key not in self._latched:
+            self._latched[key] = fault = Fault(condition, where, detail, at)
+            self._new.append(fault)
 
     def latched(self, condition: Condition, where: str) -> bool:
         """Whether a condition was reported; warnings are never latched."""
         return (condition.name, where) in self._latched
 
     @property
-    def standing(self) -> tuple[Fault, ...]:
-        """Everything latched, oldest first."""
-        return tuple(self._latched.values())
+    def stopping(self) -> tuple[Fault, ...]:
+        """Everything latched that forbids torque, oldest first."""
+        every = self._latched.values()
+        return tuple(each for each in every if each.condition.severity is Severity.STOP)
 
     def take(self) -> tuple[Fault, ...]:
         """Faults reported since the last call, oldest first."""

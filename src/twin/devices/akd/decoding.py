@@ -314,11 +314,11 @@ class Conversation:
 
     def _assigned(self, number: int, parameters: int) -> Pdo:
         """What a PDO of a node carries, as far as it is known now."""
-        first, mapping, values = parameters & ~3, parameters + 0x200, self._values[number]
+        mapping, values = parameters + 0x200, self._values[number]
         count = values.get((mapping, 0), 0)
         entries = [values.get((mapping, sub), 0) for sub in range(1, count + 1)]
         carried = tuple(((e >> 16, e >> 8 & 0xFF), e & 0xFF) for e in entries)
-        name = f"{'T' if first == 0x1800 else 'R'}PDO{parameters - first + 1}"
+        name = f"{'T' if parameters >= 0x1800 else 'R'}PDO{(parameters & 0x1FF) + 1}"
         return Pdo(number, name, carried)
 
     def _exchange(self, at: float, pdo: Pdo, data: bytes) -> None:
@@ -437,7 +437,8 @@ class Conversation:
         """Take note of the identifier and mapping of a PDO, as far as they are known now."""
         pdo = self._assigned(number, parameters)
         base = frames.RPDO1 if parameters < 0x1800 else frames.TPDO1
-        usual = base + 0x100 * (parameters & 3) + number
+        place = parameters & 0x1FF
+        usual = base + 0x100 * place + number if place < 4 else PDO_INVALID
         cob_id = self._values[number].get((parameters, 1), usual)
         if not cob_id & PDO_INVALID:
             self._pdos[cob_id & 0x7FF] = pdo

@@ -125,11 +125,12 @@ class Names:
         known = [Object(*each) for each in table()["standard"]]
         self._known = {(each.index, each.sub): each for each in known} | objects()
         self.defaults: dict[Key, int] = {}
-        """Default values that the file gives for parameters and mappings of PDOs."""
+        """Default values that the file gives for mappings of PDOs."""
         for each, kind in () if eds is None else _variables(eds):
             key = each.index, each.subindex
             self._known[key] = Object(*key, each.qualname.replace(".", ": "), kind)
-            if isinstance(each.default, int) and PDOS[0] <= each.index < PDOS[1]:
+            mapping = PDOS[0] <= each.index < PDOS[1] and each.index & 0x200
+            if mapping and isinstance(each.default, int):
                 self.defaults[key] = each.default
 
     def __getitem__(self, key: Key) -> Object:

@@ -48,8 +48,8 @@ _SDO = struct.Struct("<BHB4s")
 """An expedited SDO: command specifier, index, subindex, value."""
 
 _RPDO1 = struct.Struct("<Hi")
-_TPDO1 = struct.Struct("<Hbi")
-_TPDO2 = struct.Struct("<ii")
+TPDOS = {TPDO1: struct.Struct("<Hbi"), TPDO2: struct.Struct("<ii")}
+"""Status word, mode display and motor position; motor velocity and plate encoder."""
 _CODE = struct.Struct("<H")
 _SDO_READ, _SDO_WRITE, _SDO_ANSWER, _SDO_WRITTEN, _SDO_ABORT = 0x40, 0x23, 0x43, 0x60, 0x80
 _UNUSED = 0x0C
@@ -65,21 +65,6 @@ def fault_words(numbers: Iterable[int]) -> str:
     """Fault numbers as the drive's display shows them, with their names."""
     names = table()["faults"]
     return ", ".join(f"F{number} {names.get(f'{number}', '')}".strip() for number in numbers)
-
-
-class MotionPdo(NamedTuple):
-    """TPDO1: status word, mode display, motor position in counts."""
-
-    status: int
-    mode: int
-    position: int
-
-
-class FeedbackPdo(NamedTuple):
-    """TPDO2: motor velocity and plate encoder in the drive's units."""
-
-    velocity: int
-    plate: int
 
 
 class Emergency(NamedTuple):
@@ -150,14 +135,10 @@ def decode_sdo(data: bytes) -> SdoAnswer | None:
     return SdoAnswer((index, sub), value[: 4 - (command >> 2 & 3)], aborted=False)
 
 
-def decode_tpdo1(data: bytes) -> MotionPdo | None:
-    """TPDO1; None unless it is exactly as long as mapped."""
-    return MotionPdo(*_TPDO1.unpack(data)) if len(data) == _TPDO1.size else None
-
-
-def decode_tpdo2(data: bytes) -> FeedbackPdo | None:
-    """TPDO2; None unless it is exactly as long as mapped."""
-    return FeedbackPdo(*_TPDO2.unpack(data)) if len(data) == _TPDO2.size else None
+def decode_tpdo(service: int, data: bytes) -> tuple[int, ...] | None:
+    """The values of a PDO of `TPDOS`; None unless it is exactly as long as mapped."""
+    layout = TPDOS[service]
+    return layout.unpack(data) if len(data) == layout.size else None
 
 
 def decode_emergency(data: bytes) -> Emergency:

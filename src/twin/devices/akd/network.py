@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import can
-from serial import SerialException
 
 from twin.devices.akd import conditions as c
 from twin.devices.akd import dictionary, frames
@@ -13,7 +12,7 @@ from twin.devices.akd.conditions import DriveError
 from twin.devices.akd.config import AxisConfig
 from twin.devices.akd.dictionary import Object
 
-BUS_ERRORS = (can.CanError, OSError, SerialException)
+BUS_ERRORS = (can.CanError, OSError)
 """What python-can and the drivers below it raise when an adapter goes."""
 
 AT_EVERY_SYNC = 1

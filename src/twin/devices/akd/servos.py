@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 
 import can
@@ -11,15 +12,91 @@ import numpy as np
 from controllers.arrays import Array
 from twin.devices.akd import conditions as c
 from twin.devices.akd import frames
-from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames
+from twin.devices.akd.axis import Axis
+from twin.devices.akd.bringup import SettingsFound, bring_up, master_frames, monitoring
 from twin.devices.akd.bus import CanTransport, open_bus
 from twin.devices.akd.cia402 import AxisRequest, DriveState
 from twin.devices.akd.conditions import DriveError, FaultReports
 from twin.devices.akd.config import AkdConfig, BusConfig
-from twin.devices.akd.monitor import MonitoredAxis
+from twin.devices.akd.dictionary import abort_words
 from twin.devices.akd.network import BUS_ERRORS
-from twin.devices.akd.sdo_poll import SdoPolling
-from twin.hal.interface import Fault, Severity
+from twin.hal.interface import Fault
+
+_MONITORING = (0x1016, 1)
+_FAULT_NUMBER = (0x2001, 1)
+_STO_FAULT = 602
+_DOWN = (c.DRIVE_FAULT, c.DRIVE_DISABLED, c.RESET_REFUSED)
+"""Conditions after which a drive's fault number is read."""
+
+
+class SdoPolling:
+    """Polls the drives' monitoring of the host, and reads the fault number of one that is down.
+
+    Args:
+        config: Axes and thresholds.
+        reports: Where faults are reported.
+        at: Time now in s.
+    """
+
+    def __init__(self, config: AkdConfig, reports: FaultReports, at: float) -> None:
+        self._config = config
+        self._where = {axis.node: axis.where for axis in config.axes}
+        self._reports = reports
+        self._queue: deque[tuple[int, int, int]] = deque()
+        """Node, index and subindex of what is to be read, one after the other."""
+        self._pending: tuple[int, int, int] | None = None
+        """What is being read."""
+        self._sent = self._polled = at
+        self._turn = 0
+        self._number_read: set[int] = set()
+
+    def next_frame(self, at: float) -> tuple[int, bytes] | None:
+        """The frame to send at a time in s, identifier and data, if any."""
+        for node, where in self._where.items():
+            down = any(self._reports.latched(each, where) for each in _DOWN)
+            if down and node not in self._number_read:
+                self._number_read.add(node)
+                self._queue.append((node, *_FAULT_NUMBER))
+        if self._pending is not None and at - self._sent > self._config.watch.answer:
+            node, *key = self._pending
+            self._reports.report(c.SDO_TIMEOUT, self._where[node], _reading(*key), at)
+            self._pending = None
+        idle = self._pending is None and not self._queue
+        if idle and at - self._polled > self._config.watch.enquiry:
+            self._polled = at
+            self._turn = 1 - self._turn
+            self._queue.append((self._config.axes[self._turn].node, *_MONITORING))
+        if self._pending is not None or not self._queue:
+            return None
+        self._pending, self._sent = self._queue.popleft(), at
+        node, *key = self._pending
+        return frames.SDO_REQUEST + node, frames.encode_sdo_read(*key)
+
+    def receive(self, node: int, data: bytes, at: float) -> None:
+        """Take in what a drive answers, any bytes; what answers no pending request is left out."""
+        answer = frames.decode_sdo(data)
+        if answer is None or not answer.data or self._pending != (node, *answer.key):
+            return
+        self._pending, where = None, self._where[node]
+        if answer.aborted:
+            detail = f"{_reading(*answer.key)}: {abort_words(answer.value)}"
+            self._reports.report(c.SDO_ABORT, where, detail, at)
+        elif answer.key == _FAULT_NUMBER:
+            self._report_number(answer.value, where, at)
+        elif answer.value != monitoring(self._config):
+            detail = f"1016h:1 holds {answer.value:08X}h: it would go on without the host"
+            self._reports.report(c.MONITORING_OFF, where, detail, at)
+
+    def _report_number(self, number: int, where: str, at: float) -> None:
+        if number == _STO_FAULT:
+            self._reports.report(c.STO_OPEN, where, "F602", at)
+        elif number:
+            self._reports.report(c.FAULT_NUMBER, where, frames.fault_words([number]), at)
+
+
+def _reading(index: int, sub: int) -> str:
+    return f"reading {index:04X}h:{sub}"
+
 
 _STANDSTILL = 0.05
 """Motor rate in rad/s that counts as standstill."""
@@ -49,7 +126,7 @@ class AkdServos:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.config = config
-        self.axes: tuple[MonitoredAxis, ...] = ()
+        self.axes: tuple[Axis, ...] = ()
         """phi and theta, since ``start``."""
         self.found: tuple[SettingsFound, ...] = ()
         """What phi's and theta's drive were found to be at the last start."""
@@ -94,7 +171,7 @@ class AkdServos:
             raise
         transport.send_heartbeat(config.host)
         at = self.now()
-        self.axes = tuple(MonitoredAxis(axis, config, self._reports, at=at) for axis in config.axes)
+        self.axes = tuple(Axis(axis, config, self._reports, at=at) for axis in config.axes)
         for axis, found in zip(self.axes, self.found, strict=True):
             axis.found_faults = found.faults
         self._polling = SdoPolling(config, self._reports, at)
@@ -131,7 +208,7 @@ class AkdServos:
         run_until(lambda: all(axis.state is DriveState.SWITCH_ON_DISABLED for axis in axes), 5)
         for axis in axes:
             node = axis.config.node
-            if axis.powerless and axis.tpdo1.missed < self.config.watch.stale:
+            if axis.powerless and axis.motor.pdo.missed < self.config.watch.stale:
                 monitoring_off = frames.encode_sdo_write(0x1016, 1, bytes(4))
                 transport.send(frames.SDO_REQUEST + node, monitoring_off)
             transport.send(frames.NMT, bytes((frames.PRE_OPERATIONAL, node)))
@@ -162,7 +239,7 @@ class AkdServos:
         if self._cycle:
             for axis in self.axes:
                 axis.cycle(at, self._synced)
-        if self._reports.stopped:
+        if self._reports.stopping:
             self.quick_stop()
         for axis in self.axes:
             axis.finish_quick_stop()
@@ -203,9 +280,8 @@ class AkdServos:
         Raises:
             DriveError: If a fault stands that forbids it; it must be reset first.
         """
-        standing = [f for f in self._reports.standing if f.condition.severity is Severity.STOP]
-        if standing:
-            fault = standing[0]
+        if self._reports.stopping:
+            fault = self._reports.stopping[0]
             detail = f"{fault.condition.name} stands ({fault.detail}); reset the faults first"
             raise DriveError(fault.condition, fault.where, detail)
         if not self._up:
@@ -229,7 +305,7 @@ class AkdServos:
 
     def age(self) -> Array:
         """Seconds since the older of plate and motor angle was sampled, shape (1, 2)."""
-        oldest = [min(axis.sampled, axis.plate_sampled) for axis in self.axes]
+        oldest = [min(axis.motor.sampled, axis.plate.sampled) for axis in self.axes]
         return self.now() - np.array([oldest])
 
     def home(self, plate: Array, motor: Array) -> None:
@@ -279,6 +355,8 @@ class AkdServos:
             if service == frames.SDO_RESPONSE:
                 self._polling.receive(node, data, at)
             elif self.round_trip is None and all(
-                pdo.cycle == self._cycle for axis in self.axes for pdo in (axis.tpdo1, axis.tpdo2)
+                counter.pdo.cycle == self._cycle
+                for axis in self.axes
+                for counter in (axis.motor, axis.plate)
             ):
                 self.round_trip = at - self._synced

@@ -20,7 +20,6 @@ from typing import Any
 import can
 
 from twin.devices.akd import TRACE
-from twin.devices.akd.bus import QueuedBus
 from twin.errors import LogError
 
 Hear = Callable[[can.Message], None]
@@ -39,23 +38,16 @@ class TracedBus(can.BusABC):
     def __init__(self, bus: can.BusABC, hear: Hear, clock: Callable[[], float] = time.time) -> None:
         super().__init__(channel=bus.channel_info)
         self._bus, self._hear, self._clock = bus, hear, clock
-        self._queued = bus if isinstance(bus, QueuedBus) else None
 
-    @property
-    def unreadable_lines(self) -> int:
-        """Lines received so far that are no frame and no answer."""
-        return self._queued.unreadable_lines if self._queued else 0
+    def __getattr__(self, name: str) -> Any:
+        """What only some buses have, as those that queue frames."""
+        return getattr(self._bus, name)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame, or queue it as the bus does."""
         self._bus.send(msg, timeout)
         msg.timestamp, msg.is_rx = self._clock(), False
         self._hear(msg)
-
-    def send_queued(self) -> None:
-        """Send all queued frames."""
-        if self._queued:
-            self._queued.send_queued()
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame; one that carries the time of another clock is given this one's."""
