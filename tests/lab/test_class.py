@@ -121,12 +121,12 @@ def test_the_page_of_a_class_counts_what_became_of_each_check(tmp_path: Path) ->
     page = of_class(lab, found, tmp_path)
     assert "<b>" not in page
     assert "no &lt;key&gt;" in page
-    assert "5 students, 1 with a problem; median 9 points" in page
+    assert "5 students, 1 not judged; median of the others 9 points" in page
     rows = re.findall(r"<tr>(.*?)</tr>", page, re.DOTALL)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
-    row = next(row for row in cells if row and row[0] == "the ball is brought to the middle")
-    assert row[2:6] == ["3", "0", "1", "0"]
-    assert row[6] == "3.00 of 4"
+    row = next(row for row in cells if row and row[0] == "2 the ball is brought to the middle")
+    assert row[1:5] == ["3", "0", "1", "0"]
+    assert row[5] == "3.00 of 4"
 
 
 def test_a_check_tells_good_from_weak_as_a_correlation_says() -> None:

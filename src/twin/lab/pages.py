@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from twin.lab.forms import Result, table
-from twin.lab.judge import Judge, ramp
+from twin.lab.judge import Judge
 from twin.lab.schema import Lab
 from twin.page import Block, Picture, Table, Text, Verdict, html
 from twin.report.html import overview
@@ -37,21 +37,21 @@ def of_student(judge: Judge, result: Result, *, everything: bool) -> str:
     told = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.told.items())
     lines = [
         f"{result['score']:g} of {result['max_score']:g} points",
-        f"{judge.lab.title}, version {judge.lab.version}; rig {judge.dealt.code}{told}",
+        f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{told}",
     ]
     if rest := [each for each in results if each not in shown]:
         got, most = (sum(each[key] for each in rest) for key in ("score", "max_score"))
         lines.append(f"{got:g} of {most:g} of them by checks that are not shown")
     blocks = [
         Verdict(lines, result["score"] >= result["max_score"]),
-        table({**result, "results": shown}),
+        replace(table({**result, "results": shown}), title="Checks"),
         *pictured(judge, {each["name"]: each for each in shown}),
     ]
     return html(f"{judge.lab.title}: {result['student']}", blocks)
 
 
 def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
-    """The run of the check that lost most points; the first one where none did."""
+    """The run of the check that lost most points; where none did, of the one with most."""
     runs = [
         each
         for each in judge.lab.checks(hidden=True)
@@ -59,14 +59,14 @@ def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
     ]
     if not runs:
         return []
-    lost = [shown[each.name]["max_score"] - shown[each.name]["score"] for each in runs]
-    check = runs[int(np.argmax(lost))]
+    lost = {each.name: each.points - shown[each.name]["score"] for each in runs}
+    check = max(runs, key=lambda each: (lost[each.name], each.points))
     try:
         run = judge.picture(check)
         drawing = overview([replace(run, name="your answer")])
     except Exception as error:  # noqa: BLE001 - what cannot be drawn costs nobody a mark
         return [Text([f"No picture of '{check.name}': {error}"])]
-    note = f"The first run of this check. {check.look}" if max(lost) > 0 else ""
+    note = f"The first run of this check. {check.look}" if lost[check.name] else ""
     return [Picture(f"Check: {check.name}", drawing, note)]
 
 
@@ -78,31 +78,27 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         found: The results of its students.
         folder: Where their pages lie, beside this one.
     """
-    marked = [each for each in found if each["score"] is not None]
-    total = np.array([each["score"] for each in marked])
-    checks = lab.checks(hidden=True)
-    most = sum(each.points for each in checks)
-    judged = [each for each in marked if each["results"]]
+    judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
+    total, most = np.array([each["score"] for each in judged]), sum(each.points for each in checks)
+    names = [f"{number} {check.name}" for number, check in enumerate(checks, 1)]
     points = np.array([[its["score"] for its in each["results"]] for each in judged])
     ends = [[ending(each["results"][at]) for each in judged] for at in range(len(checks))]
     rows = [
         (
-            *(check.name, check.visible.replace("_", " ")),
+            names[at],
             *(str(each.count(end)) for end in COLOURS),
             f"{points[:, at].mean():.2f} of {check.points:g}" if len(judged) else "-",
             *reached([its["results"][at]["data"]["value"] for its in judged]),
             discrimination(points, at),
-            ramp(check),
         )
         for at, (check, each) in enumerate(zip(checks, ends, strict=True))
     ]
-    heads = ("check", "shown", *COLOURS, "mean points", "median", "from", "to", "tells", "limits")
+    heads = ("check", *COLOURS, "mean points", "median", "from", "to", "tells")
     note = (
         "median, from, to: the number that is judged, over the class. tells: correlation of a "
         f"check's points with those of all others; below {WEAK:g} it does not tell good answers "
         "from weak ones, and - where all have the same."
     )
-    names = [check.name for check in checks]
     marks = [
         (
             link(each["student"], folder),
@@ -121,17 +117,18 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
     blocks: list[Block] = [Text(lines), Picture("Points", chart(total, most, names, ends))]
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
-    blocks.append(Table("Checks", heads, rows, words=(0, 1, -1), note=note))
-    blocks.append(Table("Marks", ("student", "points", *names), marks))
+    numbers = map(str, range(1, len(checks) + 1))
+    blocks.append(Table("Checks", heads, rows, note=note))
+    blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
     return html(f"{lab.title}: {len(found)} students", blocks)
 
 
 def summary(found: Sequence[Result]) -> str:
     """How a class did, in a sentence."""
-    scores = [each["score"] for each in found if each["score"] is not None]
+    scores = [each["score"] for each in found if each["results"]]
     problems = sum("problem" in each for each in found)
     middle = float(np.median(scores)) if scores else 0.0
-    return f"{len(found)} students, {problems} with a problem; median {middle:g} points"
+    return f"{len(found)} students, {problems} not judged; median of the others {middle:g} points"
 
 
 def ending(check: Mapping[str, Any]) -> str:

@@ -39,7 +39,7 @@ MOST_MEMORY = 1000
 NAME = "answer"
 """What a scenario calls the law or observer of an answer."""
 STRANGE = "it said something else than an answer"
-PICKLED, NUMBERS = b"p", b"="
+PICKLED, NUMBERS = b"*", b"="
 """As the process has them."""
 
 
