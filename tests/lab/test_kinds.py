@@ -13,6 +13,8 @@ from twin.lab.schema import AnswerTable, read
 from twin.run.batch import simulate
 from twin.scenario import load
 from twin.shipped import folder
+from twin.study.family import drawn
+from twin.study.family import read as family
 
 MINI = Path(__file__).parent / "mini"
 OBSERVER = (folder() / "starts" / "observer.py").read_text()
@@ -74,10 +76,12 @@ def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Pat
     assert [each["score"] for each in found["results"]] == [4.0, 1.0]
     assert found["results"][0]["data"]["value"] == 0
     assert found["results"][1]["data"]["value"] == pytest.approx(0.004)
-    # off by 4 mm to one side, of which the interval covers 2: half way from full to none
-    off = judged(tmp_path, FUNCTION.replace("log[", "0.004 + log["))["results"][0]
-    assert off["data"]["value"] == pytest.approx(0.002, abs=2e-4)
-    assert off["score"] == pytest.approx(2.0, abs=0.4)
+    same = "def begin(log, late=0):\n    return {'start': 0.09}\n"
+    (off, _) = judged(tmp_path, same)["results"]
+    rigs = drawn(family(str(MINI / "family.toml")), 1, 4)
+    worst = max(abs(rig.point["plant.start.x"] - 0.09) for rig in rigs)
+    assert off["data"]["value"] == pytest.approx(worst)
+    assert off["score"] == round(4 * min(max((0.003 - worst) / 0.002, 0), 1), 2)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,13 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from twin.lab.forms import Result, table
 from twin.lab.judge import Judge
 from twin.lab.schema import Lab
-from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.page import Block, Picture, Table, Text, Verdict, digits, html
 from twin.report.html import overview
 from twin.run.picture import drawn
 
@@ -79,17 +81,22 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         folder: Where their pages lie, beside this one.
     """
     judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
-    total, most = np.array([each["score"] for each in judged]), sum(each.points for each in checks)
+    total, most = [each["score"] for each in judged], sum(each.points for each in checks)
     names = [f"{number} {check.name}" for number, check in enumerate(checks, 1)]
-    points = np.array([[its["score"] for its in each["results"]] for each in judged])
-    ends = [[ending(each["results"][at]) for each in judged] for at in range(len(checks))]
+    every = [[each["results"][at] for each in judged] for at in range(len(checks))]
+    ends = [[ending(each) for each in its] for its in every]
+    values = [pd.Series([each["data"]["value"] for each in its], dtype=float) for its in every]
+    points = pd.DataFrame([[each["score"] for each in its] for its in every]).T
     rows = [
         (
             names[at],
             *(str(each.count(end)) for end in COLOURS),
-            f"{points[:, at].mean():.2f} of {check.points:g}" if len(judged) else "-",
-            *reached([its["results"][at]["data"]["value"] for its in judged]),
-            discrimination(points, at),
+            f"{digits(points[at].mean(), places=2)} of {check.points:g}",
+            *(
+                digits(of(values[at]), places=3)
+                for of in (pd.Series.median, pd.Series.min, pd.Series.max)
+            ),
+            digits(discrimination(points, at), places=2),
         )
         for at, (check, each) in enumerate(zip(checks, ends, strict=True))
     ]
@@ -108,13 +115,10 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         for each in sorted(found, key=lambda each: -(each["score"] or 0.0))
     ]
     problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
-    lines = [summary(found)]
-    if len(total):
-        lines.append(
-            f"mean {total.mean():.2f} of {most:g} points, lowest {total.min():g}, "
-            f"highest {total.max():g}; {int((total >= most).sum())} with all of them"
-        )
-    blocks: list[Block] = [Text(lines), Picture("Points", chart(total, most, names, ends))]
+    blocks: list[Block] = [
+        Text([summary(found)]),
+        Picture("Points", chart(total, most, names, ends)),
+    ]
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
     numbers = map(str, range(1, len(checks) + 1))
@@ -125,10 +129,10 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
 
 def summary(found: Sequence[Result]) -> str:
     """How a class did, in a sentence."""
-    scores = [each["score"] for each in found if each["results"]]
+    scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
     problems = sum("problem" in each for each in found)
-    middle = float(np.median(scores)) if scores else 0.0
-    return f"{len(found)} students, {problems} not judged; median of the others {middle:g} points"
+    ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
+    return f"{len(found)} students, {problems} not judged; points of the others {ends}"
 
 
 def ending(check: Mapping[str, Any]) -> str:
@@ -138,20 +142,10 @@ def ending(check: Mapping[str, Any]) -> str:
     return "all points" if check["passed"] else "some" if check["score"] else "none"
 
 
-def reached(values: Sequence[float | None]) -> list[str]:
-    """Median, least and largest of the numbers that were judged."""
-    known = [value for value in values if value is not None]
-    return [f"{float(of(known)):.3g}" if known else "-" for of in (np.median, np.min, np.max)]
-
-
-def discrimination(points: np.ndarray, at: int) -> str:
-    """Correlation of a check's points, of shape (people, checks), with those of all others."""
-    if len(points) < 3:
-        return "-"
-    own, others = points[:, at], np.delete(points, at, axis=1).sum(axis=1)
-    if not own.std() or not others.std():
-        return "-"
-    return f"{np.corrcoef(own, others)[0, 1]:.2f}"
+def discrimination(points: pd.DataFrame, at: int) -> float:
+    """Correlation of a check's points, a column, with those of all others; NaN if all have one."""
+    own, others = points[at], points.drop(columns=at).sum(axis=1)
+    return own.corr(others) if own.nunique() > 1 and others.nunique() > 1 else math.nan
 
 
 def link(student: str, folder: Path) -> str:
@@ -163,7 +157,7 @@ def link(student: str, folder: Path) -> str:
 
 
 def chart(
-    total: np.ndarray, most: float, names: Sequence[str], ends: Sequence[Sequence[str]]
+    total: Sequence[float], most: float, names: Sequence[str], ends: Sequence[Sequence[str]]
 ) -> Any:
     """How many have how many points, and what became of each check."""
     with drawn(12, max(3.2, 1.2 + 0.42 * len(names))) as figure:
