@@ -1,5 +1,9 @@
 """Answers that are observers and functions: the same bits, one line for what goes wrong."""
 
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -147,8 +151,6 @@ def test_an_observer_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path)
     try:
         here = simulate([load(scenario, [*each, "observer.kind=here_of_lab"]) for each in both])
     finally:
-        import os
-
         del os.environ[catalog.ADDED]
         catalog.forget()
     with answering(file, ABOUT):
@@ -190,3 +192,29 @@ def test_an_observers_lab_tells_a_good_one_from_a_perverse_one(tmp_path: Path) -
     scores = [judged(tmp_path, text, lab + set_)["score"] for text in texts]
     assert read(tmp_path).answer.file == "answer.py"
     assert scores == [2.0, 0.0]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks Linux")
+def test_what_other_processes_take_of_a_processor_counts_for_nobody(tmp_path: Path) -> None:
+    file = tmp_path / "answer.py"
+    file.write_text(
+        "import time\n"
+        "def work(seconds):\n"
+        "    while time.process_time() < seconds: pass\n"
+        "    return {'x': 1}\n"
+    )
+    about = AnswerTable(kind="function", function="work", asked={"x": "m"}, seconds=2.0)
+    loop = [sys.executable, "-c", "while True: pass"]
+    rivals = [subprocess.Popen(loop) for _ in range(4 * (os.cpu_count() or 1))]
+    try:
+        begin = time.monotonic()
+        with answering(file, about) as process:
+            assert process.call("function", {"seconds": 1.2}) == {"x": 1}
+            assert time.monotonic() - begin > 2.0
+            with pytest.raises(LawError, match="took longer than 2 s"):
+                process.call("function", {"seconds": 60.0})
+    finally:
+        for each in rivals:
+            each.kill()
+            each.wait()
