@@ -11,11 +11,12 @@ import pathspec
 import pytest
 
 import ballplate as bp
-from twin.errors import LawError, ScenarioError
+from twin.errors import LawError, RecordError, ScenarioError
 from twin.lab import grade as grades
-from twin.lab.forms import pack, written
+from twin.lab.forms import begin, pack, written
 from twin.lab.grade import candidates, tried
-from twin.lab.judge import judged
+from twin.lab.judge import Judge, judged
+from twin.lab.pages import of_student
 from twin.lab.process import NAME, answering
 from twin.lab.schema import PRIVATE, CheckTable, read
 from twin.lab.variants import PRACTICE, deal, filled, had_again, hand_out, starter, students
@@ -476,3 +477,48 @@ def test_a_pack_for_a_course_system_has_what_it_needs_and_no_solution(tmp_path: 
     assert "".join(cells[-2]["source"]).startswith("%%writefile answer.py\n")
     with pytest.raises(ScenarioError, match="exists; name a new one"):
         pack(lab, "gradescope", tmp_path / "x.zip", KEY, None)
+
+
+def test_an_answer_of_another_kind_is_named(tmp_path: Path) -> None:
+    (tmp_path / "answer.toml").write_text("mass = 1\n")
+    why = bp.lab.check(MINI, tmp_path)["results"][0]["cause"]["rationale"]
+    assert why == "answer.py: not handed in; an answer here is a law, not answer.toml"
+
+
+def test_a_page_of_a_student_has_no_hidden_check(tmp_path: Path) -> None:
+    folder = of(tmp_path, NUMBERS)
+    told = NUMBERS[NUMBERS.index("[[check]]") : NUMBERS.index('[[check]]\nname = "width"')]
+    (folder / "hidden.toml").write_text(told.replace('name = "mass"', 'name = "secret"'))
+    (folder / "answer.toml").write_text('mass = 1\nwind = "<i>"\n')
+    lab = read(folder)
+    judge = Judge(lab, deal(lab, "ann", KEY), folder / "answer.toml")
+    result = judged(*judge, hidden=True)
+    for everything in (False, True):
+        page = of_student(judge, result, everything=everything)
+        assert ("secret" in page) == everything
+        assert "0 of 11 points" in page
+        assert "<i>" not in page
+    assert "0 of 4 of them by checks that are not shown" in of_student(
+        judge, result, everything=False
+    )
+
+
+def test_a_new_lab_is_one_and_its_starter_is_made_from_its_solution(tmp_path: Path) -> None:
+    begin("my_own", tmp_path / "lab")
+    lab = read(tmp_path / "lab")
+    assert (lab.name, lab.title, len(lab.checks(hidden=True))) == ("my_own", "My own", 3)
+    assert starter(lab.text("solution.py")) == lab.text("answer.py")
+    assert len(candidates(lab)) == 5
+    assert "NAME" not in "".join(lab.text(each) for each in ("lab.toml", "task.md", "notes.md"))
+    with pytest.raises(RecordError, match="exists; name a new folder"):
+        begin("my_own", tmp_path / "lab")
+    with pytest.raises(ScenarioError, match="NAME 'My own': must be small letters"):
+        begin("My own", tmp_path / "other")
+
+
+@pytest.mark.long
+def test_a_new_lab_passes_its_own_selftest(tmp_path: Path) -> None:
+    begin("my_own", tmp_path / "lab")
+    found = list(grades.selftest(read(tmp_path / "lab"), 2))
+    assert len(found) == 6
+    assert all(each.good for each in found if "judged within" not in each.what), found

@@ -42,7 +42,7 @@ CLOSED = ("mujoco", "twin.sim", "twin.lab", "twin.hal", "twin.devices", "twin.em
 STARTING = ("os.fork", "os.exec", "os.posix_spawn", "os.system", "subprocess.", "pty.spawn")
 READ_FILE, READ_FOLDER, EXECUTE = 1 << 2, 1 << 3, 1 << 0
 """Rights of Landlock (linux/landlock.h)."""
-PICKLED, NUMBERS = b"p", b"="
+PICKLED, NUMBERS = b"*", b"="
 """What begins a pickle, and the bytes of an array; what is asked in every period begins with its
 first letter."""
 
@@ -190,7 +190,10 @@ def serve_observer(file: Path) -> None:
             catalog.estimated(observer, observer.correct(seen), y)
         else:
             observer.predict(given[1])
-        give(observer.x, observer.equivalent, observer.further)
+        x, further = catalog.estimated(observer, observer.x, given[1]), observer.further
+        if further.shape[-1] != len(cls.knows):
+            raise TypeError(f"{cls.__name__}.further must have as many numbers as knows has names")
+        give(x, observer.equivalent, further)
 
 
 def serve_function(file: Path, name: str) -> None:

@@ -326,7 +326,9 @@ def tables(about: AnswerTable, file: Path) -> dict[str, Any]:
         ScenarioError: If it is not there, or not what was asked for.
     """
     if not file.is_file():
-        raise ScenarioError(f"{about.file}: not handed in")
+        others = ", ".join(each.name for each in sorted(file.parent.glob(f"{file.stem}.*")))
+        other = f"; an answer here is a {about.kind}, not {others}" if others else ""
+        raise ScenarioError(f"{about.file}: not handed in{other}")
     if file.suffix != Path(about.file).suffix:
         raise ScenarioError(f"{file.name}: must be {about.file}, as the answer is a {about.kind}")
     found = read_tables(file) if about.data else {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,13 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from twin.lab.forms import Result, table
-from twin.lab.judge import Judge, ramp
+from twin.lab.judge import Judge
 from twin.lab.schema import Lab
-from twin.page import Block, Picture, Table, Text, Verdict, html
+from twin.page import Block, Picture, Table, Text, Verdict, digits, html
 from twin.report.html import overview
 from twin.run.picture import drawn
 
@@ -37,21 +39,21 @@ def of_student(judge: Judge, result: Result, *, everything: bool) -> str:
     told = "".join(f"; {key} = {value:.6g}" for key, value in judge.dealt.told.items())
     lines = [
         f"{result['score']:g} of {result['max_score']:g} points",
-        f"{judge.lab.title}, version {judge.lab.version}; rig {judge.dealt.code}{told}",
+        f"lab {judge.lab.name}, version {judge.lab.version}; rig {judge.dealt.code}{told}",
     ]
     if rest := [each for each in results if each not in shown]:
         got, most = (sum(each[key] for each in rest) for key in ("score", "max_score"))
         lines.append(f"{got:g} of {most:g} of them by checks that are not shown")
     blocks = [
         Verdict(lines, result["score"] >= result["max_score"]),
-        table({**result, "results": shown}),
+        replace(table({**result, "results": shown}), title="Checks"),
         *pictured(judge, {each["name"]: each for each in shown}),
     ]
     return html(f"{judge.lab.title}: {result['student']}", blocks)
 
 
 def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
-    """The run of the check that lost most points; the first one where none did."""
+    """The run of the check that lost most points; where none did, of the one with most."""
     runs = [
         each
         for each in judge.lab.checks(hidden=True)
@@ -59,14 +61,14 @@ def pictured(judge: Judge, shown: Mapping[str, Result]) -> list[Block]:
     ]
     if not runs:
         return []
-    lost = [shown[each.name]["max_score"] - shown[each.name]["score"] for each in runs]
-    check = runs[int(np.argmax(lost))]
+    lost = {each.name: each.points - shown[each.name]["score"] for each in runs}
+    check = max(runs, key=lambda each: (lost[each.name], each.points))
     try:
         run = judge.picture(check)
         drawing = overview([replace(run, name="your answer")])
     except Exception as error:  # noqa: BLE001 - what cannot be drawn costs nobody a mark
         return [Text([f"No picture of '{check.name}': {error}"])]
-    note = f"The first run of this check. {check.look}" if max(lost) > 0 else ""
+    note = f"The first run of this check. {check.look}" if lost[check.name] else ""
     return [Picture(f"Check: {check.name}", drawing, note)]
 
 
@@ -78,31 +80,32 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         found: The results of its students.
         folder: Where their pages lie, beside this one.
     """
-    marked = [each for each in found if each["score"] is not None]
-    total = np.array([each["score"] for each in marked])
-    checks = lab.checks(hidden=True)
-    most = sum(each.points for each in checks)
-    judged = [each for each in marked if each["results"]]
-    points = np.array([[its["score"] for its in each["results"]] for each in judged])
-    ends = [[ending(each["results"][at]) for each in judged] for at in range(len(checks))]
+    judged, checks = [each for each in found if each["results"]], lab.checks(hidden=True)
+    total, most = [each["score"] for each in judged], sum(each.points for each in checks)
+    names = [f"{number} {check.name}" for number, check in enumerate(checks, 1)]
+    every = [[each["results"][at] for each in judged] for at in range(len(checks))]
+    ends = [[ending(each) for each in its] for its in every]
+    values = [pd.Series([each["data"]["value"] for each in its], dtype=float) for its in every]
+    points = pd.DataFrame([[each["score"] for each in its] for its in every]).T
     rows = [
         (
-            *(check.name, check.visible.replace("_", " ")),
+            names[at],
             *(str(each.count(end)) for end in COLOURS),
-            f"{points[:, at].mean():.2f} of {check.points:g}" if len(judged) else "-",
-            *reached([its["results"][at]["data"]["value"] for its in judged]),
-            discrimination(points, at),
-            ramp(check),
+            f"{digits(points[at].mean(), places=2)} of {check.points:g}",
+            *(
+                digits(of(values[at]), places=3)
+                for of in (pd.Series.median, pd.Series.min, pd.Series.max)
+            ),
+            digits(discrimination(points, at), places=2),
         )
         for at, (check, each) in enumerate(zip(checks, ends, strict=True))
     ]
-    heads = ("check", "shown", *COLOURS, "mean points", "median", "from", "to", "tells", "limits")
+    heads = ("check", *COLOURS, "mean points", "median", "from", "to", "tells")
     note = (
         "median, from, to: the number that is judged, over the class. tells: correlation of a "
         f"check's points with those of all others; below {WEAK:g} it does not tell good answers "
         "from weak ones, and - where all have the same."
     )
-    names = [check.name for check in checks]
     marks = [
         (
             link(each["student"], folder),
@@ -112,26 +115,24 @@ def of_class(lab: Lab, found: Sequence[Result], folder: Path) -> str:
         for each in sorted(found, key=lambda each: -(each["score"] or 0.0))
     ]
     problems = [(each["student"], each["problem"]) for each in found if "problem" in each]
-    lines = [summary(found)]
-    if len(total):
-        lines.append(
-            f"mean {total.mean():.2f} of {most:g} points, lowest {total.min():g}, "
-            f"highest {total.max():g}; {int((total >= most).sum())} with all of them"
-        )
-    blocks: list[Block] = [Text(lines), Picture("Points", chart(total, most, names, ends))]
+    blocks: list[Block] = [
+        Text([summary(found)]),
+        Picture("Points", chart(total, most, names, ends)),
+    ]
     if problems:
         blocks.append(Table("Not judged", ("student", "why"), problems, words=(0, 1)))
-    blocks.append(Table("Checks", heads, rows, words=(0, 1, -1), note=note))
-    blocks.append(Table("Marks", ("student", "points", *names), marks))
+    numbers = map(str, range(1, len(checks) + 1))
+    blocks.append(Table("Checks", heads, rows, note=note))
+    blocks.append(Table("Marks, check by check", ("student", "points", *numbers), marks, words=()))
     return html(f"{lab.title}: {len(found)} students", blocks)
 
 
 def summary(found: Sequence[Result]) -> str:
     """How a class did, in a sentence."""
-    scores = [each["score"] for each in found if each["score"] is not None]
+    scores = pd.Series([each["score"] for each in found if each["results"]], dtype=float)
     problems = sum("problem" in each for each in found)
-    middle = float(np.median(scores)) if scores else 0.0
-    return f"{len(found)} students, {problems} with a problem; median {middle:g} points"
+    ends = f"{digits(scores.min())} to {digits(scores.max())}, median {digits(scores.median())}"
+    return f"{len(found)} students, {problems} not judged; points of the others {ends}"
 
 
 def ending(check: Mapping[str, Any]) -> str:
@@ -141,20 +142,10 @@ def ending(check: Mapping[str, Any]) -> str:
     return "all points" if check["passed"] else "some" if check["score"] else "none"
 
 
-def reached(values: Sequence[float | None]) -> list[str]:
-    """Median, least and largest of the numbers that were judged."""
-    known = [value for value in values if value is not None]
-    return [f"{float(of(known)):.3g}" if known else "-" for of in (np.median, np.min, np.max)]
-
-
-def discrimination(points: np.ndarray, at: int) -> str:
-    """Correlation of a check's points, of shape (people, checks), with those of all others."""
-    if len(points) < 3:
-        return "-"
-    own, others = points[:, at], np.delete(points, at, axis=1).sum(axis=1)
-    if not own.std() or not others.std():
-        return "-"
-    return f"{np.corrcoef(own, others)[0, 1]:.2f}"
+def discrimination(points: pd.DataFrame, at: int) -> float:
+    """Correlation of a check's points, a column, with those of all others; NaN if all have one."""
+    own, others = points[at], points.drop(columns=at).sum(axis=1)
+    return own.corr(others) if own.nunique() > 1 and others.nunique() > 1 else math.nan
 
 
 def link(student: str, folder: Path) -> str:
@@ -166,7 +157,7 @@ def link(student: str, folder: Path) -> str:
 
 
 def chart(
-    total: np.ndarray, most: float, names: Sequence[str], ends: Sequence[Sequence[str]]
+    total: Sequence[float], most: float, names: Sequence[str], ends: Sequence[Sequence[str]]
 ) -> Any:
     """How many have how many points, and what became of each check."""
     with drawn(12, max(3.2, 1.2 + 0.42 * len(names))) as figure:

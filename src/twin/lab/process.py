@@ -30,6 +30,12 @@ from twin.lab.schema import AnswerTable
 
 START = 20.0
 """Seconds in which the process must be there, whatever else the machine does."""
+SLICE = 0.01
+"""Seconds after which one that has not answered is looked at."""
+RUNNING = ("R", "D")
+"""States of a process that has work to do."""
+MOST_SLOWED = 10
+"""Factor by which other processes may slow it."""
 LARGEST = 1e6
 """Largest number in an answer: accelerations in rad/s^2, estimates, rates of a law's memory."""
 LONGEST = 1 << 24
@@ -39,7 +45,7 @@ MOST_MEMORY = 1000
 NAME = "answer"
 """What a scenario calls the law or observer of an answer."""
 STRANGE = "it said something else than an answer"
-PICKLED, NUMBERS = b"p", b"="
+PICKLED, NUMBERS = b"*", b"="
 """As the process has them."""
 
 
@@ -54,8 +60,9 @@ class AnswerProcess:
         process: The process.
         prints: File of what it prints.
         name: What the answer's file is called.
-        seconds: Wall time in s that it may take.
-        left: What of that is left, s.
+        seconds: Time in s that it may take.
+        left: That, and what it took until it was ready, less the time in which it slept.
+        end: Until when it must have ended, whatever else the machine does.
         failure: Why it ended, in one line.
         slope: The last time in s of a command, and the rate of the law's memory then.
     """
@@ -65,6 +72,7 @@ class AnswerProcess:
     name: str
     seconds: float
     left: float
+    end: float
     failure: str | None = None
     slope: tuple[float, Array] = (np.nan, np.zeros(0))
 
@@ -133,11 +141,24 @@ class AnswerProcess:
         return heard
 
     def wait(self, reads: list[int], writes: list[int]) -> None:
-        """Wait for it, as long as it still may take."""
-        begin = monotonic()
-        if not any(select(reads, writes, [], max(self.left, 0.0))):
-            raise self.failed(f"it took longer than {self.seconds:g} s")
-        self.left -= monotonic() - begin
+        """Wait for it, as long as it still may take.
+
+        Its processor time counts, and time in which it sleeps; not time in which it would go on
+        but other processes have the processors.
+        """
+        while not (ready := any(select(reads, writes, [], SLICE))) or monotonic() > self.end:
+            state, used = self.at_work()
+            self.left -= 0.0 if state in RUNNING else SLICE
+            if ready or used > self.left or monotonic() > self.end:
+                raise self.failed(f"it took longer than {self.seconds:g} s")
+
+    def at_work(self) -> tuple[str, float]:
+        """Its state, and its processor time in s, as Linux says; elsewhere it always sleeps."""
+        with suppress(OSError):
+            text = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="utf-8")
+            state, *others = text.rpartition(")")[2].split()
+            return state, sum(map(int, others[10:12])) / os.sysconf("SC_CLK_TCK")
+        return "S", 0.0
 
     def read(self, line: bytes) -> dict[str, Any]:
         """What a line of JSON says; errors as of ``ask``."""
@@ -264,11 +285,12 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
         raise ScenarioError("answers in Python are judged on Linux or macOS: no limits here")
     from twin.lab import child  # noqa: PLC0415  not on Windows
 
+    may = about.seconds
     with TemporaryDirectory(prefix="ballplate-answer-") as folder:
         here = Path(folder).resolve()
         own, prints = here / about.file, here / "printed.txt"
         shutil.copyfile(file, own)
-        what = (str(int(about.seconds) + 5), about.kind, about.function)
+        what = (str(int(may) + 5), about.kind, about.function)
         with prints.open("ab") as to:
             begun = subprocess.Popen(
                 [sys.executable, "-I", "-u", child.__file__, own, *what],
@@ -281,10 +303,11 @@ def answering(file: Path, about: AnswerTable) -> Iterator[AnswerProcess]:
             )
         assert begun.stdin is not None
         os.set_blocking(begun.stdin.fileno(), False)  # one that reads nothing stops nobody
-        process = AnswerProcess(begun, prints, about.file, about.seconds, about.seconds + START)
+        end = monotonic() + MOST_SLOWED * (START + may)
+        process = AnswerProcess(begun, prints, about.file, may, START + may, end)
         try:
             said = process.read(process.heard(None))
-            process.left = about.seconds
+            process.left = may + process.at_work()[1]
             if about.kind != "function":
                 try:
                     base, fields = known(about.kind, said)

@@ -37,7 +37,7 @@ class AnswerTable(Checked):
     Attributes:
         kind: A class of a law or of an observer; a function; numbers or parameters as data.
         file: What it is called.
-        seconds: Wall time in s that its process may take in one check.
+        seconds: Time in s that its process may compute or sleep in one check.
         function: What a function is called.
         asked: Of numbers, in a file or given by a function: name to unit.
         keys: Of parameters: dotted keys of a scenario that may be set, or what they begin with.

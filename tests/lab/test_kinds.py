@@ -1,0 +1,220 @@
+"""Answers that are observers and functions: the same bits, one line for what goes wrong."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ballplate as bp
+from controllers import catalog
+from twin.errors import LawError, ScenarioError
+from twin.lab.process import NAME, answering
+from twin.lab.schema import AnswerTable, read
+from twin.run.batch import simulate
+from twin.scenario import load
+from twin.shipped import folder
+from twin.study.family import drawn
+from twin.study.family import read as family
+
+MINI = Path(__file__).parent / "mini"
+OBSERVER = (folder() / "starts" / "observer.py").read_text()
+FUNCTION = """
+import numpy as np
+
+def begin(log, late=0.0):
+    at = int(np.argmax(log["time"] >= late))
+    return {"start": log["measured_x"][at] + 0.002 * np.array([-1, 1])}
+"""
+LAB = """
+schema = "ballplate/lab/v1"
+name = "found"
+version = 1
+title = "Where was the ball put down"
+
+[answer]
+kind = "function"
+function = "begin"
+asked = {start = "m"}
+seconds = 3
+
+[[check]]
+name = "four rigs"
+scenario = "hold.toml"
+set = ["duration=0.1", "metrics.start=0"]
+family = "family.toml"
+rigs = 4
+draw = 1
+number = "start"
+truth = "plant.start.x"
+full = 0.001
+none = 0.003
+points = 4
+
+[[check]]
+name = "width"
+scenario = "hold.toml"
+set = ["duration=0.1", "metrics.start=0"]
+number = "start"
+judge = "width"
+given = {late = 0.05}
+full = 0.0041
+none = 0.02
+points = 1
+"""
+
+
+def judged(tmp_path: Path, text: str, lab: str = LAB) -> dict[str, object]:
+    (tmp_path / "lab.toml").write_text(lab)
+    for name in ("family.toml", "hold.toml"):
+        (tmp_path / name).write_text((MINI / name).read_text())
+    (tmp_path / "answer.py").write_text(text)
+    return bp.lab.check(tmp_path, tmp_path / "answer.py")
+
+
+def test_a_function_is_judged_by_the_worst_of_rigs_it_has_not_seen(tmp_path: Path) -> None:
+    found = judged(tmp_path, FUNCTION)
+    assert [each["score"] for each in found["results"]] == [4.0, 1.0]
+    assert found["results"][0]["data"]["value"] == 0
+    assert found["results"][1]["data"]["value"] == pytest.approx(0.004)
+    same = "def begin(log, late=0):\n    return {'start': 0.09}\n"
+    (off, _) = judged(tmp_path, same)["results"]
+    rigs = drawn(family(str(MINI / "family.toml")), 1, 4)
+    worst = max(abs(rig.point["plant.start.x"] - 0.09) for rig in rigs)
+    assert off["data"]["value"] == pytest.approx(worst)
+    assert off["score"] == round(4 * min(max((0.003 - worst) / 0.002, 0), 1), 2)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("return 3", "begin must return a dict, gave int"),
+        ("return {}", "start: must be a number in m, an interval"),
+        ("return {'start': np.nan}", "start: must be a number in m, an interval"),
+        ("return {'start': 1, 'stop': 2}", "stop: unknown"),
+        ("return {'start': object()}", "AttributeError"),
+        ("return 1 / 0", "answer.py, line 4: ZeroDivisionError"),
+        ("__import__('time').sleep(60)", "answer.py: it took longer than 3 s"),
+        ("import os, __main__; os.write(__main__._OUT, b'=12345678')", "something else"),
+    ],
+)
+def test_a_function_that_gives_none_fails_with_one_line(
+    tmp_path: Path, line: str, said: str
+) -> None:
+    text = f"import numpy as np\n\ndef begin(log, late=0.0):\n    {line}\n"
+    why = judged(tmp_path, text)["results"][0]["cause"]["rationale"]
+    assert said in why
+    assert why.startswith("answer.py")
+    assert "\n" not in why
+
+
+def test_a_process_that_reads_nothing_more_keeps_nobody_waiting(tmp_path: Path) -> None:
+    file = tmp_path / "answer.py"
+    file.write_text(
+        "import os, time, __main__\n"
+        "def begin(**_):\n"
+        "    os.write(__main__._OUT, b'{\"answer\": {}}\\n')\n"
+        "    time.sleep(60)\n"
+    )
+    about = AnswerTable(kind="function", function="begin", asked={"x": "m"}, seconds=1.0)
+    with answering(file, about) as process:
+        assert process.call("function", {}) == {}
+        with pytest.raises(LawError, match="took longer than 1 s"):
+            process.call("function", {"log": np.zeros(1 << 20)})
+
+
+def test_a_wrong_table_of_a_function_is_one_line(tmp_path: Path) -> None:
+    for old, new, said in (
+        ('function = "begin"\n', "", "function: belongs to an answer of kind function"),
+        ("given = {late = 0.05}", "metric = 'rms_distance'", "metric, number: give one of them"),
+        ("given = {late = 0.05}", "given = {late = 1979-05-27}", "is a date"),
+    ):
+        with pytest.raises(ScenarioError) as caught:
+            judged(tmp_path, FUNCTION, LAB.replace(old, new))
+        assert said in str(caught.value)
+    why = judged(tmp_path, FUNCTION.replace("begin", "start"))["results"][0]["cause"]
+    assert "must define a function begin" in why["rationale"]
+
+
+ABOUT = AnswerTable(kind="observer", file="answer.py", seconds=5.0)
+SETTINGS = ["duration=0.4", "metrics.start=0", "plant.start.x=0.05", "controller.period=0.002"]
+
+
+def test_an_observer_in_a_process_of_its_own_gives_the_same_bits(tmp_path: Path) -> None:
+    file, scenario = tmp_path / "here.py", str(MINI / "hold.toml")
+    file.write_text(OBSERVER.replace('"alpha_beta"', '"here_of_lab"'))
+    catalog.add(file)
+    both = [[*SETTINGS, f"seed={seed}"] for seed in (1, 2, 3)]
+    try:
+        here = simulate([load(scenario, [*each, "observer.kind=here_of_lab"]) for each in both])
+    finally:
+        del os.environ[catalog.ADDED]
+        catalog.forget()
+    with answering(file, ABOUT):
+        there = simulate([load(scenario, [*each, f"observer.kind={NAME}"]) for each in both])
+    assert NAME not in catalog.registered()
+    assert [each.as_dict() for each in here] == [each.as_dict() for each in there]
+    assert here[0].rms_distance != here[1].rms_distance
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("return self.x[..., :3]", "correct must give the estimate (..., 8)"),
+        ("self.x = np.zeros(3); return np.zeros((2, 8))", "here real numbers of shape (2, 8)"),
+        ("self.x = self.x * np.nan; return self.x", "is not finite"),
+        ("measurement.state[0]", "TypeError: 'NoneType'"),
+        ("self.true", "AttributeError"),
+    ],
+)
+def test_an_observer_that_gives_none_fails_with_one_line(
+    tmp_path: Path, line: str, said: str
+) -> None:
+    file, begin = tmp_path / "answer.py", "        e = measurement.y"
+    file.write_text(OBSERVER.replace(begin, f"        {line}\n{begin}"))
+    with pytest.raises(LawError) as caught, answering(file, ABOUT):
+        simulate([load(str(MINI / "hold.toml"), [*SETTINGS, f"observer.kind={NAME}"])])
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_observers_lab_tells_a_good_one_from_a_perverse_one(tmp_path: Path) -> None:
+    lab = (
+        LAB[: LAB.index("[answer]")]
+        + '[answer]\nkind = "observer"\n\n[[check]]\nname = "held"\nscenario = "hold.toml"\n'
+        + 'metric = "rms_distance"\nfull = 0.03\nnone = 0.06\npoints = 2\n'
+    )
+    set_ = '\nset = ["duration=2.0", "metrics.start=1.0", "plant.start.x=0.05"]\n'
+    texts = (OBSERVER, OBSERVER.replace("+= self._alpha", "-= self._alpha"))
+    scores = [judged(tmp_path, text, lab + set_)["score"] for text in texts]
+    assert read(tmp_path).answer.file == "answer.py"
+    assert scores == [2.0, 0.0]
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks Linux")
+def test_what_other_processes_take_of_a_processor_counts_for_nobody(tmp_path: Path) -> None:
+    file = tmp_path / "answer.py"
+    file.write_text(
+        "import time\n"
+        "def work(seconds):\n"
+        "    while time.process_time() < seconds: pass\n"
+        "    return {'x': 1}\n"
+    )
+    about = AnswerTable(kind="function", function="work", asked={"x": "m"}, seconds=2.0)
+    loop = [sys.executable, "-c", "while True: pass"]
+    rivals = [subprocess.Popen(loop) for _ in range(4 * (os.cpu_count() or 1))]
+    try:
+        begin = time.monotonic()
+        with answering(file, about) as process:
+            assert process.call("function", {"seconds": 1.2}) == {"x": 1}
+            assert time.monotonic() - begin > 2.0
+            with pytest.raises(LawError, match="took longer than 2 s"):
+                process.call("function", {"seconds": 60.0})
+    finally:
+        for each in rivals:
+            each.kill()
+            each.wait()
