@@ -18,6 +18,7 @@ from twin.errors import TwinError
 from twin.view.viewer import has_display, program
 
 EXTRAS = {
+    "casadi": "the equations as symbols",
     "cluster": "study --scheduler, on other computers",
     "gym": "environments for Gymnasium",
     "mpc": "the law mpc",
