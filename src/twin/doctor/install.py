@@ -21,6 +21,7 @@ EXTRAS = {
     "casadi": "the equations as symbols",
     "cluster": "study --scheduler, on other computers",
     "gym": "environments for Gymnasium",
+    "mcap": "export to .mcap",
     "mpc": "the law mpc",
     "play": "ballplate play",
     "tune": "tune with a search by Optuna",

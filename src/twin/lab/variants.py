@@ -15,7 +15,7 @@ from pydantic import Field
 
 from twin.errors import ScenarioError, shortened
 from twin.lab.schema import Lab
-from twin.run.files import export
+from twin.run.exports import export
 from twin.run.finished import run
 from twin.study.family import Point, drawn
 from twin.study.work import Builder

@@ -1,0 +1,158 @@
+"""Signals as a file of other programs: CSV, MATLAB, Parquet, and MCAP with messages of ROS 2."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.errors import RecordError
+from twin.run.files import MOVING, Units, arrow_fields
+from twin.writing import write_whole
+
+if TYPE_CHECKING:
+    from controllers.arrays import Array
+
+Columns = Mapping[str, "Array"]
+About = Mapping[str, Any]
+
+
+def export(path: Path, columns: Columns, units: Units, about: About | None = None) -> None:
+    """Write columns of one length into a file; its ending says how.
+
+    Args:
+        path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
+            digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB.
+            ``.parquet``: one column per name with its unit in the metadata. ``.mcap``: see
+            ``TOPICS``, by the extra ``mcap``.
+        columns: Name to values, shape (K,) each.
+        units: Name to unit.
+        about: What else there is to tell, by name: attachments of an MCAP file, in JSON.
+
+    Raises:
+        RecordError: If the ending is none of these, what it needs is lacking, or the file cannot be
+            written.
+    """
+    write = WRITERS.get(path.suffix)
+    if write is None:
+        known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
+        raise RecordError(
+            f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
+        )
+    write_whole(path, lambda target: write(target, columns, units, about or {}))
+
+
+def _csv(path: Path, columns: Columns, units: Units, about: About) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(f"{name} [{units[name]}]" if units.get(name) else name for name in columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _mat(path: Path, columns: Columns, units: Units, about: About) -> None:
+    from scipy.io import savemat  # noqa: PLC0415  heavy: loaded when needed
+
+    named = {_plain(name): values for name, values in columns.items()}
+    savemat(
+        path,
+        {**named, "units": {_plain(name): units.get(name, "") for name in columns}},
+        oned_as="column",
+        appendmat=False,
+        long_field_names=True,
+    )
+
+
+def _plain(name: str) -> str:
+    """A name that MATLAB and ROS allow."""
+    return re.sub(r"\W", "_", name)
+
+
+def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
+    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    arrays = [pa.array(values.tolist(), pa.float64()) for values in columns.values()]
+    schema = pa.schema(arrow_fields({name: units.get(name, "") for name in columns}))
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
+
+
+PART = 80 * "=" + "\nMSG: "
+HEADER = f"""{PART}std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{PART}builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+POINT = "geometry_msgs/msg/PointStamped"
+JOINTS = "sensor_msgs/msg/JointState"
+SIGNALS = "ballplate_msgs/msg/Signals"
+DEFINITIONS = {
+    POINT: f"std_msgs/Header header\ngeometry_msgs/Point point\n{HEADER}{PART}geometry_msgs/Point\n"
+    "float64 x\nfloat64 y\nfloat64 z\n",
+    JOINTS: "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+    f"float64[] effort\n{HEADER}",
+}
+"""Messages of ROS 2 by the names and types of their fields, then those of what they contain."""
+TOPICS = {
+    "/signals": (SIGNALS, ()),
+    "/joint_states/measured": (JOINTS, ("measured_phi", "measured_theta")),
+    "/joint_states/true": (
+        JOINTS,
+        ("true_phi", "true_theta", "true_phi_rate", "true_theta_rate"),
+    ),
+    "/ball/measured": (POINT, ("measured_x", "measured_y")),
+    "/ball/estimated": (POINT, ("estimated_x", "estimated_y")),
+    "/ball/true": (POINT, ("true_x", "true_y")),
+    "/ball/reference": (POINT, ("reference_x", "reference_y")),
+}
+"""Topic to message and columns. Every column is a field of ``/signals``, its unit in the comment
+beside it; the plate is two joints phi and theta, rad and rad/s, the ball points in the frame
+``plate``, m. Left out is a topic of which a column is not there. Time counts from the beginning."""
+
+
+def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
+    try:
+        from mcap_ros2.writer import Writer  # noqa: PLC0415  of an extra
+    except ImportError as error:
+        raise RecordError("needs the extra mcap: pip install 'ballplate[mcap]'") from error
+    fields = {_plain(name).lower(): name for name in columns}
+    own = [f"float64 {field}  # {units.get(name) or 1}" for field, name in fields.items()]
+    texts = {**DEFINITIONS, SIGNALS: "\n".join(["std_msgs/Header header", *own, HEADER])}
+    topics = {topic: each for topic, each in TOPICS.items() if columns.keys() >= {*each[1]}}
+    with path.open("wb") as file, Writer(file) as writer:
+        for name, content in about.items():
+            data = json.dumps(content, indent=2).encode()
+            writer.add_attachment(0, 0, f"{name}.json", "application/json", data)
+        writer.add_metadata("units", {name: units.get(name, "") for name in columns})
+        schemas = {kind: writer.register_msgdef(kind, texts[kind]) for kind, _ in topics.values()}
+        for row, values in enumerate(
+            zip(*(each.tolist() for each in columns.values()), strict=True)
+        ):
+            now = dict(zip(columns, values, strict=True))
+            nanoseconds = round(1e9 * now["time"])
+            sec, nanosec = divmod(nanoseconds, 10**9)
+            header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "plate"}
+            for topic, (kind, names) in topics.items():
+                of_it = [now[name] for name in names]
+                if kind == SIGNALS:
+                    content = {field: now[name] for field, name in fields.items()}
+                elif kind == POINT:
+                    content = {"point": {"x": of_it[0], "y": of_it[1], "z": 0.0}}
+                else:
+                    joints = {"position": of_it[:2], "velocity": of_it[2:], "effort": []}
+                    content = {"name": ["phi", "theta"], **joints}
+                message = {"header": header, **content}
+                writer.write_message(topic, schemas[kind], message, nanoseconds, sequence=row)
+
+
+WRITERS: dict[str, Callable[[Path, Columns, Units, About], None]] = {
+    ".csv": _csv,
+    ".mat": _mat,
+    ".parquet": _parquet,
+    ".mcap": _mcap,
+}
+"""Ending of a file to what writes it."""
