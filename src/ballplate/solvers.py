@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -152,7 +152,8 @@ def symbolic(
     x, u, p = ca.SX.sym("x", 8), ca.SX.sym("u", 2), ca.SX.sym("p", len(PARAMETERS))
     xdot = ca.vertcat(*_rates(ca, ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p), ball, width))
     f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
-    after = _runge_kutta(lambda state: f(state, u, p), x, period)
+    held = ca.vertcat(u, p)
+    after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
     limits = build_limits(chosen.rig.limits)
     most = dict(zip(("x", "y"), limits.area, strict=True))
     for axis in ("phi", "theta"):
@@ -191,12 +192,3 @@ def _rates(
     drag = model.c1 / radius * at.normal * (arm * (1 + (ratio - 1) * surplus) / speed + viscous)
     x_acc, y_acc = at.free(x1, x2, x5, x6)
     return x2, x_acc - drag * x2, x4, u[0], x6, y_acc - drag * x6, x8, u[1]
-
-
-def _runge_kutta(rate: Callable[[Any], Any], x: Any, period: float) -> Any:
-    """A state after a period, by one step of RK4."""
-    k1 = rate(x)
-    k2 = rate(x + period / 2 * k1)
-    k3 = rate(x + period / 2 * k2)
-    k4 = rate(x + period * k3)
-    return x + period / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.data_file import read_toml
 from twin.errors import RecordError
 from twin.run.files import MOVING, Units, arrow_fields
 from twin.writing import write_whole
@@ -26,8 +27,8 @@ def export(path: Path, columns: Columns, units: Units, about: About | None = Non
     Args:
         path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
             digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB.
-            ``.parquet``: one column per name with its unit in the metadata. ``.mcap``: see
-            ``TOPICS``, by the extra ``mcap``.
+            ``.parquet``: one column per name with its unit in the metadata. ``.mcap``:
+            messages of ROS 2, see ``ros2.toml``, by the extra ``mcap``.
         columns: Name to values, shape (K,) each.
         units: Name to unit.
         about: What else there is to tell, by name: attachments of an MCAP file, in JSON.
@@ -79,74 +80,44 @@ def _parquet(path: Path, columns: Columns, units: Units, about: About) -> None:
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
 
 
-PART = 80 * "=" + "\nMSG: "
-HEADER = f"""{PART}std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{PART}builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-POINT = "geometry_msgs/msg/PointStamped"
-JOINTS = "sensor_msgs/msg/JointState"
-SIGNALS = "ballplate_msgs/msg/Signals"
-DEFINITIONS = {
-    POINT: f"std_msgs/Header header\ngeometry_msgs/Point point\n{HEADER}{PART}geometry_msgs/Point\n"
-    "float64 x\nfloat64 y\nfloat64 z\n",
-    JOINTS: "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
-    f"float64[] effort\n{HEADER}",
-}
-"""Messages of ROS 2 by the names and types of their fields, then those of what they contain."""
-TOPICS = {
-    "/signals": (SIGNALS, ()),
-    "/joint_states/measured": (JOINTS, ("measured_phi", "measured_theta")),
-    "/joint_states/true": (
-        JOINTS,
-        ("true_phi", "true_theta", "true_phi_rate", "true_theta_rate"),
-    ),
-    "/ball/measured": (POINT, ("measured_x", "measured_y")),
-    "/ball/estimated": (POINT, ("estimated_x", "estimated_y")),
-    "/ball/true": (POINT, ("true_x", "true_y")),
-    "/ball/reference": (POINT, ("reference_x", "reference_y")),
-}
-"""Topic to message and columns. Every column is a field of ``/signals``, its unit in the comment
-beside it; the plate is two joints phi and theta, rad and rad/s, the ball points in the frame
-``plate``, m. Left out is a topic of which a column is not there. Time counts from the beginning."""
+ROS2 = read_toml(Path(__file__).with_name("ros2.toml"))
+"""Topics of an MCAP file, and the messages of ROS 2 on them."""
 
 
 def _mcap(path: Path, columns: Columns, units: Units, about: About) -> None:
+    """Each period is a message of each topic whose columns are there; time is that of the run."""
     try:
         from mcap_ros2.writer import Writer  # noqa: PLC0415  of an extra
     except ImportError as error:
         raise RecordError("needs the extra mcap: pip install 'ballplate[mcap]'") from error
     fields = {_plain(name).lower(): name for name in columns}
-    own = [f"float64 {field}  # {units.get(name) or 1}" for field, name in fields.items()]
-    texts = {**DEFINITIONS, SIGNALS: "\n".join(["std_msgs/Header header", *own, HEADER])}
-    topics = {topic: each for topic, each in TOPICS.items() if columns.keys() >= {*each[1]}}
+    own = "".join(f"float64 {field}  # {units.get(name) or 1}\n" for field, name in fields.items())
+    parts = "".join(f"{80 * '='}\nMSG: {name}\n{text}" for name, text in ROS2["parts"].items())
+    topics = {t: each for t, each in ROS2["topics"].items() if columns.keys() >= {*each["columns"]}}
     with path.open("wb") as file, Writer(file) as writer:
         for name, content in about.items():
             data = json.dumps(content, indent=2).encode()
             writer.add_attachment(0, 0, f"{name}.json", "application/json", data)
         writer.add_metadata("units", {name: units.get(name, "") for name in columns})
-        schemas = {kind: writer.register_msgdef(kind, texts[kind]) for kind, _ in topics.values()}
-        for row, values in enumerate(
-            zip(*(each.tolist() for each in columns.values()), strict=True)
-        ):
+        schemas = {
+            kind: writer.register_msgdef(kind, text + (own if "Signals" in kind else "") + parts)
+            for kind, text in ROS2["messages"].items()
+        }
+        every = zip(*(each.tolist() for each in columns.values()), strict=True)
+        for row, values in enumerate(every):
             now = dict(zip(columns, values, strict=True))
             nanoseconds = round(1e9 * now["time"])
             sec, nanosec = divmod(nanoseconds, 10**9)
-            header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "plate"}
-            for topic, (kind, names) in topics.items():
-                of_it = [now[name] for name in names]
-                if kind == SIGNALS:
-                    content = {field: now[name] for field, name in fields.items()}
-                elif kind == POINT:
-                    content = {"point": {"x": of_it[0], "y": of_it[1], "z": 0.0}}
-                else:
-                    joints = {"position": of_it[:2], "velocity": of_it[2:], "effort": []}
-                    content = {"name": ["phi", "theta"], **joints}
-                message = {"header": header, **content}
-                writer.write_message(topic, schemas[kind], message, nanoseconds, sequence=row)
+            stamp = {"sec": sec, "nanosec": nanosec}
+            message: dict[str, Any] = {field: now[name] for field, name in fields.items()}
+            message |= {"header": {"stamp": stamp, "frame_id": "plate"}, "name": ["phi", "theta"]}
+            for topic, each in topics.items():
+                of_it = [now[name] for name in each["columns"]]
+                joints = {"position": of_it[:2], "velocity": of_it[2:], "effort": []}
+                point = {"point": {"x": of_it[0], "y": of_it[1], "z": 0.0}} if of_it else {}
+                # an encoder takes of it what its message has
+                content, schema = message | joints | point, schemas[each["message"]]
+                writer.write_message(topic, schema, content, nanoseconds, sequence=row)
 
 
 WRITERS: dict[str, Callable[[Path, Columns, Units, About], None]] = {
