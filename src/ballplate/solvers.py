@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,6 +113,22 @@ class Symbolic:
             ca.Function("now", [z, self.p], [state], ["z", "p"], ["x"]),
             ca.Function("y", [z, self.p], [seen], ["z", "p"], ["y"]),
         )
+
+    def do_mpc(self) -> Any:
+        """The continuous model of do-mpc, set up; names of p with ``_`` for dots and brackets."""
+        import casadi as ca
+        from do_mpc.model import Model
+
+        model = Model("continuous", "SX")
+        each = [
+            [model.set_variable(f"_{kind}", re.sub(r"\W+", "_", name)) for name in self.names[kind]]
+            for kind in ("x", "u", "p")
+        ]
+        rates = ca.vertsplit(self.f(*(ca.vertcat(*group) for group in each)))
+        for name, rate in zip(self.names["x"], rates, strict=True):
+            model.set_rhs(name, rate)
+        model.setup()
+        return model
 
 
 def symbolic(
