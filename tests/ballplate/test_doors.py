@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -219,7 +219,7 @@ READERS = {".csv": from_csv, ".mat": from_mat, ".parquet": from_parquet, ".mcap"
 
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8, deadline=None, phases=[Phase.generate])
 @given(
     place=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.1, 0.1)),
     speed=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
