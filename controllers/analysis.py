@@ -78,7 +78,7 @@ def linear_law(law: Law) -> System:
     Raises:
         ValueError: If the law has no linearisation, as a sliding mode has none.
     """
-    if type(law).control is Law.control:
+    if type(law.law if isinstance(law, HeldLaw) else law).control is Law.control:
         raise ValueError(f"law '{law.name}' acts by command alone: it has no linearisation")
     J = _law_jacobian(law, STEP)
     if np.abs(J - _law_jacobian(law, STEP / 10)).max() > 1e-3 * np.abs(J).max():

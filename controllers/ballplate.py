@@ -86,19 +86,9 @@ class BallPlate:
     def __post_init__(self) -> None:
         """Check the parameters and derive the constants of (5.1)."""
         check(self)
-        m, r, J = self.mass, self.radius, self.inertia
-        d = self.height + r
-        c1 = m * r**2 / (m * r**2 + J)
-        derived = {
-            "d": d,
-            "c1": c1,
-            "c2": (d * m * r**2 + J * r) / (m * r**2 + J),
-            "c3": (J + 2 * d * m * r) / (m * r),
-            "c4": (J + d * m * r) / (m * r),
-            "k1": c1 * self.gravity,
-        }
-        for name, value in derived.items():
+        for name, value in constants(self.mass, self.radius, self.inertia, self.height).items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "k1", self.c1 * self.gravity)
         object.__setattr__(self, "k", self.k1 * SIGN)
 
     def f(self, x: Array) -> Array:
@@ -211,6 +201,25 @@ class BallPlate:
         z[..., 2] = self.k * np.sin(angle)
         z[..., 3] = a * rate
         return Chain(z, angle, rate, a)
+
+
+def constants(m: Any, r: Any, J: Any, height: Any) -> dict[str, Any]:
+    """The constants d, c1, c2, c3, c4 of (5.1), also of symbols.
+
+    Args:
+        m: Mass in kg.
+        r: Radius in m.
+        J: Moment of inertia in kg m^2.
+        height: From the cardan joint up to the surface, m.
+    """
+    d = height + r
+    return {
+        "d": d,
+        "c1": m * r**2 / (m * r**2 + J),
+        "c2": (d * m * r**2 + J * r) / (m * r**2 + J),
+        "c3": (J + 2 * d * m * r) / (m * r),
+        "c4": (J + d * m * r) / (m * r),
+    }
 
 
 def desired(r: Array) -> Array:

@@ -12,7 +12,7 @@ Runs: ``run``, ``compare``, ``sweep``, ``study``; they do what the commands of t
 for bit. What was recorded: ``load``, ``identify``. A rig to step with a controller of one's own:
 ``rig``; a control law out of a function: ``law``. The model behind it: ``model``, and the classes
 of ``laws``, ``observers``, ``references``; plants and controllers for python-control: ``systems``;
-a rig for Simulink and others: ``fmu``.
+a rig for Simulink and others: ``fmu``; the equations as CasADi symbols: ``symbolic``.
 What there is to run and to set: ``scenarios``, ``describe``.
 
 SI units; the last axis of an array is the vector, all leading axes are rigs or instants. A mistake
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ballplate.exporting import fmu
     from ballplate.loading import Identified, Log, identify, load
     from ballplate.results import Result
+    from ballplate.solvers import Symbolic, symbolic
     from ballplate.stepping import Rig, rig
     from ballplate.studies import StudyResult, Sweep, study, sweep
 
@@ -55,6 +56,7 @@ __all__ = [
     "Signals",
     "StudyResult",
     "Sweep",
+    "Symbolic",
     "TwinError",
     "compare",
     "describe",
@@ -72,6 +74,7 @@ __all__ = [
     "scenarios",
     "study",
     "sweep",
+    "symbolic",
     "systems",
 ]
 
@@ -82,6 +85,7 @@ _NAMES = {
     "exporting": ("fmu",),
     "loading": ("Identified", "Log", "identify", "load"),
     "results": ("Result",),
+    "solvers": ("Symbolic", "symbolic"),
     "stepping": ("Rig", "rig"),
     "studies": ("StudyResult", "Sweep", "study", "sweep"),
 }

@@ -114,9 +114,9 @@ class Result(Run):
         """Write the signals for other programs, or the runs of its picture as one that moves.
 
         Args:
-            file: Its ending says how: ``.csv``, ``.mat`` or ``.parquet``; of a moving picture
-                ``.webp``, ``.gif``, ``.apng``, ``.mp4`` (by the extra ``video``), or none for a new
-                folder of its frames.
+            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` by the extra
+                ``mcap``; of a moving picture ``.webp``, ``.gif``, ``.apng``, ``.mp4`` (by the extra
+                ``video``), or none for a new folder of its frames.
             fps: Frames of the moving picture a second.
             since: Time of the run at which it begins, s; the first one by default.
             until: Time at which it ends, s; the last one by default.

@@ -3,6 +3,9 @@
 A door is a function from a ``Circle`` to the path of its ball, and a row of ``DOORS``.
 """
 
+import re
+import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -10,9 +13,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import control
+import fmpy
 import gymnasium
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+import scipy.io
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 import ballplate as bp
 from controllers.interfaces import Measurement
@@ -159,3 +169,99 @@ def test_the_same_circle_goes_through_every_door(name, plant, circles):
     if seconds > 20:
         swept = np.ptp(np.unwrap(np.arctan2(*path[circle.done.time > 10].T)))
         assert swept == pytest.approx(0.75 * (seconds - 10), abs=0.3)
+
+
+STILL = {
+    "plant.kind": "lagrange",
+    "duration": 0.12,
+    "metrics.start": 0,
+    "sensors.touch.dead_time": 0,
+    **{f"{key}.variance": [0, 0] for key in ("sensors.touch", "sensors.encoders", "disturbance")},
+}
+
+
+@pytest.fixture(scope="module")
+def as_fmu(tmp_path_factory):
+    """The rig as an FMU, and the unit of each of its variables."""
+    file = bp.fmu("circle", tmp_path_factory.mktemp("fmu") / "rig.fmu", STILL)
+    about = fmpy.read_model_description(str(file))
+    return file, {each.name: each.unit or "1" for each in about.modelVariables}
+
+
+def from_csv(file):
+    header, *rows = file.read_text(encoding="utf-8").splitlines()
+    heads = [re.fullmatch(r"(\w+) \[(.+)\]", each).groups() for each in header.split(",")]
+    values = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+    return dict(zip([name for name, _ in heads], values, strict=True)), dict(heads)
+
+
+def from_mat(file):
+    found = scipy.io.loadmat(file, simplify_cells=True)
+    return {name: found[name] for name in found["units"]}, found["units"]
+
+
+def from_parquet(file):
+    table = pq.read_table(file)
+    units = {each.name: each.metadata[b"unit"].decode() for each in table.schema}
+    return {name: table[name].to_numpy() for name in units}, units
+
+
+def from_mcap(file):
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        told = list(reader.iter_decoded_messages(topics=["/signals"]))
+    units = dict(re.findall(r"^float64 (\w+)  # (.+)$", told[0][0].data.decode(), re.MULTILINE))
+    return {name: [getattr(each[3], name) for each in told] for name in units}, units
+
+
+READERS = {".csv": from_csv, ".mat": from_mat, ".parquet": from_parquet, ".mcap": from_mcap}
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@settings(max_examples=8, deadline=None, phases=[Phase.generate])
+@given(
+    place=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.1, 0.1)),
+    speed=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    wishes=st.lists(st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)), min_size=6, max_size=6),
+)
+def test_every_way_out_gives_the_same_si_numbers_and_units(as_fmu, place, speed, wishes):
+    """Files, FMU, python-control and Gymnasium, all of one run under commands at random."""
+    ball = dict(zip(("x", "y", "x_rate", "y_rate"), (*place, *speed), strict=True))
+    keys = STILL | {f"plant.start.{name}": value for name, value in ball.items()}
+    rates = np.repeat(wishes, 10, axis=0)
+    with bp.rig("circle", keys) as rig:
+        for rate in rates:
+            rig.step(rate)
+    done = rig.result()
+    true = [name for name in done if name.startswith("true_")]
+    with tempfile.TemporaryDirectory() as folder:
+        for ending, read in READERS.items():
+            columns, units = read(done.export(Path(folder) / f"run{ending}"))
+            assert units == done.units, ending
+            for name in done:
+                np.testing.assert_array_equal(columns[name], done[name], err_msg=ending + name)
+    file, units = as_fmu
+    rows = [(*each, *rate) for each, rate in zip(done.time[:, None], rates, strict=True)]
+    said = np.array(rows, [(name, float) for name in ("time", "rate_phi", "rate_theta")])
+    start = {"noise": False, **{f"plant.start.{name}": value for name, value in ball.items()}}
+    found = fmpy.simulate_fmu(
+        str(file), input=said, start_values=start, output=true, stop_time=0.118,
+        output_interval=0.002,
+    )  # fmt: skip
+    for name in true:
+        assert units[name] == done.units[name]
+        np.testing.assert_allclose(found[name], done[name], rtol=0, atol=1e-9, err_msg=name)
+    plant = bp.systems.exact("circle", keys)
+    first = [done[name][0] for name in true]
+    u = np.stack([done["applied_phi_acc"], done["applied_theta_acc"]])
+    answer = control.input_output_response(plant, done.time, u, first)
+    env = gymnasium.make("ballplate:ballplate/Track-v0", hold=1, rate=RATE, settings=keys).unwrapped
+    states = [env.reset(seed=0)[1]["state"]]
+    states += [env.step(rate / RATE)[4]["state"] for rate in rates[:-1]]
+    for number, name in enumerate(true):
+        own = name.removeprefix("true_")
+        assert plant.output_labels[number] == own
+        assert bp.systems.UNITS[own] == done.units[name]
+        np.testing.assert_allclose(answer.outputs[number], done[name], atol=1e-12, err_msg=name)
+        np.testing.assert_array_equal(np.array(states)[:, number], done[name], err_msg=name)

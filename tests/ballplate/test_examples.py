@@ -25,6 +25,7 @@ def test_an_example_is_a_text_notebook_of_few_lines_of_code(path):
 
 PACKAGE, ENVIRONMENTS = re.findall(r"```py\n(.*?)```", PYTHON, re.DOTALL)
 PROGRAMS = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES if path != PAGE}
+PROGRAMS["nmpc"] = PROGRAMS["nmpc"].replace("STEP = 8.0", "STEP = 3.0")
 PROGRAMS["package of the page"] = PACKAGE
 PROGRAMS["environments of the page"] = f"{ENVIRONMENTS}\nenv.reset(seed=1), envs.reset(seed=1)"
 
@@ -41,6 +42,15 @@ def test_an_example_runs_as_it_stands(name, tmp_path):
     if name == "identify_from_a_log":
         (found,) = re.findall(r"rolling friction (\S+) mm", done.stdout)
         assert float(found) == pytest.approx(0.25, abs=0.01)
+    if name == "nmpc":
+        rows = re.findall(
+            r"^(\S+) +(\S+) +took +(\S+) ms: finished, e_tt (\S+) %$", done.stdout, re.M
+        )
+        error = {row[:2]: float(row[3]) for row in rows}
+        assert {name for name, time in error if time != "measured"} == {
+            *("cure", "lqr", "nmpc", "informed_nmpc")
+        }
+        assert error["informed_nmpc", "0"] < error["nmpc", "0"] < error["lqr", "0"]
 
 
 @pytest.mark.long

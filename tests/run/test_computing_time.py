@@ -132,3 +132,22 @@ def test_compare_has_a_column_where_a_command_was_late():
     assert in_time["late_percent"] == 0
     for summaries, there in (([prompt, late], True), ([prompt, in_time], False)):
         assert ("late commands" in {row.label for row in first_rows(summaries)}) is there
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alone(ballplate.laws.Law):
+    """Has no linearisation, and a plan with something of a compiled library in it."""
+
+    name: ClassVar[str] = "alone"
+
+    def start(self, x, reference, period):
+        return [memoryview(b"compiled")]
+
+    def command(self, now):
+        return -50 * now.x[..., 2::4] - 14 * now.x[..., 3::4]
+
+
+def test_a_law_that_acts_by_command_alone_may_take_its_time():
+    """Neither the warning of a linear loop nor a snapshot asks it for what it has not."""
+    keys = {"controller.computing_time": 0.005, "controller.period": 0.01, "duration": 5.1}
+    assert ballplate.run("hold", {"controller": Alone(), **SETTINGS, **keys}).finished

@@ -1,7 +1,14 @@
+import json
+import re
+import subprocess
+import sys
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from scipy.io import loadmat
 
 from twin.cli.look import export as command
@@ -64,6 +71,80 @@ def test_the_parquet_file_has_units_and_no_scenario(folder, recorded, tmp_path):
         assert table.schema.field(name).metadata[b"unit"].decode() == units[name]
 
 
+def read_mcap(file):
+    """Messages by topic, each with its time in ns, message definitions, attachments."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        topics, texts = {}, {}
+        for schema, channel, message, content in reader.iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append((message.log_time, content))
+            texts[schema.name] = schema.data.decode()
+        attached = {each.name: json.loads(each.data) for each in reader.iter_attachments()}
+    return topics, texts, attached
+
+
+def test_the_mcap_file_has_every_column_as_messages_of_ros(folder, recorded, tmp_path):
+    columns, units, metadata = recorded
+    topics, texts, attached = read_mcap(exported(folder, tmp_path / "log.mcap"))
+    rows = topics["/signals"]
+    for name, values in columns.items():
+        np.testing.assert_array_equal([getattr(row, name.lower()) for _, row in rows], values)
+        assert (
+            f"float64 {name.lower()}  # {units[name] or 1}\n" in texts["ballplate_msgs/msg/Signals"]
+        )
+    ticks = np.arange(len(columns["time"])) * 2_000_000
+    for kind in ("measured", "estimated", "true"):
+        told = topics[f"/ball/{kind}"]
+        np.testing.assert_array_equal([time for time, _ in told], ticks)
+        stamps = [(each.header.stamp.sec, each.header.stamp.nanosec) for _, each in told]
+        np.testing.assert_array_equal(np.dot(stamps, [10**9, 1]), ticks)
+        found = [(each.point.x, each.point.y, each.point.z) for _, each in told]
+        np.testing.assert_array_equal(np.array(found)[:, 0], columns[f"{kind}_x"])
+        np.testing.assert_array_equal(np.array(found)[:, 1], columns[f"{kind}_y"])
+        assert {each.header.frame_id for _, each in told} == {"plate"}
+    for kind in ("measured", "true"):
+        joints = [joint for _, joint in topics[f"/joint_states/{kind}"]]
+        assert joints[0].name == ["phi", "theta"]
+        found = np.array([joint.position for joint in joints])
+        np.testing.assert_array_equal(found[:, 1], columns[f"{kind}_theta"])
+    rates = np.array([joint.velocity for joint in joints])
+    np.testing.assert_array_equal(rates[:, 0], columns["true_phi_rate"])
+    assert attached["scenario.json"] == metadata["scenario"]
+    assert attached["parameters.json"]["controller"]["gains"]
+    assert attached["metrics.json"]["outcome"] == "finished"
+    some = exported(folder, tmp_path / "some.mcap", "--columns", "true_x,true_y", "--every", "10")
+    assert {name: len(each) for name, each in read_mcap(some)[0].items()} == {
+        "/signals": 15,
+        "/ball/true": 15,
+    }
+
+
+@pytest.mark.long
+def test_reruns_own_importer_finds_nothing_wrong_in_the_mcap_file(folder, tmp_path):
+    file = exported(folder, tmp_path / "log.mcap")
+    rerun = [sys.executable, "-m", "rerun", "mcap"]
+    said = subprocess.run([*rerun, "check", file], capture_output=True, text=True, check=True)
+    assert "/ball/true" in said.stdout
+    assert not re.search(r"^(error|warning)", said.stdout, re.MULTILINE)
+    subprocess.run([*rerun, "convert", file, "-o", tmp_path / "log.rrd"], check=True)
+    shown = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", tmp_path / "log.rrd"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert "/joint_states/true/velocity - data columns: [Scalars:scalars" in shown.stdout
+
+
+def test_without_the_extra_there_is_no_mcap_file_and_a_line(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
+    with pytest.raises(SystemExit) as end:
+        main(["export", str(folder), str(tmp_path / "log.mcap")])
+    assert end.value.code == 2
+    line = capsys.readouterr().err
+    assert "log.mcap: needs the extra mcap: pip install 'ballplate[mcap]'" in line
+    assert line.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
     options = ("--columns", "true_y, true_x", "--every", "10")
     header, *rows = exported(folder, tmp_path / "log.csv", *options).read_text().splitlines()
@@ -75,7 +156,10 @@ def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        (["log.xlsx"], "log.xlsx: the ending says what is written; known: .csv, .mat, .parquet"),
+        (
+            ["log.xlsx"],
+            "log.xlsx: the ending says what is written; known: .csv, .mat, .parquet, .mcap",
+        ),
         (["log.csv", "--columns", "true_z"], "--columns: no column 'true_z'; did you mean 'true_"),
     ],
 )

@@ -15,7 +15,7 @@ from twin.cli import ballplate
 from twin.errors import TwinError
 from twin.report.html import html
 from twin.run import finished
-from twin.run.files import export
+from twin.run.exports import export
 from twin.run.finished import open_run, open_runs
 from twin.run.loop import INTERRUPTED
 from twin.scenario.load import load

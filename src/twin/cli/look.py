@@ -16,8 +16,8 @@ from twin.cli.options import opened as open_all
 from twin.cli.output import TERMINAL, say, warn
 from twin.errors import RecordError, TwinError, ViewError, nearest
 from twin.paths import model_path
+from twin.run.exports import export as export_signals
 from twin.run.files import MOVING, check_no_scenario, run_folder
-from twin.run.files import export as export_signals
 from twin.writing import write_whole
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def export(
     overrides: tuple[str, ...],
     **cut: Any,
 ) -> int:
-    """Export the signals of a run to a .csv, .mat or .parquet file, or the run as it moved.
+    """Export the signals of a run to a .csv, .mat, .parquet or .mcap file, or the run as it moved.
 
     A picture that moves is a .webp, .gif, .apng or, by the extra video, .mp4; a FILE without ending
     is a folder of its frames:
@@ -221,7 +221,9 @@ def export(
     given = {name: value for name, value in cut.items() if value is not None}
     moving = file.suffix in MOVING
     if moving and (every or columns is not None):
-        raise RecordError(f"{file}: --every and --columns are of signals: .csv, .mat, .parquet")
+        raise RecordError(
+            f"{file}: --every and --columns are of signals: .csv, .mat, .parquet, .mcap"
+        )
     if not moving and (given or beside):
         raise RecordError(
             f"{file}: --beside, --from, --to, --seconds, --fps, --size, --render are of moving "
@@ -261,7 +263,7 @@ def _signals(run: Run, file: Path, every: int, columns: str | None) -> int:
             if name not in names:
                 raise RecordError(f"--columns: no column '{name}'{nearest(name, names)}")
         names = list(dict.fromkeys(("time", *wanted)))
-    export_signals(file, {name: run.rows[name][::every] for name in names}, run.units)
+    export_signals(file, {name: run.rows[name][::every] for name in names}, run.units, run.about)
     rows = len(run.rows["time"][::every])
     say(f"written to {file}: {rows} rows of {len(names)} columns")
     return 0

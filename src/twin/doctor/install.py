@@ -18,8 +18,10 @@ from twin.errors import TwinError
 from twin.view.viewer import has_display, program
 
 EXTRAS = {
+    "casadi": "the equations as symbols",
     "cluster": "study --scheduler, on other computers",
     "gym": "environments for Gymnasium",
+    "mcap": "export to .mcap",
     "mpc": "the law mpc",
     "play": "ballplate play",
     "tune": "tune with a search by Optuna",

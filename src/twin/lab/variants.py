@@ -17,7 +17,7 @@ from pydantic import Field
 from controllers.arrays import Array
 from twin.errors import ScenarioError, shortened
 from twin.lab.schema import Lab
-from twin.run.files import export
+from twin.run.exports import export
 from twin.run.finished import run
 from twin.scenario import Scenario
 from twin.study.family import Point, drawn

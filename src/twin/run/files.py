@@ -1,20 +1,18 @@
-"""Run folders, what a command is given to look at, and signals as a file of other programs."""
+"""Run folders, what a command is given to look at, and what signals are."""
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.data_file import DataError, parse_json
 from twin.errors import LogError, RecordError, nearest
 from twin.shipped import shipped
-from twin.writing import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -259,64 +257,7 @@ OURS = {".csv", ".parquet", ".arrows"}
 """Endings that no scenario has."""
 
 
-Columns = Mapping[str, "Array"]
 Units = Mapping[str, str]
-
-
-def export(path: Path, columns: Columns, units: Units) -> None:
-    """Write columns of one length into a file; its ending says how.
-
-    Args:
-        path: ``.csv``: a header ``name [unit]``, as ``identify`` reads it, numbers with all their
-            digits. ``.mat``: one column vector per name, and the struct ``units``, for MATLAB.
-            ``.parquet``: one column per name with its unit in the metadata.
-        columns: Name to values, shape (K,) each.
-        units: Name to unit.
-
-    Raises:
-        RecordError: If the ending is none of these, or the file cannot be written.
-    """
-    write = WRITERS.get(path.suffix)
-    if write is None:
-        known, moves = ", ".join(WRITERS), ", ".join(filter(None, MOVING))
-        raise RecordError(
-            f"{path}: the ending says what is written; known: {known}, moving pictures: {moves}"
-        )
-    write_whole(path, lambda target: write(target, columns, units))
-
-
-def _csv(path: Path, columns: Columns, units: Units) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(f"{name} [{units[name]}]" if units.get(name) else name for name in columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-
-
-def _mat(path: Path, columns: Columns, units: Units) -> None:
-    from scipy.io import savemat  # noqa: PLC0415  heavy: loaded when needed
-
-    named = {_matlab(name): values for name, values in columns.items()}
-    savemat(
-        path,
-        {**named, "units": {_matlab(name): units.get(name, "") for name in columns}},
-        oned_as="column",
-        appendmat=False,
-        long_field_names=True,
-    )
-
-
-def _matlab(name: str) -> str:
-    """A name that MATLAB allows."""
-    return re.sub(r"\W", "_", name)
-
-
-def _parquet(path: Path, columns: Columns, units: Units) -> None:
-    import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
-    import pyarrow.parquet as pq  # noqa: PLC0415
-
-    arrays = [pa.array(values.tolist(), pa.float64()) for values in columns.values()]
-    schema = pa.schema(arrow_fields({name: units.get(name, "") for name in columns}))
-    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
 
 
 def arrow_fields(units: Units) -> list[pa.Field]:
@@ -324,14 +265,6 @@ def arrow_fields(units: Units) -> list[pa.Field]:
     import pyarrow as pa  # noqa: PLC0415  heavy: loaded when needed
 
     return [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
-
-
-WRITERS: dict[str, Callable[[Path, Columns, Units], None]] = {
-    ".csv": _csv,
-    ".mat": _mat,
-    ".parquet": _parquet,
-}
-"""Ending of a file to what writes it."""
 
 
 MOVING = (".webp", ".gif", ".apng", ".mp4", "")
@@ -382,14 +315,22 @@ class Signals(Mapping[str, "Array"]):
         frame.attrs["units"] = dict(self.units)
         return frame
 
+    @property
+    def about(self) -> dict[str, Any]:
+        """What there is to tell of them besides, by name, for files that can hold it."""
+        return {}
+
     def export(self, file: str | Path) -> Path:
         """Write the columns for other programs, with their units; returns the file.
 
         Args:
-            file: Its ending says how: ``.csv``, ``.mat`` or ``.parquet``.
+            file: Its ending says how: ``.csv``, ``.mat``, ``.parquet``, or ``.mcap`` for ROS 2,
+                Foxglove and Rerun, by the extra ``mcap``.
 
         Raises:
             RecordError: If the ending is none of these, or the file cannot be written.
         """
-        export(Path(file), self.rows, self.units)
+        from twin.run.exports import export  # noqa: PLC0415  stands on this module
+
+        export(Path(file), self.rows, self.units, self.about)
         return Path(file)

@@ -209,6 +209,12 @@ class Run(Signals):
         return tables
 
     @property
+    def about(self) -> dict[str, Any]:
+        """Scenario, parameters and indicators, for files that can hold them."""
+        scenario = self.scenario.model_dump(mode="json")
+        return {"scenario": scenario, "parameters": self.settings, "metrics": self.summary()}
+
+    @property
     def lacking(self) -> str:
         """What the record can be drawn without, but not gone on from; empty if all is here."""
         for table, line in self.absent.items():

@@ -83,7 +83,8 @@ def _constant(thing: Any) -> bool:
     parameters = getattr(thing, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
     foreign = type(thing).__module__.partition(".")[0] in FOREIGN
-    return bool(frozen or foreign or isinstance(thing, BaseModel | RigChanges | Enum))
+    closed = not hasattr(thing, "__dict__")  # of a compiled library
+    return bool(frozen or foreign or closed or isinstance(thing, BaseModel | RigChanges | Enum))
 
 
 def _several(kind: str, nodes: Mapping[Any, Node]) -> Node:

@@ -45,9 +45,14 @@ class Rolling(NamedTuple):
     normal: Any
     """Force per mass that presses the ball on the plate, without the plate's motion, m/s^2."""
 
+    def free(self, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
+        """Acceleration (x'', y'') of a ball without resistance, m/s^2."""
+        ax = self.xx * x + self.xy * y + self.turn * vy + self.px
+        return ax, self.yx * x + self.yy * y - self.turn * vx + self.py
+
 
 def rolling(
-    model: BallPlate,
+    model: Any,
     sines: Iterable[Any],
     cosines: Iterable[Any],
     rates: Iterable[Any],
@@ -59,7 +64,7 @@ def rolling(
     Each argument is taken apart into plain numbers, or arrays of one shape, per component.
 
     Args:
-        model: Ball and plate.
+        model: Ball and plate: a ``BallPlate``, or what has its ``constants``.
         sines: Of (phi, theta).
         cosines: Of (phi, theta).
         rates: (phi', theta') in rad/s.
@@ -174,11 +179,9 @@ class BallMotion:
 
     def _free(self, at: Rolling, x: Any, vx: Any, y: Any, vy: Any) -> tuple[Any, Any]:
         """Acceleration of the ball without resistance."""
-        xx, xy, yx, yy, turn, px, py, normal = at
-        ax = xx * x + xy * y + turn * vy + px
-        ay = yx * x + yy * y - turn * vx + py
+        ax, ay = at.free(x, vx, y, vy)
         if self._slope is not None:
-            slope = self.model.c1 * normal * self._slope(np.stack((x, y), axis=-1))[1].T
+            slope = self.model.c1 * at.normal * self._slope(np.stack((x, y), axis=-1))[1].T
             return ax - slope[0], ay - slope[1]
         return ax, ay
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,16 +18,14 @@ def tilted_gravity(level: ArrayLike, gravity: float) -> Array:
             of the plate's own angles: positive phi lowers the +x side, positive theta lifts +y.
         gravity: Its amount in m/s^2.
     """
-    phi, theta = np.moveaxis(np.asarray(level, float), -1, 0)
-    down = np.cos(theta)
-    return np.stack(
-        (
-            gravity * np.sin(phi) * down,
-            -gravity * np.sin(theta),
-            -gravity * np.cos(phi) * down,
-        ),
-        axis=-1,
-    )
+    angles = np.moveaxis(np.asarray(level, float), -1, 0)
+    return np.stack(gravity_in_rig(np.sin(angles), np.cos(angles), gravity), axis=-1)
+
+
+def gravity_in_rig(sines: Any, cosines: Any, gravity: Any) -> tuple[Any, Any, Any]:
+    """The same from sines and cosines of the tilt (phi, theta); also of symbols."""
+    (s_phi, s_theta), (c_phi, c_theta) = sines, cosines
+    return gravity * s_phi * c_theta, -gravity * s_theta, -gravity * c_phi * c_theta
 
 
 def from_plate(vector: Array, phi: Array, theta: Array) -> Array:

@@ -1,0 +1,211 @@
+"""Ball and plate as CasADi symbols, with the names and units of a record's columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Unpack
+
+import numpy as np
+
+from ballplate.changes import Changes, Settings, changes_of, scenario_of
+from ballplate.systems import INPUTS, UNITS
+from controllers.arrays import Array
+from controllers.ballplate import MEASURED, STATES, constants
+from twin.errors import ScenarioError, TwinError
+from twin.fmu.variables import parameters
+from twin.run.assemble import build_limits
+from twin.sim.plant.exact import rolling
+from twin.sim.plant.kinematics import gravity_in_rig
+
+PARAMETERS = (
+    *("plant.ball.mass", "plant.ball.radius", "plant.ball.inertia"),
+    *("plant.level[1]", "plant.level[2]"),
+    *("plant.friction.rolling", "plant.friction.breakaway_ratio"),
+    *("plant.friction.stribeck_speed", "plant.friction.viscous"),
+)
+"""What is a symbol of p: keys of ``describe`` without the suffix of their unit, as in an FMU."""
+WIDTH = 0.002
+"""Speed in m/s over which friction is smoothed by default."""
+
+
+class Delayed(NamedTuple):
+    """A rig whose ball is seen n control periods late, the inputs since then as states.
+
+    Attributes:
+        periods: n, dead time in whole control periods, to the nearest.
+        names: Of z: the state n periods ago, ``phi_acc_n``, ``theta_acc_n`` of then, and so on.
+        F: z after a period, of (z, u, p).
+        now: The state now, of (z, p).
+        y: What is measured now, of (z, p): the ball of then, the plate of now.
+    """
+
+    periods: int
+    names: tuple[str, ...]
+    F: Any
+    now: Any
+    y: Any
+
+
+@dataclass(frozen=True)
+class Symbolic:
+    """The exact equations (5.9) with rolling friction, on a base that may be tilted.
+
+    Friction is that of runs with one change. There a resting ball starts only when pushed hard
+    enough, which is no differential equation; here rolling resistance takes the share
+    v / sqrt(v^2 + w^2) of itself at the speed v, w being ``width``: 71 % at w, 98 % at 5 w. So a
+    ball never rests on a slope: where the twin's stays, this one creeps, at s w / sqrt(1 - s^2)
+    where the slope pushes with the share s of what friction holds. The contact has the settled age
+    of its speed: ``dwell_time`` and ``presliding`` are left out, as are drives and mechanism.
+
+    Attributes:
+        x: State of ``names["x"]``, (8, 1): x, x_rate, phi, phi_rate, y, y_rate, theta, theta_rate.
+        u: Plate accelerations phi_acc, theta_acc, held for a period, (2, 1).
+        p: Parameters of ``names["p"]`` in SI units, (9, 1).
+        xdot: Rate of x, (8, 1).
+        y: What is measured, x, phi, y, theta, (4, 1), without dead time.
+        f: xdot of (x, u, p).
+        F: x after a control period of (x, u, p), by RK4.
+        names: Of the entries of x, u, p and y.
+        units: SI unit by name.
+        bounds: Least and largest by name, of what the rig's limits bound.
+        nominal: p as a designer of the scenario knows it, shape (9,).
+        dead_time: Of the ball's position, as a controller of the scenario assumes it, s.
+        period: Control period in s.
+        width: Over which friction is smoothed, m/s.
+    """
+
+    x: Any
+    u: Any
+    p: Any
+    xdot: Any
+    y: Any
+    f: Any
+    F: Any
+    names: Mapping[str, tuple[str, ...]]
+    units: Mapping[str, str]
+    bounds: Mapping[str, tuple[float, float]]
+    nominal: Array
+    dead_time: float
+    period: float
+    width: float
+
+    def delayed(self) -> Delayed:
+        """The same with the inputs of the dead time as further states."""
+        import casadi as ca
+
+        n = round(self.dead_time / self.period)
+        z = ca.SX.sym("z", 8 + 2 * n)
+        each = [z[8 + 2 * i : 10 + 2 * i] for i in range(n)] + [self.u]
+        then, state = z[:8], z[:8]
+        for u in each[:n]:
+            state = self.F(state, u, self.p)
+        after = ca.vertcat(self.F(then, each[0], self.p), *each[1:])
+        seen = ca.vertcat(then[0], state[2], then[4], state[6])
+        names = tuple(f"{name}_{i}" for i in range(n, 0, -1) for name in self.names["u"])
+        return Delayed(
+            n,
+            (*self.names["x"], *names),
+            ca.Function("F", [z, self.u, self.p], [after], ["z", "u", "p"], ["z_after"]),
+            ca.Function("now", [z, self.p], [state], ["z", "p"], ["x"]),
+            ca.Function("y", [z, self.p], [seen], ["z", "p"], ["y"]),
+        )
+
+    def do_mpc(self) -> Any:
+        """The continuous model of do-mpc, set up; names of p with ``_`` for dots and brackets."""
+        import casadi as ca
+        from do_mpc.model import Model
+
+        model = Model("continuous", "SX")
+        each = [
+            [model.set_variable(f"_{kind}", re.sub(r"\W+", "_", name)) for name in self.names[kind]]
+            for kind in ("x", "u", "p")
+        ]
+        rates = ca.vertsplit(self.f(*(ca.vertcat(*group) for group in each)))
+        for name, rate in zip(self.names["x"], rates, strict=True):
+            model.set_rhs(name, rate)
+        model.setup()
+        return model
+
+
+def symbolic(
+    scenario: str | Path,
+    settings: Settings = (),
+    *,
+    period: float | None = None,
+    width: float = WIDTH,
+    **changes: Unpack[Changes],
+) -> Symbolic:
+    """Ball and plate of a scenario as CasADi symbols (SX), for optimisers; needs ``casadi``.
+
+    Args:
+        scenario: A shipped scenario or a TOML file.
+        settings: What is changed of it, by dotted keys or as texts ``KEY=VALUE``.
+        period: Control period in s; that of the scenario's law by default.
+        width: Speed in m/s over which friction is smoothed, see ``Symbolic``.
+        changes: What is changed of it, by tables.
+
+    Raises:
+        TwinError: If there is no such scenario, a number is out of range, or CasADi is lacking.
+    """
+    try:
+        import casadi as ca
+    except ImportError as error:
+        raise TwinError("symbolic: needs the extra casadi: pip install 'ballplate[casadi]'") from (
+            error
+        )
+    chosen = scenario_of(scenario, changes_of(settings, changes))
+    period = chosen.law_ticks * chosen.rig.period if period is None else period
+    for name, value in (("period", period), ("width", width)):
+        if not 0 < value < np.inf:
+            raise ScenarioError(f"{name}: must be more than 0, got {value!r}")
+    known = {each.name: each for each in parameters(chosen)}
+    ball, predictor = chosen.designed_on, chosen.predictor
+    nominal = {name: known[name].start for name in PARAMETERS}
+    nominal |= {f"plant.ball.{name}": getattr(ball, name) for name in ("mass", "radius", "inertia")}
+    x, u, p = ca.SX.sym("x", 8), ca.SX.sym("u", 2), ca.SX.sym("p", len(PARAMETERS))
+    xdot = ca.vertcat(*_rates(ca, ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p), ball, width))
+    f = ca.Function("f", [x, u, p], [xdot], ["x", "u", "p"], ["xdot"])
+    held = ca.vertcat(u, p)
+    after = ca.simpleRK(ca.Function("rate", [x, held], [xdot]), 1, 4)(x, held, period)
+    limits = build_limits(chosen.rig.limits)
+    most = dict(zip(("x", "y"), limits.area, strict=True))
+    for axis in ("phi", "theta"):
+        most |= {
+            axis: limits.angle,
+            f"{axis}_rate": limits.rate,
+            f"{axis}_acc": limits.acceleration,
+        }
+    measured = tuple(STATES[i] for i in MEASURED)
+    return Symbolic(
+        x, u, p, xdot, x[list(MEASURED)], f,
+        ca.Function("F", [x, u, p], [after], ["x", "u", "p"], ["x_after"]),
+        {"x": STATES, "u": INPUTS, "p": PARAMETERS, "y": measured},
+        {name: UNITS[name] for name in (*STATES, *INPUTS)}
+        | {name: known[name].unit or "1" for name in PARAMETERS},
+        {name: (-value, value) for name, value in most.items()},
+        np.array(list(nominal.values()), float),
+        chosen.sensors.touch.dead_time if predictor is None else predictor.delay,
+        period, width,
+    )  # fmt: skip
+
+
+def _rates(
+    ca: Any, x: list[Any], u: list[Any], p: list[Any], ball: Any, width: float
+) -> tuple[Any, ...]:
+    """The rate of the state by the equations of ``ExactPlant``, friction smoothed."""
+    x1, x2, x3, x4, x5, x6, x7, x8 = x
+    mass, radius, inertia, phi, theta, arm, ratio, stribeck, viscous = p
+    model = SimpleNamespace(**constants(mass, radius, inertia, ball.height))
+    tilts = (ca.sin(phi), ca.sin(theta)), (ca.cos(phi), ca.cos(theta))
+    sines, cosines = (ca.sin(x3), ca.sin(x7)), (ca.cos(x3), ca.cos(x7))
+    gravity = gravity_in_rig(*tilts, ball.gravity)
+    at = rolling(model, sines, cosines, (x4, x8), u, gravity)
+    speed = ca.sqrt(x2 * x2 + x6 * x6 + width * width)
+    surplus = 1 / (1 + (x2 * x2 + x6 * x6) / stribeck**2)
+    drag = model.c1 / radius * at.normal * (arm * (1 + (ratio - 1) * surplus) / speed + viscous)
+    x_acc, y_acc = at.free(x1, x2, x5, x6)
+    return x2, x_acc - drag * x2, x4, u[0], x6, y_acc - drag * x6, x8, u[1]
