@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from command_line import called
 
 from twin.hal.cams import CamTable
 from twin.run.connect import connect
@@ -45,12 +46,11 @@ def test_the_motors_are_turned_by_the_table_that_the_rig_file_names(tmp_path):
     ],
     ids=lambda changes: changes[1],
 )
-def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(
-    changes, tmp_path, ballplate
-):
+def test_settings_of_a_simulation_are_refused_on_a_real_rig_by_one_line(changes, tmp_path, capsys):
     file = tmp_path / "rig.toml"
     file.write_text('[touch]\nport = "/dev/null"\nprotocol = "elo"\n')
-    code, _, error = ballplate("run", "circle", "--rig", file, *changes, "--out", "out")
+    out = tmp_path / "out"
+    code, _, error = called(capsys, "run", "circle", "--rig", file, *changes, "--out", out)
     assert code == 2
     assert error.count("\n") == 1
     assert "describes a simulated rig" in error

@@ -2,6 +2,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from command_line import called
 from scipy.io import loadmat
 
 from twin.cli.look import export as command
@@ -80,9 +81,10 @@ def test_some_columns_of_every_tenth_row(folder, recorded, tmp_path):
     ],
 )
 def test_wrong_requests_are_one_line_and_write_nothing(
-    folder, tmp_path, ballplate, options, expected
+    folder, tmp_path, monkeypatch, capsys, options, expected
 ):
-    code, _, text = ballplate("export", folder, *options)
+    monkeypatch.chdir(tmp_path)
+    code, _, text = called(capsys, "export", folder, *options)
     assert code == 2
     assert expected in text
     assert text.count("\n") == 1

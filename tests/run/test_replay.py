@@ -5,6 +5,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import called
 
 from twin.errors import RecordError
 from twin.run.finished import open_run, open_runs, run, save
@@ -120,8 +121,8 @@ def test_a_unit_in_another_encoding_is_no_reason_to_refuse_a_record(rewritten, r
     assert replay.units["time"] == "\N{REPLACEMENT CHARACTER}"
 
 
-def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, ballplate):
-    code, _, err = ballplate("report", rewritten(metrics=[1]))
+def test_the_report_on_a_damaged_record_is_one_line_and_exit_code_2(rewritten, capsys):
+    code, _, err = called(capsys, "report", rewritten(metrics=[1]))
     assert code == 2
     assert len(err.splitlines()) == 1
 
