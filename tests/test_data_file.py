@@ -2,6 +2,7 @@ import json
 import time
 
 import pytest
+from command_line import called
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -33,12 +34,13 @@ COMMANDS = {
 
 
 @pytest.fixture
-def refused(ballplate):
+def refused(capsys, tmp_path, monkeypatch):
     """Calls the command line; its one line of refusal, which must come at once."""
+    monkeypatch.chdir(tmp_path)
 
     def call(*arguments):
         begin = time.process_time()
-        code, out, err = ballplate(*arguments)
+        code, out, err = called(capsys, *arguments)
         assert time.process_time() - begin < 10
         assert (code, out) == (2, "")
         assert len(err.splitlines()) == 1

@@ -11,6 +11,7 @@ from runpy import run_path
 
 import pyarrow.parquet as pq
 import pytest
+from command_line import called
 
 STUDY = """
 title = "Short study"
@@ -34,10 +35,11 @@ set = ["plant.start.x=0.34", "plant.start.x_rate=1.4"]
 
 
 @pytest.fixture
-def study(ballplate, tmp_path: Path):
+def study(capsys, tmp_path: Path, monkeypatch):
     """Runs the command on a short study: exit code, output, error."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "short.toml").write_text(STUDY)
-    return partial(ballplate, "study")
+    return partial(called, capsys, "study")
 
 
 def test_a_plan_says_runs_time_and_disk_and_runs_none(study, tmp_path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import called
 
 from twin.study import experiments as store
 
@@ -25,12 +26,13 @@ KEY, VALUES = "plant.friction.rolling_mm", "values = [0.1, 0.2]"
 
 
 @pytest.fixture
-def study(ballplate, tmp_path: Path):
+def study(capsys, tmp_path: Path, monkeypatch):
     """Runs the command on the study with one piece of text changed: exit code, output, error."""
+    monkeypatch.chdir(tmp_path)
 
     def call(old: str = "", new: str = "", *arguments: str) -> tuple[int, str, str]:
         (tmp_path / "short.toml").write_text(STUDY.replace(old, new) if old else STUDY)
-        return ballplate("study", "short.toml", "--processes", "1", *arguments)
+        return called(capsys, "study", "short.toml", "--processes", "1", *arguments)
 
     return call
 
@@ -82,8 +84,8 @@ def test_a_mistake_in_a_study_is_one_line_that_says_where_and_what_is_allowed(
     assert not (tmp_path / "runs").exists()
 
 
-def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(ballplate) -> None:
-    code, _, err = ballplate("study", "frictoin")
+def test_an_unknown_study_is_answered_with_the_nearest_and_what_lists_all(capsys) -> None:
+    code, _, err = called(capsys, "study", "frictoin")
     assert code == 2
     assert "did you mean 'friction'?" in err
     assert "`ballplate study` lists all" in err
