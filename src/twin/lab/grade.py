@@ -20,9 +20,20 @@ from twin.data_file import DataError, parse_json
 from twin.errors import ScenarioError, TwinError, nearest
 from twin.jobs import results
 from twin.lab.forms import written
-from twin.lab.judge import digest_of, judged, trusted
+from twin.lab.judge import digest_of, judged
 from twin.lab.schema import CheckTable, Lab
-from twin.lab.variants import LOG, RIG, Deal, deal, filled, had_again, record, starter, toml
+from twin.lab.variants import (
+    LOG,
+    RIG,
+    Deal,
+    deal,
+    filled,
+    had_again,
+    record,
+    starter,
+    toml,
+    trusted,
+)
 from twin.report.numbers import flat
 from twin.study.work import code, digest
 from twin.writing import write_whole

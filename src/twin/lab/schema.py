@@ -66,7 +66,8 @@ class VariantTable(Checked):
         family: Name or file of the family of rigs.
         keys: Which of its keys are dealt; the others stay as the scenario has them.
         told: Which of those the sheet tells; the others are drawn from the course's key alone.
-        log: Scenario of which a log is made on the student's rig.
+        log: Scenario of which a log is made on the student's rig, or ``FILE.py:FUNCTION`` that
+            writes one, given the rig and a folder.
         set: Overrides ``key=value`` of that log.
     """
 
@@ -102,7 +103,8 @@ class CheckTable(Checked):
         against: Overrides of the same run that the metric is divided by.
         number: Name of an answer in numbers.
         truth: What it should be: a value, a key of the scenario, or ``truth.py:FUNCTION``.
-        judge: Whether its distance from the truth is judged, or the width of its interval.
+        judge: Whether the distance of its interval from the truth is judged, that of the end which
+            is farther off (``error``), or the width.
         relative: Whether in percent of the truth.
         after: Checks without which this one cannot be judged: skipped where one got no points.
         why: What is wrong with an answer that fails.
@@ -126,7 +128,7 @@ class CheckTable(Checked):
     against: tuple[str, ...] = ()
     number: str = ""
     truth: float | str | None = None
-    judge: Literal["distance", "width"] = "distance"
+    judge: Literal["distance", "error", "width"] = "distance"
     relative: bool = False
     after: Annotated[tuple[str, ...], BeforeValidator(as_list)] = ()
     why: str = ""
@@ -141,7 +143,7 @@ class CheckTable(Checked):
             raise ValueError("full, none: must differ; points go along the line between them")
         if not self.metric and (self.limit is not None or self.against):
             raise ValueError("metric: missing; limit and against are about one")
-        if self.number and self.truth is None and self.judge == "distance":
+        if self.number and self.truth is None and self.judge != "width":
             raise ValueError("truth: missing; it says what the number should be")
         if (self.metric or self.number) and not {"full", "none"} <= self.model_fields_set:
             raise ValueError("full, none: both must be given")
